@@ -1,0 +1,162 @@
+//! Devices: who runs shots. [`cpu`] needs nothing installed; [`wgpu`] runs the same iteration in
+//! WGSL kernels. Both take the same [`Shot`]s and are compared shot by shot in the tests.
+
+pub mod cpu;
+#[cfg(feature = "wgpu")]
+pub mod wgpu;
+
+use crate::hemicube::Shot;
+use crate::patches::PatchedScene;
+use crate::radiometry::Rgb;
+use glam::Vec3;
+use serde::Serialize;
+use std::sync::Arc;
+
+/// What a device is.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct DeviceDescription {
+    /// Short name that selects it: `cpu`, or the adapter's index.
+    pub id: String,
+    /// Name in words.
+    pub name: String,
+    /// `cpu`, `discrete_gpu`, `integrated_gpu`, `virtual_gpu`, `software_gpu` or `other`.
+    pub kind: String,
+    /// Driver or instruction set.
+    pub driver: String,
+}
+
+/// Why a device failed.
+#[derive(Debug, thiserror::Error)]
+pub enum DeviceError {
+    /// The job needs more memory than the device has or may use.
+    #[error(
+        "{device}: the job needs {needed_bytes} bytes, {available_bytes} are available; use fewer patches or a lower hemicube resolution"
+    )]
+    OutOfMemory {
+        /// The device.
+        device: String,
+        /// What the job needs.
+        needed_bytes: u64,
+        /// What there is.
+        available_bytes: u64,
+    },
+    /// The device is gone and must be opened again.
+    #[error("{device} was lost: {reason}")]
+    Lost {
+        /// The device.
+        device: String,
+        /// What the driver said.
+        reason: String,
+    },
+    /// There is no such device here.
+    #[error("no device {0:?} here; `hemilux devices` lists them")]
+    Unknown(String),
+}
+
+/// Where the picture is taken from, for reflections that depend on it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Viewpoint {
+    /// A perspective camera's eye.
+    Eye(Vec3),
+    /// An orthographic camera: the unit direction towards it.
+    Direction(Vec3),
+}
+
+impl Viewpoint {
+    /// Unit direction from `point` towards the viewer.
+    pub fn direction_from(&self, point: Vec3) -> Vec3 {
+        match self {
+            Viewpoint::Eye(eye) => (*eye - point).normalize_or_zero(),
+            Viewpoint::Direction(direction) => *direction,
+        }
+    }
+}
+
+/// How shots are made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ShootingSettings {
+    /// Hemicube resolution R: the top has R × R pixels, each side R × R/2. Even, ≥ 8.
+    pub resolution: u32,
+    /// Shots per iteration K ≥ 1; shooters are picked by systematic sampling within an iteration.
+    pub shots_per_iteration: u32,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Turn each hemicube by a random azimuth.
+    pub random_azimuth: bool,
+    /// Move each hemicube's rays by a random sub-pixel offset.
+    pub jitter: bool,
+    /// The viewer, where glossy reflection towards it is to be averaged.
+    pub viewpoint: Option<Viewpoint>,
+}
+
+/// A device that can shoot.
+pub trait Device: Send {
+    /// What it is.
+    fn description(&self) -> DeviceDescription;
+
+    /// Loads a scene and starts stochastic iteration at L(0) = L^e.
+    ///
+    /// # Errors
+    /// [`DeviceError::OutOfMemory`] before anything is allocated, or [`DeviceError::Lost`].
+    fn begin<'device>(
+        &'device mut self,
+        scene: Arc<PatchedScene>,
+        settings: &ShootingSettings,
+    ) -> Result<Box<dyn Shooting + 'device>, DeviceError>;
+}
+
+/// A stochastic iteration that is under way on a device (Antal eq. 2, 4, 8).
+pub trait Shooting {
+    /// Runs whole iterations: pick K shooters by power, shoot, update, accumulate.
+    fn iterate(&mut self, iterations: u32) -> Result<Tally, DeviceError>;
+
+    /// Sums since the last call; resets them.
+    fn drain(&mut self) -> Result<Sums, DeviceError>;
+
+    /// Shoots the given shots, leaving the iteration as it is: item buffers and delta-form-factor
+    /// sums for comparing devices.
+    fn trace(&mut self, shots: &[Shot]) -> Result<Vec<ShotTrace>, DeviceError>;
+}
+
+/// Counts of a run of iterations.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Whole iterations.
+    pub iterations: u64,
+    /// Shots.
+    pub shots: u64,
+    /// Shots whose shooter emits by itself.
+    pub light_shots: u64,
+}
+
+impl std::ops::AddAssign for Tally {
+    fn add_assign(&mut self, other: Self) {
+        self.iterations += other.iterations;
+        self.shots += other.shots;
+        self.light_shots += other.light_shots;
+    }
+}
+
+/// Sums over iterations of what the measurement averages (Antal eq. 3).
+#[derive(Clone, Debug, Default)]
+pub struct Sums {
+    /// Iterations that were summed.
+    pub iterations: u64,
+    /// Per patch: Σ E, irradiance in W/m² (times the emission unit of the file).
+    pub irradiance: Vec<Rgb>,
+    /// Per patch: Σ of the radiance that the Phong lobe sends to the viewpoint; empty where no
+    /// patch is glossy or no viewpoint was set.
+    pub glossy: Vec<Rgb>,
+}
+
+/// What one shot saw.
+#[derive(Clone, Debug)]
+pub struct ShotTrace {
+    /// Item buffer, R × 3R in the layout of [`crate::hemicube::Face`]: see
+    /// [`crate::hemicube::item`]. Zero where nothing was seen.
+    pub items: Vec<u32>,
+    /// Per patch: Σ ΔF over the pixels that see it.
+    pub form_factor: Vec<f32>,
+    /// Per patch: Σ ΔF·cosⁿα over the same pixels; all zero for a shot without a lobe.
+    pub lobe_factor: Vec<f32>,
+}

@@ -1,0 +1,176 @@
+//! Pictures in linear float radiance, and their files: PNG (exposure, sRGB) and EXR (32-bit
+//! float, linear, untouched).
+
+use crate::radiometry::Rgb;
+use serde::{Deserialize, Serialize};
+use std::io::Cursor;
+
+/// A picture of linear RGB radiance, rows from the top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Width in pixels, ≥ 1.
+    pub width: u32,
+    /// Height in pixels, ≥ 1.
+    pub height: u32,
+    /// `width × height` radiances in the unit that the scene's emission came in.
+    pub pixels: Vec<Rgb>,
+}
+
+/// How radiance becomes display values.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Exposure {
+    /// Brings the picture's log-average radiance to mid grey; the same picture always gets the
+    /// same exposure.
+    Auto,
+    /// Multiplies radiance by 2^stops.
+    Stops(f32),
+}
+
+/// Why a picture could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum ImageError {
+    /// The encoder refused.
+    #[error("picture encoding failed: {0}")]
+    Encoding(#[from] image::ImageError),
+    /// The file name has no ending that names a format.
+    #[error("output {0:?} must end in .png or .exr")]
+    UnknownFormat(String),
+    /// The file could not be written.
+    #[error("cannot write {path}: {source}")]
+    Io {
+        /// The file.
+        path: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+impl Picture {
+    /// A black picture.
+    pub fn black(width: u32, height: u32) -> Self {
+        Self { width, height, pixels: vec![Rgb::ZERO; width as usize * height as usize] }
+    }
+
+    /// Mean radiance over pixels and channels.
+    pub fn mean(&self) -> f64 {
+        let sum: f64 = self.pixels.iter().map(|p| f64::from(p.x + p.y + p.z)).sum();
+        sum / (3.0 * self.pixels.len().max(1) as f64)
+    }
+
+    /// The factor that [`Picture::to_png`] multiplies radiance by.
+    pub fn exposure_factor(&self, exposure: Exposure) -> f32 {
+        match exposure {
+            Exposure::Stops(stops) => stops.exp2(),
+            Exposure::Auto => {
+                let (mut sum, mut count) = (0.0f64, 0usize);
+                for pixel in &self.pixels {
+                    let y = pixel.dot(crate::radiometry::IMPORTANCE_WEIGHTS);
+                    if y > 0.0 && y.is_finite() {
+                        sum += f64::from(y).ln();
+                        count += 1;
+                    }
+                }
+                if count == 0 { 1.0 } else { (0.18 / (sum / count as f64).exp()) as f32 }
+            }
+        }
+    }
+
+    /// 8-bit sRGB PNG.
+    pub fn to_png(&self, exposure: Exposure) -> Result<Vec<u8>, ImageError> {
+        let factor = self.exposure_factor(exposure);
+        let mut bytes = Vec::with_capacity(self.pixels.len() * 3);
+        for pixel in &self.pixels {
+            bytes.extend((*pixel * factor).to_array().map(linear_to_srgb));
+        }
+        let mut out = Cursor::new(Vec::new());
+        image::write_buffer_with_format(
+            &mut out,
+            &bytes,
+            self.width,
+            self.height,
+            image::ExtendedColorType::Rgb8,
+            image::ImageFormat::Png,
+        )?;
+        Ok(out.into_inner())
+    }
+
+    /// 32-bit float linear EXR, radiance untouched.
+    pub fn to_exr(&self) -> Result<Vec<u8>, ImageError> {
+        let mut out = Cursor::new(Vec::new());
+        let bytes: &[u8] = bytemuck::cast_slice(&self.pixels);
+        image::write_buffer_with_format(
+            &mut out,
+            bytes,
+            self.width,
+            self.height,
+            image::ExtendedColorType::Rgb32F,
+            image::ImageFormat::OpenExr,
+        )?;
+        Ok(out.into_inner())
+    }
+
+    /// Reads an EXR (or any float-decodable picture) as linear radiance.
+    pub fn from_exr(bytes: &[u8]) -> Result<Self, ImageError> {
+        let decoded = image::load_from_memory_with_format(bytes, image::ImageFormat::OpenExr)?;
+        let rgb = decoded.into_rgb32f();
+        let (width, height) = rgb.dimensions();
+        let pixels = rgb.pixels().map(|p| Rgb::from_array(p.0)).collect();
+        Ok(Self { width, height, pixels })
+    }
+
+    /// Writes `.png` or `.exr` by the file's ending.
+    pub fn write(&self, path: &std::path::Path, exposure: Exposure) -> Result<(), ImageError> {
+        let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+        let bytes = match ending.as_deref() {
+            Some("png") => self.to_png(exposure)?,
+            Some("exr") => self.to_exr()?,
+            _ => return Err(ImageError::UnknownFormat(path.display().to_string())),
+        };
+        std::fs::write(path, bytes)
+            .map_err(|source| ImageError::Io { path: path.display().to_string(), source })
+    }
+}
+
+/// Linear to sRGB code value, IEC 61966-2-1, rounded; out-of-range values clip.
+pub fn linear_to_srgb(x: f32) -> u8 {
+    let x = if x.is_nan() { 0.0 } else { x.clamp(0.0, 1.0) };
+    let encoded = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
+    (encoded * 255.0 + 0.5) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Texture;
+
+    fn ramp() -> Picture {
+        let pixels = (0..12).map(|i| Rgb::new(i as f32 * 3.7, 1e-5 * i as f32, 17.0)).collect();
+        Picture { width: 4, height: 3, pixels }
+    }
+
+    #[test]
+    fn exr_keeps_every_bit() {
+        let picture = ramp();
+        assert_eq!(Picture::from_exr(&picture.to_exr().unwrap()).unwrap(), picture);
+    }
+
+    #[test]
+    fn png_is_srgb() {
+        let bytes = ramp().to_png(Exposure::Stops(-4.0)).unwrap();
+        let decoded = image::load_from_memory(&bytes).unwrap().into_rgb8();
+        assert_eq!(decoded.dimensions(), (4, 3));
+        assert_eq!(decoded.get_pixel(2, 0).0[0], linear_to_srgb(7.4 / 16.0));
+        assert_eq!(decoded.get_pixel(0, 0).0[2], 255);
+    }
+
+    #[test]
+    fn srgb_round_trip() {
+        let codes: Vec<[u8; 3]> = (0..=255u8).map(|c| [c; 3]).collect();
+        let texture = Texture { width: 256, height: 1, texels: codes };
+        for (code, texel) in texture.texels.iter().enumerate() {
+            let linear = crate::scene::srgb_to_linear(texel[0]);
+            assert_eq!(linear_to_srgb(linear) as usize, code);
+        }
+    }
+}

@@ -1,0 +1,28 @@
+//! Light transport by hemicube shooting.
+//!
+//! The modules follow the light: [`radiometry`] names the quantities, [`scene`] says what is
+//! there, [`patches`] cuts it into finite elements, [`hemicube`] turns a shot into pixels,
+//! [`device`] runs shots, [`transport`] holds the methods that decide which shots to run,
+//! [`measurement`] turns the solution into camera radiance and [`image`] into files.
+//! [`render`] ties them together for one job.
+//!
+//! The engine does no networking, knows no async runtime and keeps no global state; only
+//! [`scene::gltf`] and [`image`] know file formats.
+
+pub mod radiometry;
+pub mod random;
+pub mod scene;
+
+pub mod patches;
+
+pub mod hemicube;
+
+pub mod device;
+
+pub mod transport;
+
+pub mod measurement;
+
+pub mod image;
+
+pub mod render;

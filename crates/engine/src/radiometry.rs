@@ -1,0 +1,149 @@
+//! Quantities and units: radiance L W/(m²·sr), irradiance E W/m², power Φ W, linear RGB;
+//! and the reflectance model of the whole engine, diffuse plus modified Phong
+//! (Antal §2.1; f_r = kd/π + ks (n+2)/(2π) cosⁿα).
+
+use std::f64::consts::PI;
+use std::sync::OnceLock;
+
+/// A linear RGB triple of any radiometric quantity.
+pub type Rgb = glam::Vec3;
+
+/// Weights that fold an RGB power into one number for importance (Rec. 709 luminance).
+pub const IMPORTANCE_WEIGHTS: Rgb = Rgb::new(0.2126, 0.7152, 0.0722);
+
+/// Importance of an RGB quantity: Σ_c weight_c·|x_c|.
+///
+/// Absolute values per channel, because with negative sources a plain sum can cancel to zero
+/// while light is still to be sent.
+pub fn importance(x: Rgb) -> f32 {
+    IMPORTANCE_WEIGHTS.dot(x.abs())
+}
+
+/// Diffuse plus modified-Phong reflectance with kd + ks ≤ 1 per channel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reflectance {
+    /// Diffuse albedo, dimensionless.
+    pub diffuse: Rgb,
+    /// Specular albedo at normal incidence, dimensionless.
+    pub specular: Rgb,
+    /// Phong exponent n of the mirror lobe.
+    pub exponent: f32,
+}
+
+impl Reflectance {
+    /// A Lambertian surface.
+    pub const fn lambertian(diffuse: Rgb) -> Self {
+        Self { diffuse, specular: Rgb::ZERO, exponent: 1.0 }
+    }
+
+    /// Whether the specular lobe reflects anything at all.
+    pub fn is_glossy(&self) -> bool {
+        self.specular.max_element() > 0.0
+    }
+
+    /// Albedo a(θ) for light arriving at the angle θ whose cosine is given: kd + ks·I_n(θ).
+    pub fn albedo(&self, cos_incidence: f32) -> Rgb {
+        if self.is_glossy() {
+            self.diffuse + self.specular * LobeAlbedo::shared().at(self.exponent, cos_incidence)
+        } else {
+            self.diffuse
+        }
+    }
+}
+
+/// Number of exponent rows of [`LobeAlbedo`]: n + 1 = 2^0 … 2^17.
+pub const LOBE_ROWS: usize = 18;
+/// Number of angle columns of [`LobeAlbedo`]: cosθ = 0 … 1 in equal steps.
+pub const LOBE_COLUMNS: usize = 33;
+
+/// Albedo of the modified-Phong lobe, I_n(θ) = (n+2)/(2π) ∫ cosⁿα cosθ_out dω over the upper
+/// hemisphere, for ks = 1.
+///
+/// I_n(0) = 1; towards grazing incidence part of the lobe lies below the horizon and the albedo
+/// falls. Tabulated once, bilinear in (log₂(n+1), cosθ); absolute error < 0.01 (see tests).
+pub struct LobeAlbedo {
+    /// Row-major `LOBE_ROWS × LOBE_COLUMNS`, the layout that the WGSL kernels read.
+    pub table: Vec<f32>,
+}
+
+impl LobeAlbedo {
+    /// The table, computed at first use.
+    pub fn shared() -> &'static LobeAlbedo {
+        static TABLE: OnceLock<LobeAlbedo> = OnceLock::new();
+        TABLE.get_or_init(|| {
+            let mut table = Vec::with_capacity(LOBE_ROWS * LOBE_COLUMNS);
+            for row in 0..LOBE_ROWS {
+                let exponent = (row as f64).exp2() - 1.0;
+                for column in 0..LOBE_COLUMNS {
+                    let cosine = column as f64 / (LOBE_COLUMNS - 1) as f64;
+                    table.push(lobe_albedo(exponent, cosine) as f32);
+                }
+            }
+            LobeAlbedo { table }
+        })
+    }
+
+    /// I_n(θ) by bilinear interpolation.
+    pub fn at(&self, exponent: f32, cos_incidence: f32) -> f32 {
+        let row = (exponent.max(0.0) + 1.0).log2().min((LOBE_ROWS - 1) as f32 - 1e-3);
+        let column = cos_incidence.clamp(0.0, 1.0) * (LOBE_COLUMNS - 1) as f32;
+        let (r, c) = (row as usize, (column as usize).min(LOBE_COLUMNS - 2));
+        let (fr, fc) = (row - r as f32, column - c as f32);
+        let value = |r: usize, c: usize| self.table[r * LOBE_COLUMNS + c];
+        let low = value(r, c) * (1.0 - fc) + value(r, c + 1) * fc;
+        let high = value(r + 1, c) * (1.0 - fc) + value(r + 1, c + 1) * fc;
+        low * (1.0 - fr) + high * fr
+    }
+}
+
+/// I_n(θ) by quadrature in f64: the integral over the angle around the mirror direction in
+/// closed form, the one over cosⁿ⁺¹α by the midpoint rule.
+pub fn lobe_albedo(exponent: f64, cos_incidence: f64) -> f64 {
+    const STEPS: usize = 4096;
+    let cosine = cos_incidence.clamp(0.0, 1.0);
+    let sine = (1.0 - cosine * cosine).sqrt();
+    let mut sum = 0.0;
+    for step in 0..STEPS {
+        let u = (step as f64 + 0.5) / STEPS as f64;
+        let cos_alpha = u.powf(1.0 / (exponent + 1.0));
+        let sin_alpha = (1.0 - cos_alpha * cos_alpha).max(0.0).sqrt();
+        // ∫ max(0, a + b cosφ) dφ over the full circle.
+        let (a, b) = (cos_alpha * cosine, sin_alpha * sine);
+        sum += if a >= b {
+            2.0 * PI * a
+        } else {
+            let limit = (-a / b).acos();
+            2.0 * (a * limit + b * limit.sin())
+        };
+    }
+    (exponent + 2.0) / (2.0 * PI) / (exponent + 1.0) * sum / STEPS as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lobe_albedo_is_one_at_normal_incidence_and_falls() {
+        for exponent in [1.0, 10.0, 28.0, 1e4] {
+            assert!((lobe_albedo(exponent, 1.0) - 1.0).abs() < 2e-3, "n = {exponent}");
+            assert!(lobe_albedo(exponent, 0.05) < lobe_albedo(exponent, 0.9));
+        }
+    }
+
+    #[test]
+    fn table_follows_the_quadrature() {
+        for exponent in [0.3, 3.7, 20.0, 28.0, 345.0, 5000.0] {
+            for cosine in [0.02, 0.13, 0.4, 0.77, 0.99] {
+                let exact = lobe_albedo(exponent, cosine) as f32;
+                let table = LobeAlbedo::shared().at(exponent as f32, cosine as f32);
+                assert!((exact - table).abs() < 0.01, "n {exponent} cos {cosine}: {table} {exact}");
+            }
+        }
+    }
+
+    #[test]
+    fn importance_does_not_cancel() {
+        assert!(importance(Rgb::new(1.0, -0.2972, 0.0)) > 0.4);
+    }
+}

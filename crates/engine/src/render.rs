@@ -1,0 +1,321 @@
+//! One job from scene to picture: what is asked, what is reported on the way, what comes out.
+
+use crate::device::{Device, DeviceError};
+use crate::image::Picture;
+use crate::scene::{Camera, Scene, Warning};
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// What a job asks for.
+#[derive(Clone, Debug)]
+pub struct RenderRequest {
+    /// The scene; shared, never changed.
+    pub scene: Arc<Scene>,
+    /// Which camera.
+    pub camera: CameraChoice,
+    /// Picture width in pixels, 1 … [`MAX_PICTURE_SIDE`].
+    pub width: u32,
+    /// Picture height in pixels, 1 … [`MAX_PICTURE_SIDE`].
+    pub height: u32,
+    /// Name of the method: `auto` or one of [`crate::transport::METHODS`].
+    pub method: String,
+    /// When to stop; the first limit reached ends the job.
+    pub limits: Limits,
+    /// Same seed, same device, same limits by iterations: same bits.
+    pub seed: u64,
+    /// Settings of the method by name; unknown names are refused. See [`crate::transport::OPTIONS`].
+    pub options: BTreeMap<String, String>,
+}
+
+/// Longest side of a picture, pixels.
+pub const MAX_PICTURE_SIDE: u32 = 16_384;
+/// Most pixels of a picture.
+pub const MAX_PICTURE_PIXELS: u64 = 64 << 20;
+
+/// Which camera takes the picture.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum CameraChoice {
+    /// The first of the scene; without one, a camera that frames the scene, with a warning.
+    #[default]
+    First,
+    /// By position in the file.
+    Index(u32),
+    /// By name.
+    Name(String),
+    /// A camera of the request's own.
+    Explicit(ExplicitCamera),
+}
+
+/// A perspective camera given in the request.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExplicitCamera {
+    /// World position, metres.
+    pub eye: [f32; 3],
+    /// World point that the optical axis goes through.
+    pub target: [f32; 3],
+    /// Which way is up; +Y by default.
+    #[serde(default = "default_up")]
+    pub up: [f32; 3],
+    /// Full vertical field of view, degrees, in (0, 180).
+    pub yfov_degrees: f32,
+}
+
+fn default_up() -> [f32; 3] {
+    [0.0, 1.0, 0.0]
+}
+
+/// When a job stops. Without any limit, [`Limits::DEFAULT_SECONDS`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Limits {
+    /// Wall-clock seconds of solving and measuring, > 0.
+    pub seconds: Option<f64>,
+    /// Iterations of the method, ≥ 1.
+    pub iterations: Option<u64>,
+    /// Estimated relative error (rRMSE) to reach, in (0, 1).
+    pub target_error: Option<f64>,
+}
+
+impl Limits {
+    /// Time budget of a job that names no limit, seconds.
+    pub const DEFAULT_SECONDS: f64 = 10.0;
+}
+
+/// Where a job stands.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Whole iterations done.
+    pub iterations: u64,
+    /// Hemicube shots done.
+    pub shots: u64,
+    /// Share of shots whose shooter emits (Antal §3), 0 before the first shot.
+    pub light_source_selection_ratio: f64,
+    /// Estimated rRMSE of the present picture from batch means; `None` until there are enough.
+    pub estimated_error: Option<f64>,
+    /// Seconds since solving began.
+    pub seconds: f64,
+    /// Expected seconds to the nearest limit.
+    pub seconds_remaining: Option<f64>,
+    /// Share of the work done, in [0, 1].
+    pub fraction: f64,
+}
+
+/// What the engine decided to do and why.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// The method that runs.
+    pub method: String,
+    /// One sentence a decision.
+    pub reasons: Vec<String>,
+    /// Every setting in force, defaults included.
+    pub settings: BTreeMap<String, String>,
+    /// Surface patches of the solution.
+    pub patches: u64,
+    /// Triangles that are rasterised.
+    pub triangles: u64,
+}
+
+/// Why a job ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StopReason {
+    /// The time budget was used.
+    TimeBudget,
+    /// The asked iterations were done.
+    Iterations,
+    /// The estimated error fell to the target.
+    TargetError,
+    /// The observer asked to stop.
+    Cancelled,
+    /// There is no light in the scene: the picture is exactly black.
+    NoLight,
+}
+
+/// Figures of a finished job; the `--stats` file and the job's record.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stats {
+    /// The method that ran.
+    pub method: String,
+    /// What was decided and why.
+    pub plan: Plan,
+    /// Why it stopped.
+    pub stopped: StopReason,
+    /// Whole iterations.
+    pub iterations: u64,
+    /// Hemicube shots.
+    pub shots: u64,
+    /// Share of shots whose shooter emits.
+    pub light_source_selection_ratio: f64,
+    /// Seconds with start-up and file reading.
+    pub seconds_total: f64,
+    /// Seconds of preparing patches, solving and measuring.
+    pub seconds_solve: f64,
+    /// Estimated rRMSE of the picture.
+    pub estimated_error: Option<f64>,
+    /// Surface patches.
+    pub patches: u64,
+    /// Triangles of the scene.
+    pub triangles: u64,
+    /// The device that ran, in words.
+    pub device: String,
+    /// What the picture does not show as authored.
+    pub warnings: Vec<WarningText>,
+}
+
+/// A [`Warning`] in a record.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct WarningText {
+    /// Where.
+    pub at: String,
+    /// What.
+    pub what: String,
+}
+
+impl From<&Warning> for WarningText {
+    fn from(warning: &Warning) -> Self {
+        Self { at: warning.at.clone(), what: warning.what.clone() }
+    }
+}
+
+/// Who watches a job. Called on the rendering thread, between submissions to the device.
+pub trait Observer {
+    /// Called once, before the first iteration.
+    fn planned(&mut self, _plan: &Plan, _warnings: &[Warning]) {}
+    /// Called several times a second.
+    fn progress(&mut self, _progress: &Progress) {}
+    /// Whether a picture of the present state is wanted now.
+    fn wants_snapshot(&mut self, _progress: &Progress) -> bool {
+        false
+    }
+    /// The picture that [`Observer::wants_snapshot`] asked for.
+    fn snapshot(&mut self, _picture: &Picture, _progress: &Progress) {}
+    /// Whether to stop now.
+    fn cancelled(&self) -> bool {
+        false
+    }
+}
+
+/// An observer that watches nothing.
+pub struct Unobserved;
+
+impl Observer for Unobserved {}
+
+/// What a job gives.
+#[derive(Clone, Debug)]
+pub struct Rendered {
+    /// The picture.
+    pub picture: Picture,
+    /// Its figures.
+    pub stats: Stats,
+}
+
+/// Why a job could not be done.
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    /// The request does not fit the scene or the limits; the sender can mend it.
+    #[error("{parameter}: {what}")]
+    Parameter {
+        /// Which parameter.
+        parameter: String,
+        /// What is wrong and what would be right.
+        what: String,
+    },
+    /// The device failed; another attempt or another device may succeed.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+}
+
+impl RenderError {
+    /// A refusal of `parameter`.
+    pub fn parameter(parameter: impl Into<String>, what: impl Into<String>) -> Self {
+        Self::Parameter { parameter: parameter.into(), what: what.into() }
+    }
+}
+
+/// The camera that `choice` means in `scene`, with a warning where one had to be made up.
+pub fn choose_camera(
+    scene: &Scene,
+    choice: &CameraChoice,
+) -> Result<(Camera, Option<Warning>), RenderError> {
+    match choice {
+        CameraChoice::First => match scene.cameras.first() {
+            Some(camera) => Ok((camera.clone(), None)),
+            None => Ok((
+                framing_camera(scene),
+                Some(Warning::new(
+                    "camera",
+                    "the scene has no camera; one that frames it was made up",
+                )),
+            )),
+        },
+        CameraChoice::Index(index) => {
+            scene.cameras.get(*index as usize).map(|camera| (camera.clone(), None)).ok_or_else(
+                || {
+                    let count = scene.cameras.len();
+                    RenderError::parameter(
+                        "camera",
+                        format!("index {index}, but the scene has {count} cameras"),
+                    )
+                },
+            )
+        }
+        CameraChoice::Name(name) => scene
+            .cameras
+            .iter()
+            .find(|camera| camera.name == *name)
+            .map(|camera| (camera.clone(), None))
+            .ok_or_else(|| {
+                let names: Vec<_> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
+                RenderError::parameter(
+                    "camera",
+                    format!("no camera named {name:?}; there are {names:?}"),
+                )
+            }),
+        CameraChoice::Explicit(camera) => explicit_camera(camera).map(|camera| (camera, None)),
+    }
+}
+
+fn explicit_camera(camera: &ExplicitCamera) -> Result<Camera, RenderError> {
+    let [eye, target, up] = [camera.eye, camera.target, camera.up].map(Vec3::from_array);
+    if !(eye.is_finite() && target.is_finite() && up.is_finite()) {
+        return Err(RenderError::parameter("camera", "eye, target and up must be finite"));
+    }
+    if !(camera.yfov_degrees > 0.0 && camera.yfov_degrees < 180.0) {
+        return Err(RenderError::parameter("camera.yfov_degrees", "must be between 0 and 180"));
+    }
+    let forward = (target - eye).normalize_or_zero();
+    if forward == Vec3::ZERO || forward.cross(up.normalize_or_zero()).length() < 1e-4 {
+        return Err(RenderError::parameter(
+            "camera",
+            "eye and target must differ and up must not be parallel to the view",
+        ));
+    }
+    Ok(Camera::look_at("request", eye, target, up, camera.yfov_degrees.to_radians()))
+}
+
+/// A camera in front of the scene (+Z side, slightly above) that has all of it in view.
+fn framing_camera(scene: &Scene) -> Camera {
+    let (low, high) = scene.bounds().unwrap_or((Vec3::splat(-1.0), Vec3::ONE));
+    let center = 0.5 * (low + high);
+    let radius = (0.5 * (high - low)).length().max(1e-6);
+    let yfov = 45f32.to_radians();
+    let direction = Vec3::new(0.35, 0.25, 1.0).normalize();
+    let eye = center + direction * (radius / (0.5 * yfov).sin());
+    Camera::look_at("framing", eye, center, Vec3::Y, yfov)
+}
+
+/// Renders one picture on `device`.
+///
+/// # Errors
+/// [`RenderError::Parameter`] where the request cannot be met as asked, [`RenderError::Device`]
+/// where the device failed.
+pub fn render(
+    device: &mut dyn Device,
+    request: &RenderRequest,
+    observer: &mut dyn Observer,
+) -> Result<Rendered, RenderError> {
+    crate::transport::run(device, request, observer)
+}

@@ -1,0 +1,1 @@
+//! Scenes made by code: the project's own test and example scenes.

@@ -1,0 +1,2 @@
+//! The `hemilux` program.
+fn main() {}
