@@ -51,8 +51,8 @@ impl Reflectance {
     }
 }
 
-/// Number of exponent rows of [`LobeAlbedo`]: n + 1 = 2^0 … 2^17.
-pub const LOBE_ROWS: usize = 18;
+/// Number of exponent rows of [`LobeAlbedo`]: n + 1 = 2^0, 2^½, … 2^17.
+pub const LOBE_ROWS: usize = 35;
 /// Number of angle columns of [`LobeAlbedo`]: cosθ = 0 … 1 in equal steps.
 pub const LOBE_COLUMNS: usize = 33;
 
@@ -73,7 +73,7 @@ impl LobeAlbedo {
         TABLE.get_or_init(|| {
             let mut table = Vec::with_capacity(LOBE_ROWS * LOBE_COLUMNS);
             for row in 0..LOBE_ROWS {
-                let exponent = (row as f64).exp2() - 1.0;
+                let exponent = (0.5 * row as f64).exp2() - 1.0;
                 for column in 0..LOBE_COLUMNS {
                     let cosine = column as f64 / (LOBE_COLUMNS - 1) as f64;
                     table.push(lobe_albedo(exponent, cosine) as f32);
@@ -85,7 +85,7 @@ impl LobeAlbedo {
 
     /// I_n(θ) by bilinear interpolation.
     pub fn at(&self, exponent: f32, cos_incidence: f32) -> f32 {
-        let row = (exponent.max(0.0) + 1.0).log2().min((LOBE_ROWS - 1) as f32 - 1e-3);
+        let row = (2.0 * (exponent.max(0.0) + 1.0).log2()).min((LOBE_ROWS - 1) as f32 - 1e-3);
         let column = cos_incidence.clamp(0.0, 1.0) * (LOBE_COLUMNS - 1) as f32;
         let (r, c) = (row as usize, (column as usize).min(LOBE_COLUMNS - 2));
         let (fr, fc) = (row - r as f32, column - c as f32);
