@@ -26,6 +26,7 @@ struct Run {
 
 /// Calls `each` for every run of an item buffer with its pixel range.
 fn runs(
+    measurement: &Measurement,
     first_row: u32,
     offset: Vec2,
     items: &[u32],

@@ -2,7 +2,7 @@
 //! scatter gives (batch means).
 
 use crate::device::Sums;
-use crate::measurement::{Measurement, Solution, VertexWeights};
+use crate::measurement::{Measurement, PixelWeight, Solution, VertexWeights};
 use crate::radiometry::Rgb;
 
 /// Batches before pairs are merged; the estimate has between half of this and this many.
@@ -73,7 +73,7 @@ impl Batches {
         }
         let means: Vec<Solution> = self.complete.iter().map(Solution::mean).collect();
         let (mut noise, mut brightness) = (0.0, 0.0);
-        let parts: [(fn(&Solution) -> &Vec<Rgb>, &Vec<Rgb>); 2] =
+        let parts: [(fn(&Solution) -> &Vec<Rgb>, &Vec<PixelWeight>); 2] =
             [(|mean| &mean.irradiance, &weights.diffuse), (|mean| &mean.glossy, &weights.glossy)];
         for (values, weights) in parts {
             let at_vertices: Vec<Vec<Rgb>> =
