@@ -160,3 +160,38 @@ pub struct ShotTrace {
     /// Per patch: Σ ΔF·cosⁿα over the same pixels; all zero for a shot without a lobe.
     pub lobe_factor: Vec<f32>,
 }
+
+/// Devices of this machine: the processor first, then wgpu adapters.
+pub fn list() -> Vec<DeviceDescription> {
+    let mut devices = vec![cpu::CpuDevice::describe()];
+    #[cfg(feature = "wgpu")]
+    devices.extend(wgpu::list());
+    devices
+}
+
+/// Opens a device: `cpu`, `auto` (a real GPU if there is one, else the processor) or the index of
+/// a wgpu adapter.
+///
+/// # Errors
+/// [`DeviceError::Unknown`] where there is no such device.
+pub fn open(id: &str) -> Result<Box<dyn Device>, DeviceError> {
+    match id {
+        "cpu" => Ok(Box::new(cpu::CpuDevice::new(None)?)),
+        "auto" => {
+            #[cfg(feature = "wgpu")]
+            if let Some(gpu) =
+                list().iter().find(|d| d.kind.ends_with("_gpu") && d.kind != "software_gpu")
+            {
+                return open(&gpu.id);
+            }
+            open("cpu")
+        }
+        #[cfg(feature = "wgpu")]
+        index => match index.parse() {
+            Ok(index) => Ok(Box::new(wgpu::WgpuDevice::open(index)?)),
+            Err(_) => Err(DeviceError::Unknown(id.into())),
+        },
+        #[cfg(not(feature = "wgpu"))]
+        _ => Err(DeviceError::Unknown(id.into())),
+    }
+}

@@ -1,8 +1,338 @@
-//! Patches.
-use crate::scene::Scene;
+//! Finite elements: the scene's triangles as *facets* (what hemicubes rasterise) and, on each
+//! side of a facet that light can reach, n² *patches* (what carries irradiance).
+//!
+//! Visibility geometry and finite elements are kept apart: a wall of two triangles stays two
+//! triangles for the rasteriser however many patches it has, and the patch that a pixel sees
+//! follows from the facet and the barycentric coordinates of the hit ([`cell_index`]).
+
+mod bodies;
+mod split;
+
+use crate::radiometry::Rgb;
+use crate::scene::{Scene, Warning};
+use glam::{Vec2, Vec3};
+use std::collections::HashMap;
 use std::sync::Arc;
-/// placeholder
+
+/// "This side has no patches."
+pub const NO_PATCH: u32 = u32::MAX;
+
+/// A scene cut into facets and patches.
 pub struct PatchedScene {
-    /// s
+    /// The scene that was cut.
     pub scene: Arc<Scene>,
+    /// World positions of facet corners, equal positions stored once.
+    pub positions: Vec<Vec3>,
+    /// Triangles to rasterise.
+    pub facets: Vec<Facet>,
+    /// Finite elements.
+    pub patches: Patches,
+    /// What was left out.
+    pub warnings: Vec<Warning>,
+}
+
+/// A triangle of the visibility geometry: a scene triangle or a piece of one.
+#[derive(Clone, Copy, Debug)]
+pub struct Facet {
+    /// Indices into [`PatchedScene::positions`], counter-clockwise seen from the front.
+    pub corners: [u32; 3],
+    /// The scene triangle that it lies in.
+    pub source: u32,
+    /// Barycentric (u, v) of the corners in the scene triangle.
+    pub source_uv: [Vec2; 3],
+    /// n: each side has n² patches.
+    pub divisions: u32,
+    /// First patch of the front.
+    pub front: u32,
+    /// First patch of the back, or [`NO_PATCH`] where the back is black.
+    pub back: u32,
+    /// Whether the back is never seen by light: the facet bounds a closed body without light
+    /// inside, so rasterisers may skip it when it faces away.
+    pub cull_back: bool,
+}
+
+impl Facet {
+    /// First patch of a side, `None` where that side is black.
+    pub fn first_patch(&self, back: bool) -> Option<u32> {
+        let first = if back { self.back } else { self.front };
+        (first != NO_PATCH).then_some(first)
+    }
+
+    /// Barycentric (u, v) in the scene triangle of barycentric (u, v) in the facet.
+    pub fn to_source(&self, u: f32, v: f32) -> Vec2 {
+        let [a, b, c] = self.source_uv;
+        a * (1.0 - u - v) + b * u + c * v
+    }
+}
+
+/// The patches, one entry a patch in every array.
+#[derive(Default)]
+pub struct Patches {
+    /// Area A, m².
+    pub area: Vec<f32>,
+    /// Centroid, world space.
+    pub centroid: Vec<Vec3>,
+    /// Unit geometric normal of the patch's side.
+    pub normal: Vec<Vec3>,
+    /// Unit shading normal of the patch's side at the centroid.
+    pub shading_normal: Vec<Vec3>,
+    /// Diffuse albedo kd, mean over the patch.
+    pub diffuse: Vec<Rgb>,
+    /// Specular albedo ks, mean over the patch.
+    pub specular: Vec<Rgb>,
+    /// Phong exponent n.
+    pub exponent: Vec<f32>,
+    /// Emitted radiance L^e, mean over the patch.
+    pub emission: Vec<Rgb>,
+    /// The facet that it is a cell of.
+    pub facet: Vec<u32>,
+}
+
+impl Patches {
+    /// Number of patches.
+    pub fn len(&self) -> usize {
+        self.area.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.area.is_empty()
+    }
+
+    /// Whether the patch reflects a Phong lobe.
+    pub fn is_glossy(&self, patch: usize) -> bool {
+        self.specular[patch].max_element() > 0.0
+    }
+
+    /// Whether the patch emits by itself.
+    pub fn emits(&self, patch: usize) -> bool {
+        self.emission[patch].max_element() > 0.0
+    }
+
+    /// Whether any patch is glossy.
+    pub fn any_glossy(&self) -> bool {
+        (0..self.len()).any(|patch| self.is_glossy(patch))
+    }
+
+    /// Whether any patch emits.
+    pub fn any_light(&self) -> bool {
+        (0..self.len()).any(|patch| self.emits(patch))
+    }
+}
+
+/// Most patches of a scene.
+pub const MAX_PATCHES: usize = 4_000_000;
+
+/// Index of the cell at barycentric (u, v) of a triangle cut into `divisions`² congruent cells.
+///
+/// Cells are numbered by columns of constant ⌊u·n⌋, within a column by ⌊v·n⌋, the cell at the
+/// lower corner before the one across its diagonal. Points outside are moved inside.
+pub fn cell_index(divisions: u32, u: f32, v: f32) -> u32 {
+    let n = divisions as f32;
+    let (fu, fv) = ((u * n).max(0.0), (v * n).max(0.0));
+    let i = (fu as u32).min(divisions - 1);
+    let last = divisions - 1 - i;
+    let j = (fv as u32).min(last);
+    let upper = (fu - i as f32) + (fv - j as f32) > 1.0 && j < last;
+    i * (2 * divisions - i) + 2 * j + u32::from(upper)
+}
+
+/// Barycentric corners of every cell of a triangle cut into `divisions`², in the order of
+/// [`cell_index`].
+pub fn cells(divisions: u32) -> impl Iterator<Item = [Vec2; 3]> {
+    let at = move |i: u32, j: u32| Vec2::new(i as f32, j as f32) / divisions as f32;
+    (0..divisions).flat_map(move |i| {
+        (0..divisions - i).flat_map(move |j| {
+            let lower = [at(i, j), at(i + 1, j), at(i, j + 1)];
+            let upper = [at(i + 1, j + 1), at(i, j + 1), at(i + 1, j)];
+            std::iter::once(lower).chain((j + 1 < divisions - i).then_some(upper))
+        })
+    })
+}
+
+impl PatchedScene {
+    /// Cuts `scene` into about `target` patches of about equal area, at least one a triangle side.
+    ///
+    /// Elongated triangles are bisected first (conformingly), so that patches are compact.
+    pub fn new(scene: Arc<Scene>, target: usize) -> Self {
+        let (mut positions, mut facets) = weld(&scene);
+        let mut warnings = Vec::new();
+        let total: f64 = facets.iter().map(|f| f64::from(facet_area(&positions, f))).sum();
+        let cell_area = (total / target.clamp(1, MAX_PATCHES) as f64) as f32;
+        split::split_elongated(&mut positions, &mut facets, cell_area);
+
+        let closed = bodies::facets_of_dark_closed_bodies(&scene, &positions, &facets);
+        let mut patches = Patches::default();
+        for (index, facet) in facets.iter_mut().enumerate() {
+            let [a, b, c] = facet.corners.map(|p| positions[p as usize]);
+            let area = 0.5 * (b - a).cross(c - a).length();
+            let wanted = (area / cell_area.max(f32::MIN_POSITIVE)).sqrt().round();
+            facet.divisions = wanted.clamp(1.0, 1024.0) as u32;
+            facet.cull_back = closed[index];
+            let material =
+                &scene.materials[scene.triangles[facet.source as usize].material as usize];
+            facet.front = patches.len() as u32;
+            cut_side(&scene, facet, index as u32, [a, b, c], false, &mut patches);
+            if material.double_sided && !facet.cull_back {
+                facet.back = patches.len() as u32;
+                cut_side(&scene, facet, index as u32, [a, b, c], true, &mut patches);
+            }
+        }
+        if facets.is_empty() {
+            warnings.push(Warning::new("scene", "there is no surface; the picture is black"));
+        }
+        Self { scene, positions, facets, patches, warnings }
+    }
+
+    /// World position of barycentric (u, v) of a facet.
+    pub fn point(&self, facet: &Facet, u: f32, v: f32) -> Vec3 {
+        let [a, b, c] = facet.corners.map(|p| self.positions[p as usize]);
+        a * (1.0 - u - v) + b * u + c * v
+    }
+
+    /// Facet, side, and barycentric corners in the facet of a patch.
+    pub fn cell_of(&self, patch: u32) -> (&Facet, bool, [Vec2; 3]) {
+        let facet = &self.facets[self.patches.facet[patch as usize] as usize];
+        let back = facet.back != NO_PATCH && patch >= facet.back;
+        let first = if back { facet.back } else { facet.front };
+        let corners = nth_cell(facet.divisions, patch - first);
+        (facet, back, corners)
+    }
+
+    /// The point of a patch for two uniform numbers: uniform over its area.
+    pub fn point_on_patch(&self, patch: u32, xi: Vec2) -> Vec3 {
+        let (facet, _, [a, b, c]) = self.cell_of(patch);
+        let root = xi.x.sqrt();
+        let at = a * (1.0 - root) + b * (root * (1.0 - xi.y)) + c * (root * xi.y);
+        self.point(facet, at.x, at.y)
+    }
+}
+
+/// Barycentric corners of one cell; the inverse of [`cell_index`].
+pub fn nth_cell(divisions: u32, index: u32) -> [Vec2; 3] {
+    // Columns start at i(2n − i): i = n − ⌈√(n² − index)⌉.
+    let n = f64::from(divisions);
+    let mut i = (n - (n * n - f64::from(index)).sqrt().ceil()).max(0.0) as u32;
+    while i > 0 && i * (2 * divisions - i) > index {
+        i -= 1;
+    }
+    while i + 1 < divisions && (i + 1) * (2 * divisions - i - 1) <= index {
+        i += 1;
+    }
+    let within = index - i * (2 * divisions - i);
+    let (j, upper) = (within / 2, within % 2 == 1);
+    let at = |i: u32, j: u32| Vec2::new(i as f32, j as f32) / divisions as f32;
+    if upper {
+        [at(i + 1, j + 1), at(i, j + 1), at(i + 1, j)]
+    } else {
+        [at(i, j), at(i + 1, j), at(i, j + 1)]
+    }
+}
+
+/// Stores equal positions once, so that neighbours share corners bit for bit.
+fn weld(scene: &Scene) -> (Vec<Vec3>, Vec<Facet>) {
+    let mut positions = Vec::new();
+    let mut index_of: HashMap<[u32; 3], u32> = HashMap::new();
+    let mut facets = Vec::with_capacity(scene.triangles.len());
+    for (source, triangle) in scene.triangles.iter().enumerate() {
+        let corners = scene.corners(triangle).map(|p| {
+            // Adding zero turns −0 into +0.
+            let key = (p + 0.0).to_array().map(f32::to_bits);
+            *index_of.entry(key).or_insert_with(|| {
+                positions.push(p);
+                positions.len() as u32 - 1
+            })
+        });
+        facets.push(Facet {
+            corners,
+            source: source as u32,
+            source_uv: [Vec2::ZERO, Vec2::X, Vec2::Y],
+            divisions: 1,
+            front: NO_PATCH,
+            back: NO_PATCH,
+            cull_back: false,
+        });
+    }
+    facets.retain(|facet| facet_area(&positions, facet) > 0.0);
+    (positions, facets)
+}
+
+fn facet_area(positions: &[Vec3], facet: &Facet) -> f32 {
+    let [a, b, c] = facet.corners.map(|p| positions[p as usize]);
+    0.5 * (b - a).cross(c - a).length()
+}
+
+/// Appends the patches of one side of a facet.
+fn cut_side(
+    scene: &Scene,
+    facet: &Facet,
+    index: u32,
+    corners: [Vec3; 3],
+    back: bool,
+    patches: &mut Patches,
+) {
+    let triangle = &scene.triangles[facet.source as usize];
+    let material = &scene.materials[triangle.material as usize];
+    let [a, b, c] = corners;
+    let geometric = (b - a).cross(c - a);
+    let side = if back { -1.0 } else { 1.0 };
+    let normal = geometric.normalize() * side;
+    let area = 0.5 * geometric.length() / (facet.divisions * facet.divisions) as f32;
+    let varies = material.base_color_texture.is_some()
+        || material.emission_texture.is_some()
+        || triangle.vertices.iter().any(|v| scene.vertices[*v as usize].color != Rgb::ONE);
+    // Means over sub-cells where colour varies; 64 samples a patch.
+    let samples: Vec<Vec2> =
+        cells(if varies { 8 } else { 1 }).map(|[a, b, c]| (a + b + c) / 3.0).collect();
+    for [pa, pb, pc] in cells(facet.divisions) {
+        let (mut diffuse, mut specular, mut emission) = (Rgb::ZERO, Rgb::ZERO, Rgb::ZERO);
+        for sample in &samples {
+            let at = pa * (1.0 - sample.x - sample.y) + pb * sample.x + pc * sample.y;
+            let at = facet.to_source(at.x, at.y);
+            let reflectance = material.reflectance(scene.base_color(triangle, at.x, at.y));
+            diffuse += reflectance.diffuse;
+            specular += reflectance.specular;
+            emission += scene.emission(triangle, at.x, at.y);
+        }
+        let share = 1.0 / samples.len() as f32;
+        let center = (pa + pb + pc) / 3.0;
+        let at = facet.to_source(center.x, center.y);
+        let shading = scene.interpolate(triangle, at.x, at.y, |vertex| vertex.normal);
+        let shading = (shading * side).normalize_or(normal);
+        patches.area.push(area);
+        patches.centroid.push(a * (1.0 - center.x - center.y) + b * center.x + c * center.y);
+        patches.normal.push(normal);
+        patches.shading_normal.push(if shading.dot(normal) > 0.0 { shading } else { normal });
+        patches.diffuse.push(diffuse * share);
+        patches.specular.push(specular * share);
+        patches.exponent.push(material.reflectance(Rgb::ONE).exponent);
+        patches.emission.push(emission * share);
+        patches.facet.push(index);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_are_numbered_as_they_are_listed() {
+        for divisions in [1, 2, 3, 7, 16, 100] {
+            let mut count = 0;
+            for (index, corners) in cells(divisions).enumerate() {
+                let center = (corners[0] + corners[1] + corners[2]) / 3.0;
+                assert_eq!(cell_index(divisions, center.x, center.y), index as u32);
+                assert_eq!(nth_cell(divisions, index as u32), corners);
+                count += 1;
+            }
+            assert_eq!(count, divisions * divisions);
+        }
+    }
+
+    #[test]
+    fn points_outside_stay_in_the_triangle() {
+        for (u, v) in [(-0.1, 0.5), (1.2, 0.0), (0.7, 0.7), (0.0, 1.0), (1.0, 0.0)] {
+            assert!(cell_index(5, u, v) < 25);
+        }
+    }
 }

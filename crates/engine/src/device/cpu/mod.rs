@@ -1,1 +1,152 @@
-//! The native CPU device.
+//! The native CPU device: a rasteriser on the cores that are there, nothing to install.
+//!
+//! The shots of an iteration run side by side, one a thread, each into its own sums, which are
+//! then added in a fixed order: the bits do not depend on the number of threads.
+
+mod deposit;
+mod iterate;
+mod lobe;
+mod raster;
+
+use super::{Device, DeviceDescription, DeviceError, Shooting, ShootingSettings};
+use crate::hemicube::{DeltaFormFactors, Shot};
+use crate::patches::PatchedScene;
+use std::sync::Arc;
+
+/// The processor as a device.
+pub struct CpuDevice {
+    pool: rayon::ThreadPool,
+}
+
+impl CpuDevice {
+    /// A device on `threads` threads; all cores by default.
+    ///
+    /// # Errors
+    /// [`DeviceError::Lost`] where the system refuses the threads.
+    pub fn new(threads: Option<usize>) -> Result<Self, DeviceError> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.unwrap_or(0))
+            .thread_name(|index| format!("hemilux-cpu-{index}"))
+            .build()
+            .map_err(|error| DeviceError::Lost {
+                device: "cpu".into(),
+                reason: error.to_string(),
+            })?;
+        Ok(Self { pool })
+    }
+
+    /// What the device would be, without starting threads.
+    pub fn describe() -> DeviceDescription {
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        DeviceDescription {
+            id: "cpu".into(),
+            name: format!("native CPU, {threads} threads"),
+            kind: "cpu".into(),
+            driver: kernel::name().into(),
+        }
+    }
+}
+
+impl Device for CpuDevice {
+    fn description(&self) -> DeviceDescription {
+        DeviceDescription {
+            name: format!("native CPU, {} threads", self.pool.current_num_threads()),
+            ..Self::describe()
+        }
+    }
+
+    fn begin<'device>(
+        &'device mut self,
+        scene: Arc<PatchedScene>,
+        settings: &ShootingSettings,
+    ) -> Result<Box<dyn Shooting + 'device>, DeviceError> {
+        Ok(Box::new(iterate::CpuShooting::new(&self.pool, scene, settings)))
+    }
+}
+
+/// Renders one shot and deposits it, compiled for the vectors that the processor has. The same
+/// operations in the same order everywhere, so the bits are the same too.
+mod kernel {
+    use super::*;
+    use raster::Raster;
+
+    /// Everything that one thread needs for a shot.
+    pub struct Job<'a> {
+        pub scene: &'a PatchedScene,
+        pub table: &'a DeltaFormFactors,
+        pub shot: &'a Shot,
+        pub raster: &'a mut Raster,
+        pub form_factor: &'a mut [f32],
+        pub lobe_factor: &'a mut [f32],
+    }
+
+    #[inline(always)]
+    fn run_generic(job: Job<'_>) {
+        job.raster.render(job.scene, job.shot);
+        deposit::deposit(
+            job.scene,
+            job.raster,
+            job.table,
+            job.shot,
+            job.form_factor,
+            job.lobe_factor,
+        );
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,popcnt,lzcnt")]
+    fn run_avx2(job: Job<'_>) {
+        run_generic(job);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,bmi1,bmi2,popcnt,lzcnt")]
+    fn run_avx512(job: Job<'_>) {
+        run_generic(job);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn has_avx512() -> bool {
+        is_x86_feature_detected!("avx512f")
+            && is_x86_feature_detected!("avx512bw")
+            && is_x86_feature_detected!("avx512dq")
+            && is_x86_feature_detected!("avx512vl")
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn has_avx2() -> bool {
+        is_x86_feature_detected!("avx2")
+            && is_x86_feature_detected!("bmi2")
+            && is_x86_feature_detected!("lzcnt")
+    }
+
+    /// Renders and deposits one shot.
+    pub fn run(job: Job<'_>) {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if has_avx512() {
+                // SAFETY: the features were just detected.
+                return unsafe { run_avx512(job) };
+            }
+            if has_avx2() {
+                // SAFETY: the features were just detected.
+                return unsafe { run_avx2(job) };
+            }
+        }
+        run_generic(job);
+    }
+
+    /// Which of the versions runs here.
+    pub fn name() -> &'static str {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if has_avx512() {
+                return "AVX-512";
+            }
+            if has_avx2() {
+                return "AVX2";
+            }
+        }
+        "baseline"
+    }
+}

@@ -1,0 +1,390 @@
+//! Stochastic iteration on the CPU: select, shoot, update (Antal eq. 2, 4, §2.4).
+
+use super::kernel;
+use super::raster::Raster;
+use crate::device::{DeviceError, Shooting, ShootingSettings, ShotTrace, Sums, Tally};
+use crate::hemicube::{DeltaFormFactors, FACES, Shot, frame};
+use crate::patches::PatchedScene;
+use crate::radiometry::{LobeAlbedo, Rgb, importance};
+use crate::random::{Stream, uniform};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use std::f32::consts::{PI, TAU};
+use std::sync::{Arc, Mutex};
+
+/// Patches per task of an update.
+const CHUNK: usize = 2048;
+
+/// Incoming light of the last iteration and sums over all of them.
+struct State {
+    /// Whole iterations done.
+    iteration: u64,
+    /// Per patch: Σ_k E_k of the last iteration.
+    irradiance: Vec<Rgb>,
+    /// Positions that the last iteration's shots came from.
+    sources: Vec<Vec3>,
+    /// Per glossy patch and shot: E_k of the last iteration, K values a patch.
+    incoming: Vec<Rgb>,
+    /// Importance of each patch's power, and its running sum.
+    power: Vec<f32>,
+    cumulative: Vec<f64>,
+    sums: Sums,
+}
+
+/// Per-shot sums over the patches.
+struct ShotSums {
+    form_factor: Vec<f32>,
+    lobe_factor: Vec<f32>,
+}
+
+/// An iteration under way.
+pub struct CpuShooting<'device> {
+    pool: &'device rayon::ThreadPool,
+    scene: Arc<PatchedScene>,
+    settings: ShootingSettings,
+    table: DeltaFormFactors,
+    /// One a thread.
+    rasters: Vec<Mutex<Raster>>,
+    /// One a shot of the iteration.
+    shot_sums: Vec<ShotSums>,
+    /// Row of [`State::incoming`] for each patch; `u32::MAX` for diffuse ones.
+    glossy_row: Vec<u32>,
+    state: State,
+}
+
+const NOT_GLOSSY: u32 = u32::MAX;
+
+impl<'device> CpuShooting<'device> {
+    pub fn new(
+        pool: &'device rayon::ThreadPool,
+        scene: Arc<PatchedScene>,
+        settings: &ShootingSettings,
+    ) -> Self {
+        let patches = &scene.patches;
+        let (count, shots) = (patches.len(), settings.shots_per_iteration as usize);
+        let mut glossy = 0;
+        let glossy_row = (0..count)
+            .map(|patch| {
+                if !patches.is_glossy(patch) {
+                    return NOT_GLOSSY;
+                }
+                glossy += 1;
+                glossy - 1
+            })
+            .collect();
+        let glossy = glossy as usize;
+        let threads = pool.current_num_threads().min(shots);
+        let seen = settings.viewpoint.is_some() && glossy > 0;
+        Self {
+            rasters: (0..threads)
+                .map(|_| Mutex::new(Raster::new(settings.resolution, scene.positions.len())))
+                .collect(),
+            shot_sums: (0..shots)
+                .map(|_| ShotSums {
+                    form_factor: vec![0.0; count],
+                    lobe_factor: vec![0.0; if glossy > 0 { count } else { 0 }],
+                })
+                .collect(),
+            state: State {
+                iteration: 0,
+                irradiance: vec![Rgb::ZERO; count],
+                sources: vec![Vec3::ZERO; shots],
+                incoming: vec![Rgb::ZERO; glossy * shots],
+                power: (0..count)
+                    .map(|i| importance(PI * patches.area[i] * patches.emission[i]))
+                    .collect(),
+                cumulative: vec![0.0; count],
+                sums: Sums {
+                    iterations: 0,
+                    irradiance: vec![Rgb::ZERO; count],
+                    glossy: vec![Rgb::ZERO; if seen { count } else { 0 }],
+                },
+            },
+            table: DeltaFormFactors::new(settings.resolution),
+            settings: settings.clone(),
+            glossy_row,
+            pool,
+            scene,
+        }
+    }
+
+    /// Picks this iteration's shooters by systematic sampling of power: shooter k is where the
+    /// cumulative power passes (k + ξ)/K of the total. `None` where there is no power at all.
+    fn select(&mut self) -> Option<Vec<Shot>> {
+        let mut total = 0f64;
+        for (sum, power) in self.state.cumulative.iter_mut().zip(&self.state.power) {
+            total += f64::from(*power);
+            *sum = total;
+        }
+        if total <= 0.0 || !total.is_finite() {
+            return None;
+        }
+        let count = self.settings.shots_per_iteration;
+        let offset = uniform(self.settings.seed, Stream::Shooter, self.state.iteration);
+        let cumulative = &self.state.cumulative;
+        let shots = (0..count)
+            .map(|k| {
+                let at = (f64::from(k) + f64::from(offset)) / f64::from(count) * total;
+                let patch = cumulative.partition_point(|sum| *sum <= at).min(cumulative.len() - 1);
+                let probability = (f64::from(self.state.power[patch]) / total) as f32;
+                self.shot_from(patch as u32, probability, k)
+            })
+            .collect();
+        Some(shots)
+    }
+
+    /// Shot k of this iteration from a patch that was picked with the given probability.
+    fn shot_from(&self, patch: u32, probability: f32, k: u32) -> Shot {
+        let patches = &self.scene.patches;
+        let (seed, shots) = (self.settings.seed, self.settings.shots_per_iteration);
+        let counter = self.state.iteration * u64::from(shots) + u64::from(k);
+        let draw = |stream| uniform(seed, stream, counter);
+        let i = patch as usize;
+        let normal = patches.normal[i];
+        let azimuth = if self.settings.random_azimuth { TAU * draw(Stream::Azimuth) } else { 0.0 };
+        let (tangent, bitangent) = frame(normal, azimuth);
+        let jitter = if self.settings.jitter {
+            Vec2::new(draw(Stream::JitterX), draw(Stream::JitterY)) - 0.5
+        } else {
+            Vec2::ZERO
+        };
+        let (lobe, lobe_axis) = self.reflected_lobe(i, draw(Stream::Lobe));
+        Shot {
+            patch,
+            position: self
+                .scene
+                .point_on_patch(patch, Vec2::new(draw(Stream::PointU), draw(Stream::PointV))),
+            tangent,
+            bitangent,
+            normal,
+            jitter,
+            face_weights: [1.0; FACES],
+            diffuse: patches.emission[i] + self.state.irradiance[i] * patches.diffuse[i] / PI,
+            lobe,
+            lobe_axis,
+            exponent: patches.exponent[i],
+            scale: patches.area[i] / (probability * shots as f32),
+        }
+    }
+
+    /// Peak radiance and axis of the Phong lobe that a patch sends: one of its K incoming
+    /// directions, picked by reflected power and divided by that probability.
+    fn reflected_lobe(&self, patch: usize, xi: f32) -> (Rgb, Vec3) {
+        let row = self.glossy_row[patch];
+        if row == NOT_GLOSSY {
+            return (Rgb::ZERO, Vec3::ZERO);
+        }
+        let patches = &self.scene.patches;
+        let exponent = patches.exponent[patch];
+        let shots = self.settings.shots_per_iteration as usize;
+        let incoming = &self.state.incoming[row as usize * shots..][..shots];
+        let direction =
+            |k: usize| (self.state.sources[k] - patches.centroid[patch]).normalize_or_zero();
+        let weight = |k: usize| {
+            let cosine = patches.normal[patch].dot(direction(k));
+            importance(patches.specular[patch] * incoming[k])
+                * LobeAlbedo::shared().at(exponent, cosine)
+        };
+        let total: f32 = (0..shots).map(weight).sum();
+        if total <= 0.0 {
+            return (Rgb::ZERO, Vec3::ZERO);
+        }
+        let (mut left, mut picked, mut picked_weight) = (xi * total, 0, 0.0);
+        for k in 0..shots {
+            let weight = weight(k);
+            if weight > 0.0 {
+                (picked, picked_weight) = (k, weight);
+                if left < weight {
+                    break;
+                }
+            }
+            left -= weight;
+        }
+        let normal = patches.normal[patch];
+        let to_source = direction(picked);
+        let peak = (exponent + 2.0) / TAU * total / picked_weight;
+        let axis = 2.0 * normal.dot(to_source) * normal - to_source;
+        (patches.specular[patch] * incoming[picked] * peak, axis)
+    }
+
+    /// Renders and deposits the shots, several at a time.
+    fn shoot(&mut self, shots: &[Shot]) {
+        let (scene, table, rasters) = (&*self.scene, &self.table, &self.rasters);
+        let run = |(shot, sums): (&Shot, &mut ShotSums)| {
+            sums.form_factor.fill(0.0);
+            sums.lobe_factor.fill(0.0);
+            // A free buffer always exists: there are as many as threads that can be here.
+            let mut raster = rasters
+                .iter()
+                .cycle()
+                .find_map(|raster| raster.try_lock().ok())
+                .expect("the iterator is endless");
+            kernel::run(kernel::Job {
+                scene,
+                table,
+                shot,
+                raster: &mut raster,
+                form_factor: &mut sums.form_factor,
+                lobe_factor: &mut sums.lobe_factor,
+            });
+        };
+        shots.par_iter().zip(self.shot_sums.par_iter_mut()).with_max_len(1).for_each(run);
+    }
+
+    /// Turns the shots' sums into incoming light, next powers and running sums.
+    fn update(&mut self, shots: &[Shot]) {
+        let Self { scene, settings, shot_sums, glossy_row, state, .. } = self;
+        let (patches, shot_count) = (&scene.patches, shots.len());
+        let viewpoint = settings.viewpoint;
+        for (source, shot) in state.sources.iter_mut().zip(shots) {
+            *source = shot.position;
+        }
+        let seen = !state.sums.glossy.is_empty();
+        // Glossy rows ascend with the patch index, so each chunk of patches owns a range of rows.
+        let mut incoming = state.incoming.as_mut_slice();
+        let mut glossy_sums = state.sums.glossy.as_mut_slice();
+        let mut chunks = Vec::new();
+        for (index, ((irradiance, power), sum)) in state
+            .irradiance
+            .chunks_mut(CHUNK)
+            .zip(state.power.chunks_mut(CHUNK))
+            .zip(state.sums.irradiance.chunks_mut(CHUNK))
+            .enumerate()
+        {
+            let start = index * CHUNK;
+            let rows = glossy_row[start..start + irradiance.len()]
+                .iter()
+                .filter(|row| **row != NOT_GLOSSY)
+                .count();
+            let (own, rest) = incoming.split_at_mut(rows * shot_count);
+            incoming = rest;
+            let (own_glossy, rest) =
+                glossy_sums.split_at_mut(if seen { irradiance.len() } else { 0 });
+            glossy_sums = rest;
+            chunks.push((start, irradiance, power, sum, own, own_glossy));
+        }
+        let shot_sums = &*shot_sums;
+        chunks.into_par_iter().for_each(
+            |(start, irradiance, power, sum, incoming, glossy_sums)| {
+                irradiance.fill(Rgb::ZERO);
+                for (shot, sums) in shots.iter().zip(shot_sums) {
+                    let diffuse = shot.diffuse * (shot.scale * PI);
+                    for (offset, total) in irradiance.iter_mut().enumerate() {
+                        let i = start + offset;
+                        *total += diffuse * (sums.form_factor[i] / patches.area[i]);
+                    }
+                    if shot.has_lobe() {
+                        let lobe = shot.lobe * (shot.scale * PI);
+                        for (offset, total) in irradiance.iter_mut().enumerate() {
+                            let i = start + offset;
+                            *total += lobe * (sums.lobe_factor[i] / patches.area[i]);
+                        }
+                    }
+                }
+                let mut rows = incoming.chunks_mut(shot_count.max(1));
+                for offset in 0..irradiance.len() {
+                    let i = start + offset;
+                    let mut reflected = patches.diffuse[i] * irradiance[offset];
+                    if glossy_row[i] != NOT_GLOSSY {
+                        let row = rows.next().expect("one row a glossy patch");
+                        for ((k, shot), e) in shots.iter().enumerate().zip(row) {
+                            let share = PI * shot.scale / patches.area[i];
+                            let mut radiance = shot.diffuse * shot_sums[k].form_factor[i];
+                            if shot.has_lobe() {
+                                radiance += shot.lobe * shot_sums[k].lobe_factor[i];
+                            }
+                            *e = radiance * share;
+                            if *e == Rgb::ZERO {
+                                continue;
+                            }
+                            let to_source =
+                                (shot.position - patches.centroid[i]).normalize_or_zero();
+                            let cosine = patches.normal[i].dot(to_source);
+                            reflected += patches.specular[i]
+                                * *e
+                                * LobeAlbedo::shared().at(patches.exponent[i], cosine);
+                            if let (true, Some(viewpoint)) = (seen, viewpoint) {
+                                let to_viewer = viewpoint.direction_from(patches.centroid[i]);
+                                glossy_sums[offset] += *e
+                                    * phong_lobe(
+                                        patches.shading_normal[i],
+                                        to_source,
+                                        to_viewer,
+                                        patches.exponent[i],
+                                    );
+                            }
+                        }
+                    }
+                    sum[offset] += irradiance[offset];
+                    power[offset] =
+                        importance(patches.area[i] * (PI * patches.emission[i] + reflected));
+                }
+            },
+        );
+        state.iteration += 1;
+        state.sums.iterations += 1;
+    }
+
+    fn one_iteration(&mut self, tally: &mut Tally) {
+        let shots = self.select().unwrap_or_default();
+        self.shoot(&shots);
+        self.update(&shots);
+        let patches = &self.scene.patches;
+        tally.iterations += 1;
+        tally.shots += shots.len() as u64;
+        tally.light_shots +=
+            shots.iter().filter(|shot| patches.emits(shot.patch as usize)).count() as u64;
+    }
+}
+
+/// (n+2)/(2π)·cosⁿα between the mirror of `to_source` about `normal` and `to_viewer`; zero below
+/// the horizon of either.
+fn phong_lobe(normal: Vec3, to_source: Vec3, to_viewer: Vec3, exponent: f32) -> f32 {
+    let (incidence, view) = (normal.dot(to_source), normal.dot(to_viewer));
+    if incidence <= 0.0 || view <= 0.0 {
+        return 0.0;
+    }
+    let cosine = (2.0 * incidence * view - to_source.dot(to_viewer)).clamp(0.0, 1.0);
+    (exponent + 2.0) / TAU * cosine.powf(exponent)
+}
+
+impl Shooting for CpuShooting<'_> {
+    fn iterate(&mut self, iterations: u32) -> Result<Tally, DeviceError> {
+        let pool = self.pool;
+        let mut tally = Tally::default();
+        pool.install(|| {
+            for _ in 0..iterations {
+                self.one_iteration(&mut tally);
+            }
+        });
+        Ok(tally)
+    }
+
+    fn drain(&mut self) -> Result<Sums, DeviceError> {
+        let fresh = Sums {
+            iterations: 0,
+            irradiance: vec![Rgb::ZERO; self.state.sums.irradiance.len()],
+            glossy: vec![Rgb::ZERO; self.state.sums.glossy.len()],
+        };
+        Ok(std::mem::replace(&mut self.state.sums, fresh))
+    }
+
+    fn trace(&mut self, shots: &[Shot]) -> Result<Vec<ShotTrace>, DeviceError> {
+        let count = self.scene.patches.len();
+        let mut raster = Raster::new(self.settings.resolution, self.scene.positions.len());
+        let traces = shots.iter().map(|shot| {
+            let mut form_factor = vec![0.0; count];
+            let mut lobe_factor = vec![0.0; count];
+            kernel::run(kernel::Job {
+                scene: &self.scene,
+                table: &self.table,
+                shot,
+                raster: &mut raster,
+                form_factor: &mut form_factor,
+                lobe_factor: &mut lobe_factor,
+            });
+            ShotTrace { items: raster.items.clone(), form_factor, lobe_factor }
+        });
+        Ok(traces.collect())
+    }
+}

@@ -1,0 +1,304 @@
+//! Rasterises facets into the item buffer of one hemicube.
+//!
+//! 1. Corners are brought into the hemicube frame once and classified against the planes that
+//!    bound the faces.
+//! 2. A facet is set up once: its three edge planes through the eye (homogeneous edge functions,
+//!    so no clipping and no near plane) and its inverse-depth plane.
+//! 3. Per face, each row of pixel centres meets the facet in one span, found by division; the
+//!    span is compared with the depth buffer.
+//!
+//! Neighbours compute a shared edge from the same two corners with opposite sign, bit for bit,
+//! so they neither overlap nor leave a crack.
+
+use crate::hemicube::{FACES, Face, Shot, item};
+use crate::patches::PatchedScene;
+use glam::Vec3;
+
+/// Inverse depth of a back relative to a coincident front, which must win.
+const BACK_DEPTH: f32 = 1.0 - 2e-5;
+/// Relative rounding noise of the distance between eye and facet plane.
+const PLANE_NOISE: f32 = 4e-7;
+
+/// Buffers of one hemicube; reused from shot to shot.
+pub struct Raster {
+    resolution: u32,
+    /// Item codes, R × 3R.
+    pub items: Vec<u32>,
+    depth: Vec<f32>,
+    corners: Vec<Vec3>,
+    codes: Vec<u8>,
+}
+
+/// A linear function of the hemicube-frame direction.
+type Plane = Vec3;
+
+/// Edge planes of a facet seen from the eye: positive towards its inside, whichever side is
+/// seen. Barycentric coordinates of the hit along d are (e0, e1, e2)·d over their sum.
+#[derive(Clone, Copy)]
+pub struct Setup {
+    /// Edge planes opposite to corners 0, 1, 2.
+    pub edges: [Plane; 3],
+    /// Inverse depth: inverse_depth·d is 1/t of the hit eye + t·d.
+    pub inverse_depth: Plane,
+    /// Whether the eye sees the back.
+    pub back: bool,
+}
+
+impl Setup {
+    /// Sets up a facet with corners relative to the eye; `None` where the eye lies in its plane.
+    #[inline]
+    pub fn new([a, b, c]: [Vec3; 3], eye_extent: f32) -> Option<Self> {
+        let mut edges = [b.cross(c), c.cross(a), a.cross(b)];
+        let volume = a.dot(edges[0]);
+        let sum = edges[0] + edges[1] + edges[2];
+        let noise = PLANE_NOISE * (eye_extent + a.abs().max_element());
+        if volume * volume <= noise * noise * sum.length_squared() {
+            return None;
+        }
+        let back = volume > 0.0;
+        let mut inverse_depth = sum * volume.recip();
+        if back {
+            inverse_depth *= BACK_DEPTH;
+        } else {
+            edges = edges.map(|edge| -edge);
+        }
+        Some(Self { edges, inverse_depth, back })
+    }
+}
+
+/// A plane as a function of pixel column and row of a face: per_column·column + at_row(row).
+#[derive(Clone, Copy)]
+pub struct PixelPlane {
+    /// Change from one column to the next.
+    pub per_column: f32,
+    per_row: f32,
+    constant: f32,
+}
+
+impl PixelPlane {
+    /// Value at column 0 of a row.
+    #[inline]
+    pub fn at_row(&self, row: u32) -> f32 {
+        self.constant + self.per_row * row as f32
+    }
+}
+
+/// Pixel grid of one face of one shot.
+#[derive(Clone, Copy)]
+pub struct Grid {
+    face: Face,
+    step: f32,
+    first_x: f32,
+    first_y: f32,
+}
+
+impl Grid {
+    /// The grid of a face with the shot's sub-pixel offset.
+    pub fn new(face: Face, resolution: u32, shot: &Shot) -> Self {
+        let step = 2.0 / resolution as f32;
+        let bottom = if face == Face::Top { 1.0 } else { 0.0 };
+        Self {
+            face,
+            step,
+            first_x: (0.5 + shot.jitter.x) * step - 1.0,
+            first_y: (0.5 + shot.jitter.y) * step - bottom,
+        }
+    }
+
+    /// Components of a hemicube-frame vector along the face's axis, right and up.
+    #[inline]
+    pub fn components(&self, v: Vec3) -> (f32, f32, f32) {
+        match self.face {
+            Face::Top => (v.z, v.x, v.y),
+            Face::PlusT => (v.x, v.y, v.z),
+            Face::MinusT => (-v.x, -v.y, v.z),
+            Face::PlusB => (v.y, -v.x, v.z),
+            Face::MinusB => (-v.y, v.x, v.z),
+        }
+    }
+
+    /// A plane in pixel coordinates.
+    #[inline]
+    pub fn plane(&self, plane: Plane) -> PixelPlane {
+        let (axis, right, up) = self.components(plane);
+        PixelPlane {
+            per_column: right * self.step,
+            per_row: up * self.step,
+            constant: axis + right * self.first_x + up * self.first_y,
+        }
+    }
+
+    /// Face coordinate x of column 0 and its step.
+    pub fn x(&self) -> (f32, f32) {
+        (self.first_x, self.step)
+    }
+
+    /// Face coordinate y of a row.
+    pub fn y(&self, row: u32) -> f32 {
+        self.first_y + self.step * row as f32
+    }
+}
+
+/// Bits of a corner's place: below the horizon; on the negative side of x−y, x+y, z−x, z+x,
+/// z−y, z+y.
+mod place {
+    pub const BELOW: u8 = 1;
+    pub const X_LESS_Y: u8 = 2;
+    pub const X_LESS_MINUS_Y: u8 = 4;
+    pub const Z_LESS_X: u8 = 8;
+    pub const Z_LESS_MINUS_X: u8 = 16;
+    pub const Z_LESS_Y: u8 = 32;
+    pub const Z_LESS_MINUS_Y: u8 = 64;
+}
+
+#[inline]
+fn classify(v: Vec3) -> u8 {
+    use place::*;
+    let bit = |condition: bool, bit: u8| u8::from(condition) * bit;
+    bit(v.z < 0.0, BELOW)
+        | bit(v.x < v.y, X_LESS_Y)
+        | bit(v.x < -v.y, X_LESS_MINUS_Y)
+        | bit(v.z < v.x, Z_LESS_X)
+        | bit(v.z < -v.x, Z_LESS_MINUS_X)
+        | bit(v.z < v.y, Z_LESS_Y)
+        | bit(v.z < -v.y, Z_LESS_MINUS_Y)
+}
+
+/// Whether a facet lies outside one of the planes that bound a face; `all` and `any` are the
+/// corners' places combined.
+#[inline]
+fn outside(face: Face, all: u8, any: u8) -> bool {
+    use place::*;
+    let negative = |bits: u8| all & bits != 0;
+    let positive = |bits: u8| !any & bits != 0;
+    match face {
+        Face::Top => negative(Z_LESS_X | Z_LESS_MINUS_X | Z_LESS_Y | Z_LESS_MINUS_Y),
+        Face::PlusT => negative(BELOW | X_LESS_Y | X_LESS_MINUS_Y) || positive(Z_LESS_X),
+        Face::MinusT => negative(BELOW) || positive(X_LESS_Y | X_LESS_MINUS_Y | Z_LESS_MINUS_X),
+        Face::PlusB => negative(BELOW | X_LESS_MINUS_Y) || positive(X_LESS_Y | Z_LESS_Y),
+        Face::MinusB => negative(BELOW | X_LESS_Y) || positive(X_LESS_MINUS_Y | Z_LESS_MINUS_Y),
+    }
+}
+
+impl Raster {
+    /// Buffers for hemicubes of resolution R over scenes with `corners` facet corners.
+    pub fn new(resolution: u32, corners: usize) -> Self {
+        let pixels = 3 * (resolution * resolution) as usize;
+        Self {
+            resolution,
+            items: vec![item::EMPTY; pixels],
+            depth: vec![0.0; pixels],
+            corners: vec![Vec3::ZERO; corners],
+            codes: vec![0; corners],
+        }
+    }
+
+    /// Corners of a facet relative to the eye in the hemicube frame of the last shot.
+    #[inline]
+    pub fn corners_of(&self, corners: [u32; 3]) -> [Vec3; 3] {
+        corners.map(|corner| self.corners[corner as usize])
+    }
+
+    /// Renders the faces of a shot that have a weight; the others stay empty.
+    #[inline(always)]
+    pub fn render(&mut self, scene: &PatchedScene, shot: &Shot) {
+        self.items.fill(item::EMPTY);
+        self.depth.fill(0.0);
+        for ((corner, code), position) in
+            self.corners.iter_mut().zip(&mut self.codes).zip(&scene.positions)
+        {
+            *corner = shot.to_frame(*position - shot.position);
+            *code = classify(*corner);
+        }
+        let extent = shot.position.abs().max_element();
+        let grids = Face::ALL.map(|face| Grid::new(face, self.resolution, shot));
+        for (index, facet) in scene.facets.iter().enumerate() {
+            let codes = facet.corners.map(|corner| self.codes[corner as usize]);
+            let all = codes[0] & codes[1] & codes[2];
+            if all & place::BELOW != 0 {
+                continue;
+            }
+            let corners = self.corners_of(facet.corners);
+            let Some(setup) = Setup::new(corners, extent) else { continue };
+            if setup.back && facet.cull_back {
+                continue;
+            }
+            let any = codes[0] | codes[1] | codes[2];
+            let code = item::encode(index as u32, setup.back);
+            for face in 0..FACES {
+                if shot.face_weights[face] > 0.0 && !outside(Face::ALL[face], all, any) {
+                    self.fill(&grids[face], &corners, &setup, code);
+                }
+            }
+        }
+    }
+
+    /// Fills the pixels of one face that see the facet nearer than anything before.
+    #[inline(always)]
+    fn fill(&mut self, grid: &Grid, corners: &[Vec3; 3], setup: &Setup, code: u32) {
+        let resolution = self.resolution;
+        let face_rows = grid.face.rows(resolution);
+        let (first_row, end_row) = row_range(grid, corners, face_rows);
+        let edges = setup.edges.map(|edge| grid.plane(edge));
+        let slopes = edges.map(|edge| -edge.per_column.recip());
+        let inverse_depth = grid.plane(setup.inverse_depth);
+        let base = grid.face.first_row(resolution);
+        for row in first_row..end_row {
+            let (mut low, mut high) = (0f32, resolution as f32);
+            for (edge, slope) in edges.iter().zip(&slopes) {
+                let value = edge.at_row(row);
+                // Columns with per_column·column + value ≥ 0.
+                let crossing = (value * slope).ceil();
+                if edge.per_column > 0.0 {
+                    low = low.max(crossing);
+                } else if edge.per_column < 0.0 {
+                    high = high.min(crossing);
+                } else if value < 0.0 {
+                    high = -1.0;
+                }
+            }
+            if low < high {
+                let start = ((base + row) * resolution) as usize;
+                let span = start + low as usize..start + high as usize;
+                let value = inverse_depth.at_row(row) + inverse_depth.per_column * low;
+                fill_span(
+                    &mut self.items[span.clone()],
+                    &mut self.depth[span],
+                    value,
+                    inverse_depth.per_column,
+                    code,
+                );
+            }
+        }
+    }
+}
+
+/// Rows whose centres can see the facet; all rows where it reaches behind the face's plane.
+#[inline(always)]
+fn row_range(grid: &Grid, corners: &[Vec3; 3], rows: u32) -> (u32, u32) {
+    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+    for corner in corners {
+        let (axis, _, up) = grid.components(*corner);
+        if axis <= 1e-12 {
+            return (0, rows);
+        }
+        let row = (up / axis - grid.first_y) / grid.step;
+        low = low.min(row);
+        high = high.max(row);
+    }
+    // Half a row of slack either way: the spans decide.
+    let first = (low - 0.5).ceil().clamp(0.0, rows as f32);
+    let end = (high + 0.5).floor() + 1.0;
+    (first as u32, end.clamp(0.0, rows as f32) as u32)
+}
+
+/// Depth test of one span; written so that it becomes compare-and-blend on vectors.
+#[inline(always)]
+fn fill_span(items: &mut [u32], depth: &mut [f32], first: f32, step: f32, code: u32) {
+    for (column, (item, depth)) in items.iter_mut().zip(depth).enumerate() {
+        let value = first + step * column as i32 as f32;
+        let nearer = value > *depth;
+        *depth = if nearer { value } else { *depth };
+        *item = if nearer { code } else { *item };
+    }
+}

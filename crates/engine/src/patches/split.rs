@@ -1,0 +1,173 @@
+//! Conforming bisection of elongated facets, so that their patches are compact.
+
+use super::{Facet, facet_area};
+use glam::Vec3;
+use std::collections::HashMap;
+
+/// Longest edge over the height on it beyond which a facet is bisected; a half square has 2.
+const MAX_ELONGATION: f32 = 4.0;
+/// Bisections of one facet double its pieces; more rounds would not be seen.
+const MAX_ROUNDS: usize = 12;
+/// Facets are cheap but not free: stop when splitting has added this many.
+const MAX_ADDED: usize = 200_000;
+
+/// Bisects the longest edge of every elongated facet that would hold several patches of
+/// `cell_area`, together with the neighbours at that edge, until none is left.
+///
+/// Edges are split, not facets, so neighbours keep sharing all corners and no crack opens.
+pub fn split_elongated(positions: &mut Vec<Vec3>, facets: &mut Vec<Facet>, cell_area: f32) {
+    let limit = facets.len() + MAX_ADDED;
+    for _ in 0..MAX_ROUNDS {
+        let mut middle: HashMap<(u32, u32), u32> = HashMap::new();
+        for facet in facets.iter() {
+            if let Some((a, b)) = edge_to_split(positions, facet, cell_area) {
+                middle.entry(key(a, b)).or_insert_with(|| {
+                    positions.push(0.5 * (positions[a as usize] + positions[b as usize]));
+                    positions.len() as u32 - 1
+                });
+            }
+        }
+        if middle.is_empty() || facets.len() + 2 * middle.len() > limit {
+            return;
+        }
+        *facets = facets.iter().flat_map(|facet| pieces(facet, &middle)).collect();
+    }
+}
+
+fn key(a: u32, b: u32) -> (u32, u32) {
+    (a.min(b), a.max(b))
+}
+
+fn edge_to_split(positions: &[Vec3], facet: &Facet, cell_area: f32) -> Option<(u32, u32)> {
+    let area = facet_area(positions, facet);
+    if area < 1.5 * cell_area {
+        return None;
+    }
+    let (length, a, b) = (0..3)
+        .map(|i| {
+            let (a, b) = (facet.corners[i], facet.corners[(i + 1) % 3]);
+            (positions[a as usize].distance(positions[b as usize]), a, b)
+        })
+        .max_by(|x, y| x.0.total_cmp(&y.0))?;
+    (length * length > MAX_ELONGATION * 2.0 * area).then_some((a, b))
+}
+
+/// The facet cut at the middles of its marked edges: 1 to 4 pieces.
+fn pieces(facet: &Facet, middle: &HashMap<(u32, u32), u32>) -> Vec<Facet> {
+    let [a, b, c] = facet.corners;
+    let [ua, ub, uc] = facet.source_uv;
+    let mark = |p: u32, q: u32| middle.get(&key(p, q)).copied();
+    let make = |corners: [(u32, glam::Vec2); 3]| Facet {
+        corners: corners.map(|corner| corner.0),
+        source_uv: corners.map(|corner| corner.1),
+        ..*facet
+    };
+    // Walk round the boundary, then fan from a corner whose both edges are whole or, failing
+    // that, cut the corner triangles off.
+    let (ab, bc, ca) = (mark(a, b), mark(b, c), mark(c, a));
+    let (a, b, c) = ((a, ua), (b, ub), (c, uc));
+    let half = |m: u32, p: (u32, glam::Vec2), q: (u32, glam::Vec2)| (m, 0.5 * (p.1 + q.1));
+    match (ab, bc, ca) {
+        (None, None, None) => vec![*facet],
+        (Some(m), None, None) => one_edge(&make, a, b, c, half(m, a, b)),
+        (None, Some(m), None) => one_edge(&make, b, c, a, half(m, b, c)),
+        (None, None, Some(m)) => one_edge(&make, c, a, b, half(m, c, a)),
+        (Some(m), Some(n), None) => two_edges(&make, a, b, c, half(m, a, b), half(n, b, c)),
+        (None, Some(m), Some(n)) => two_edges(&make, b, c, a, half(m, b, c), half(n, c, a)),
+        (Some(n), None, Some(m)) => two_edges(&make, c, a, b, half(m, c, a), half(n, a, b)),
+        (Some(m), Some(n), Some(o)) => {
+            let (m, n, o) = (half(m, a, b), half(n, b, c), half(o, c, a));
+            vec![make([a, m, o]), make([m, b, n]), make([o, n, c]), make([m, n, o])]
+        }
+    }
+}
+
+type Corner = (u32, glam::Vec2);
+
+/// Edge pq is split at m; r is opposite.
+fn one_edge(
+    make: &impl Fn([Corner; 3]) -> Facet,
+    p: Corner,
+    q: Corner,
+    r: Corner,
+    m: Corner,
+) -> Vec<Facet> {
+    vec![make([p, m, r]), make([m, q, r])]
+}
+
+/// Edges pq and qr are split at m and n.
+fn two_edges(
+    make: &impl Fn([Corner; 3]) -> Facet,
+    p: Corner,
+    q: Corner,
+    r: Corner,
+    m: Corner,
+    n: Corner,
+) -> Vec<Facet> {
+    vec![make([m, q, n]), make([p, m, n]), make([p, n, r])]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::patches::PatchedScene;
+    use crate::radiometry::Rgb;
+    use crate::scene::{Material, Scene, Triangle, Vertex};
+    use glam::Vec2;
+    use std::sync::Arc;
+
+    fn strip(length: f32) -> Arc<Scene> {
+        let corner = |x: f32, y: f32| Vertex {
+            position: Vec3::new(x, y, 0.0),
+            normal: Vec3::Z,
+            uv: [Vec2::ZERO; 2],
+            color: Rgb::ONE,
+        };
+        Arc::new(Scene {
+            vertices: vec![
+                corner(0.0, 0.0),
+                corner(length, 0.0),
+                corner(length, 1.0),
+                corner(0.0, 1.0),
+            ],
+            triangles: vec![
+                Triangle { vertices: [0, 1, 2], material: 0 },
+                Triangle { vertices: [0, 2, 3], material: 0 },
+            ],
+            materials: vec![Material::lambertian("grey", Rgb::splat(0.5))],
+            ..Scene::default()
+        })
+    }
+
+    #[test]
+    fn elongated_facets_are_cut_conformingly_and_keep_their_area() {
+        let patched = PatchedScene::new(strip(40.0), 400);
+        let area: f32 = patched.patches.area.iter().sum();
+        assert!((area - 40.0).abs() < 1e-3, "{area}");
+        assert!(patched.facets.len() > 10, "{}", patched.facets.len());
+        // Every inner edge has both its sides: no corner of a facet lies inside another's edge.
+        for facet in &patched.facets {
+            for i in 0..3 {
+                let a = patched.positions[facet.corners[i] as usize];
+                let b = patched.positions[facet.corners[(i + 1) % 3] as usize];
+                for p in &patched.positions {
+                    let on_line = (b - a).cross(*p - a).length() < 1e-4 * (b - a).length();
+                    let t = (*p - a).dot(b - a) / (b - a).length_squared();
+                    assert!(!(on_line && t > 1e-3 && t < 1.0 - 1e-3), "crack at {p}");
+                }
+            }
+        }
+        for facet in &patched.facets {
+            for (corner, uv) in facet.corners.iter().zip(facet.source_uv) {
+                let triangle = &patched.scene.triangles[facet.source as usize];
+                let p = patched.scene.interpolate(triangle, uv.x, uv.y, |v| v.position);
+                assert!(p.distance(patched.positions[*corner as usize]) < 1e-4);
+            }
+        }
+    }
+
+    #[test]
+    fn compact_facets_stay_whole() {
+        assert_eq!(PatchedScene::new(strip(1.0), 400).facets.len(), 2);
+    }
+}
