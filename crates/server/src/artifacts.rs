@@ -127,10 +127,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let artifacts = Artifacts::local(folder.path()).unwrap();
         let job = Uuid::now_v7();
-        let kept = artifacts
-            .put_picture(job, PictureFormat::Png, (2, 1), b"png".to_vec())
-            .await
-            .unwrap();
+        let kept =
+            artifacts.put_picture(job, PictureFormat::Png, (2, 1), b"png".to_vec()).await.unwrap();
         assert_eq!(kept.size, 3);
         let bytes = artifacts.picture(job, &kept.sha256, PictureFormat::Png).await.unwrap();
         assert_eq!(&bytes[..], b"png");

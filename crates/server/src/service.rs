@@ -97,11 +97,9 @@ pub async fn serve(
     }
     let devices = worker::devices::choose(&config.devices).map_err(ServeError::Devices)?;
     let _lock = lock_data_folder(&config)?;
-    let folder_trouble =
-        |source| ServeError::DataFolder { path: config.data_dir.clone(), source };
+    let folder_trouble = |source| ServeError::DataFolder { path: config.data_dir.clone(), source };
     std::fs::create_dir_all(config.data_dir.join("tmp")).map_err(folder_trouble)?;
-    let artifacts =
-        Artifacts::local(&config.data_dir.join("artifacts")).map_err(folder_trouble)?;
+    let artifacts = Artifacts::local(&config.data_dir.join("artifacts")).map_err(folder_trouble)?;
     let store: Arc<dyn Store> =
         Arc::new(SqliteStore::open(&config.data_dir.join("hemilux.sqlite")).await?);
     for job in store.recover().await? {

@@ -6,7 +6,9 @@ use crate::job_state::JobState;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
+use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Type};
+use utoipa::openapi::{Object, Ref, RefOr, Schema};
+use utoipa::{PartialSchema, ToSchema};
 use uuid::Uuid;
 
 /// What a job asks for.
@@ -65,7 +67,7 @@ pub struct JobRequest {
     pub priority: i32,
     /// The client's own notes; `GET /v1/jobs?label=key:value` finds them.
     #[serde(default)]
-    #[schema(max_properties = 16)]
+    #[schema(schema_with = labels_schema)]
     pub labels: BTreeMap<String, String>,
 }
 
@@ -77,17 +79,51 @@ fn default_side() -> u32 {
     512
 }
 
+fn labels_schema() -> Object {
+    let text = |least| {
+        ObjectBuilder::new()
+            .schema_type(Type::String)
+            .min_length(least)
+            .max_length(Some(64))
+            .pattern(Some(if least.is_some() { "^[^:\\x00]*$" } else { "^[^\\x00]*$" }))
+    };
+    ObjectBuilder::new()
+        .description(Some("The client's own notes; `GET /v1/jobs?label=key:value` finds them."))
+        .property_names(Some(text(Some(1)).build()))
+        .additional_properties(Some(text(None)))
+        .max_properties(Some(16))
+        .build()
+}
+
 /// Which camera takes the picture.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum CameraRequest {
     /// By position in the file.
-    Index(#[schema(minimum = 0, maximum = 4_294_967_295_u64)] u32),
+    Index(u32),
     /// By name.
-    Name(#[schema(max_length = 1024)] String),
+    Name(String),
     /// A camera of the request's own.
     Explicit(ExplicitCamera),
 }
+
+impl PartialSchema for CameraRequest {
+    fn schema() -> RefOr<Schema> {
+        let index = ObjectBuilder::new()
+            .schema_type(Type::Integer)
+            .minimum(Some(0))
+            .maximum(Some(u32::MAX));
+        let name = ObjectBuilder::new().schema_type(Type::String).max_length(Some(1024));
+        OneOfBuilder::new()
+            .description(Some("Index of a camera, name of one, or a camera of the request's own."))
+            .item(index)
+            .item(name)
+            .item(Ref::from_schema_name("ExplicitCamera"))
+            .into()
+    }
+}
+
+impl ToSchema for CameraRequest {}
 
 /// A perspective camera given in the request.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -164,16 +200,30 @@ impl PictureFormat {
 }
 
 /// A setting's value; numbers and booleans are taken as written.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum OptionValue {
     /// A switch.
     Switch(bool),
     /// A number.
-    Number(#[schema(value_type = f64)] serde_json::Number),
+    Number(serde_json::Number),
     /// A word.
-    Word(#[schema(max_length = 256)] String),
+    Word(String),
 }
+
+impl PartialSchema for OptionValue {
+    fn schema() -> RefOr<Schema> {
+        let of = |kind| ObjectBuilder::new().schema_type(kind);
+        OneOfBuilder::new()
+            .description(Some("A setting's value; numbers and booleans are taken as written."))
+            .item(of(Type::Boolean))
+            .item(of(Type::Number))
+            .item(of(Type::String).max_length(Some(256)))
+            .into()
+    }
+}
+
+impl ToSchema for OptionValue {}
 
 impl std::fmt::Display for OptionValue {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -263,7 +313,9 @@ pub struct Picture {
     /// Its format.
     pub format: PictureFormat,
     /// Where it lies; never changes its content.
-    #[schema(example = "/v1/jobs/01936f3e-8a51-7c3e-b1a4-6f2d7a7b6c01/snapshots/9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08.png")]
+    #[schema(
+        example = "/v1/jobs/01936f3e-8a51-7c3e-b1a4-6f2d7a7b6c01/snapshots/9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08.png"
+    )]
     pub url: String,
     /// SHA-256 of the file, in hex.
     pub sha256: String,

@@ -44,7 +44,10 @@ impl JobRequest {
         let mut wrong = |field: &str, detail: String| errors.push(FieldError::new(field, detail));
 
         if !vocabulary.methods.contains(&self.method.as_str()) {
-            wrong("method", format!("no method {:?}; there are {:?}", self.method, vocabulary.methods));
+            wrong(
+                "method",
+                format!("no method {:?}; there are {:?}", self.method, vocabulary.methods),
+            );
         }
         for (field, side) in [("width", self.width), ("height", self.height)] {
             if !(1..=limits.max_side).contains(&side) {
@@ -119,7 +122,8 @@ impl JobRequest {
             let field = format!("options.{}", shorten(name));
             if !vocabulary.options.contains(&name.as_str()) {
                 wrong(&field, format!("no such option; there are {:?}", vocabulary.options));
-            } else if matches!(value, OptionValue::Word(w) if w.chars().count() > MAX_OPTION_CHARS) {
+            } else if matches!(value, OptionValue::Word(w) if w.chars().count() > MAX_OPTION_CHARS)
+            {
                 wrong(&field, format!("at most {MAX_OPTION_CHARS} characters"));
             } else if name == "patches"
                 && value.to_string().parse::<f64>().is_ok_and(|n| n > limits.max_patches as f64)
@@ -142,7 +146,10 @@ impl JobRequest {
                     [("eye", camera.eye), ("target", camera.target), ("up", camera.up)]
                 {
                     if !vector.iter().all(|x| x.abs() <= 1e9) {
-                        wrong(&format!("camera.{name}"), "must lie within 1e9 of the origin".into());
+                        wrong(
+                            &format!("camera.{name}"),
+                            "must lie within 1e9 of the origin".into(),
+                        );
                     }
                 }
                 if camera.eye == camera.target {

@@ -228,7 +228,10 @@ impl Console {
         let bar = (!quiet && terminal).then(|| {
             let bar = ProgressBar::new(1000);
             let template = "{bar:32} {percent:>3}% {msg}";
-            bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+            bar.set_style(
+                ProgressStyle::with_template(template)
+                    .unwrap_or_else(|_| ProgressStyle::default_bar()),
+            );
             bar
         });
         let interrupted = Arc::new(AtomicBool::new(false));
@@ -262,7 +265,8 @@ impl Observer for Console {
     fn planned(&mut self, plan: &Plan, _warnings: &[Warning]) {
         if self.lines {
             let Plan { method, patches, triangles, .. } = plan;
-            let _ = writeln!(std::io::stderr(), "{method}: {triangles} triangles, {patches} patches");
+            let _ =
+                writeln!(std::io::stderr(), "{method}: {triangles} triangles, {patches} patches");
         }
     }
 

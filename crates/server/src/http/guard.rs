@@ -7,27 +7,35 @@
 use super::App;
 use super::problem::Problem;
 use axum::extract::{Request, State};
-use axum::http::header;
+use axum::http::{HeaderMap, Method};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::net::IpAddr;
 
 /// Refuses requests that a page of another site sent.
-pub async fn refuse_foreign_pages(State(app): State<App>, request: Request, next: Next) -> Response {
-    let header = |name| request.headers().get(name).and_then(|value| value.to_str().ok());
-    if header(header::HeaderName::from_static("sec-fetch-site")) == Some("cross-site")
-        && !request.method().is_safe()
-    {
-        return Problem::forbidden("a page of another site sent this request").into_response();
+pub async fn refuse_foreign_pages(
+    State(app): State<App>,
+    request: Request,
+    next: Next,
+) -> Response {
+    let on_loopback = !app.config.allow_remote && app.config.listen.ip().is_loopback();
+    match refusal(on_loopback, request.method(), request.headers()) {
+        Some(detail) => Problem::forbidden(detail).into_response(),
+        None => next.run(request).await,
     }
-    if app.config.listen.ip().is_loopback()
-        && let Some(host) = header(header::HOST)
-        && !is_loopback_host(host)
-    {
-        let detail = "the Host header must be localhost or a loopback address; listen with --allow-remote to serve other names";
-        return Problem::forbidden(detail).into_response();
+}
+
+fn refusal(on_loopback: bool, method: &Method, headers: &HeaderMap) -> Option<&'static str> {
+    let header = |name: &str| headers.get(name).and_then(|value| value.to_str().ok());
+    if header("sec-fetch-site") == Some("cross-site") && !method.is_safe() {
+        return Some("a page of another site sent this request");
     }
-    next.run(request).await
+    if on_loopback && header("host").is_some_and(|host| !is_loopback_host(host)) {
+        return Some(
+            "the Host header must be localhost or a loopback address; listen with --allow-remote to serve other names",
+        );
+    }
+    None
 }
 
 fn is_loopback_host(host: &str) -> bool {
@@ -45,10 +53,13 @@ mod tests {
 
     #[test]
     fn only_loopback_names_pass() {
-        for host in ["localhost", "LOCALHOST:8080", "127.0.0.1", "127.0.0.1:80", "[::1]:8080", "[::1]"] {
+        for host in
+            ["localhost", "LOCALHOST:8080", "127.0.0.1", "127.0.0.1:80", "[::1]:8080", "[::1]"]
+        {
             assert!(is_loopback_host(host), "{host}");
         }
-        for host in ["example.org", "localhost.example.org:80", "10.0.0.1", "127.0.0.1.nip.io", ""] {
+        for host in ["example.org", "localhost.example.org:80", "10.0.0.1", "127.0.0.1.nip.io", ""]
+        {
             assert!(!is_loopback_host(host), "{host}");
         }
     }

@@ -346,10 +346,8 @@ fn as_csv(trace: &Trace) -> Response {
     for point in &trace.points {
         let error = point.estimated_error.map(|error| error.to_string()).unwrap_or_default();
         let TracePoint { seconds, iterations, shots, light_source_selection_ratio, .. } = point;
-        let _ = writeln!(
-            text,
-            "{seconds},{iterations},{shots},{light_source_selection_ratio},{error}"
-        );
+        let _ =
+            writeln!(text, "{seconds},{iterations},{shots},{light_source_selection_ratio},{error}");
     }
     ([(header::CONTENT_TYPE, "text/csv; charset=utf-8")], text).into_response()
 }

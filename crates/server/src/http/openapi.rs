@@ -2,6 +2,7 @@
 
 use super::problem::{MEDIA_TYPE, ProblemDocument};
 use crate::api::events::{ProgressEvent, SnapshotEvent, StateEvent};
+use crate::api::jobs::{ExplicitCamera, OptionValue};
 use crate::worker;
 use serde_json::json;
 use utoipa::OpenApi;
@@ -22,7 +23,7 @@ use utoipa::openapi::{Ref, RefOr, Response};
         (name = "results", description = "Pictures and figures."),
         (name = "operations", description = "Running the service."),
     ),
-    components(schemas(ProblemDocument, StateEvent, ProgressEvent, SnapshotEvent))
+    components(schemas(ProblemDocument, ExplicitCamera, OptionValue, StateEvent, ProgressEvent, SnapshotEvent))
 )]
 struct Base;
 
@@ -35,8 +36,9 @@ pub fn base() -> utoipa::openapi::OpenApi {
 pub fn document() -> utoipa::openapi::OpenApi {
     let (_, mut document) = super::api().split_for_parts();
     for item in document.paths.paths.values_mut() {
-        let operations =
-            [&mut item.get, &mut item.post, &mut item.delete].into_iter().filter_map(Option::as_mut);
+        let operations = [&mut item.get, &mut item.post, &mut item.delete]
+            .into_iter()
+            .filter_map(Option::as_mut);
         for operation in operations {
             let responses = &mut operation.responses.responses;
             for (status, text) in [
@@ -73,10 +75,16 @@ fn problem(text: &str) -> Response {
 /// Shows what each problem looks like.
 fn add_example(status: &str, response: &mut Response) {
     let (kind, title, detail) = match status {
-        "400" => ("unreadable", "The request cannot be read", "limit must be between 1 and 200, is 0"),
-        "403" => ("forbidden", "The request is not allowed", "a page of another site sent this request"),
+        "400" => {
+            ("unreadable", "The request cannot be read", "limit must be between 1 and 200, is 0")
+        }
+        "403" => {
+            ("forbidden", "The request is not allowed", "a page of another site sent this request")
+        }
         "404" => ("not-found", "There is no such thing", "there is no such job"),
-        "408" => ("too-slow", "The request took too long to arrive", "nothing arrived for 30 seconds"),
+        "408" => {
+            ("too-slow", "The request took too long to arrive", "nothing arrived for 30 seconds")
+        }
         "409" => (
             "key-conflict",
             "The idempotency key belongs to another request",
@@ -93,12 +101,16 @@ fn add_example(status: &str, response: &mut Response) {
             "The request cannot be met as asked",
             "width: must be between 1 and 8192, is 0",
         ),
-        "429" => ("queue-full", "The queue is full", "too many jobs are waiting; try again in 5 seconds"),
-        "500" => ("internal", "The server failed", "an unexpected fault; the server's log has more"),
+        "429" => {
+            ("queue-full", "The queue is full", "too many jobs are waiting; try again in 5 seconds")
+        }
+        "500" => {
+            ("internal", "The server failed", "an unexpected fault; the server's log has more")
+        }
         "503" => ("unavailable", "The server cannot do this now", "the server is shutting down"),
         _ => return,
     };
-    let Some(content) = response.content.get_mut(MEDIA_TYPE) else { return };
+    let Some(RefOr::T(content)) = response.content.get_mut(MEDIA_TYPE) else { return };
     let mut example = json!({
         "type": format!("urn:hemilux:problem:{kind}"),
         "title": title,

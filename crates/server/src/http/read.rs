@@ -77,7 +77,8 @@ impl<S: Send + Sync> FromRequestParts<S> for JobId {
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         use axum::extract::RawPathParams;
         let unknown = || Problem::not_found("there is no such job");
-        let params = RawPathParams::from_request_parts(parts, state).await.map_err(|_| unknown())?;
+        let params =
+            RawPathParams::from_request_parts(parts, state).await.map_err(|_| unknown())?;
         params
             .iter()
             .find(|(name, _)| *name == "id")

@@ -112,7 +112,8 @@ pub async fn scene_from_body(app: &App, body: Body) -> Result<(Scene, bool), Pro
         return Ok((scene, false));
     }
     let id = spooled.sha256.clone();
-    let _turn = app.imports.acquire().await.map_err(|error| Problem::internal(error.to_string()))?;
+    let _turn =
+        app.imports.acquire().await.map_err(|error| Problem::internal(error.to_string()))?;
     let bytes = Bytes::from(spooled.read().await?);
     store_scene(app, id, SceneFormat::Gltf, bytes).await
 }

@@ -3,10 +3,10 @@
 
 pub mod sqlite;
 
+use crate::api::Warning;
 use crate::api::events::{Event, EventData};
 use crate::api::jobs::{Job, JobError, JobRequest, Picture, PictureFormat, Plan, Progress, Stats};
 use crate::api::scenes::Scene;
-use crate::api::Warning;
 use crate::job_state::JobState;
 use async_trait::async_trait;
 use uuid::Uuid;

@@ -38,7 +38,9 @@ pub fn choose(words: &[String]) -> Result<Vec<String>, String> {
     let mut chosen: Vec<String> = Vec::new();
     for word in words {
         let ids: Vec<String> = if word == "auto" {
-            let wanted = |device: &&DeviceView| device.kind.ends_with("_gpu") && device.kind != "software_gpu" || device.id == "cpu";
+            let wanted = |device: &&DeviceView| {
+                device.kind.ends_with("_gpu") && device.kind != "software_gpu" || device.id == "cpu"
+            };
             there.iter().filter(wanted).map(|device| device.id.clone()).collect()
         } else {
             there.iter().filter(|device| device.id == *word).map(|d| d.id.clone()).collect()

@@ -64,7 +64,9 @@ pub fn run(
     let ending = match attempted {
         _ if stop == Stop::ClaimLost => Ending::Dropped,
         Ok(rendered) => match (rendered.stats.stopped, stop) {
-            (StopReason::Cancelled, Stop::No) => Ending::PutBack { counted: false, why: "the server shut down".into() },
+            (StopReason::Cancelled, Stop::No) => {
+                Ending::PutBack { counted: false, why: "the server shut down".into() }
+            }
             (StopReason::Cancelled, _) => Ending::Done(JobState::Cancelled, Box::new(rendered)),
             _ => Ending::Done(JobState::Succeeded, Box::new(rendered)),
         },
@@ -139,7 +141,8 @@ fn camera(request: Option<&CameraRequest>) -> CameraChoice {
 fn limits(job: &Job, max_seconds: f64) -> Limits {
     let request = &job.request;
     let names_another = request.max_iterations.is_some() || request.target_error.is_some();
-    let default = if names_another { max_seconds } else { Limits::DEFAULT_SECONDS.min(max_seconds) };
+    let default =
+        if names_another { max_seconds } else { Limits::DEFAULT_SECONDS.min(max_seconds) };
     Limits {
         seconds: Some(request.time_budget_s.unwrap_or(default)),
         iterations: request.max_iterations,

@@ -194,7 +194,9 @@ impl Scribe {
                 let (service, claim) = (self.service.clone(), self.claim);
                 let (signals, formats) = (self.signals.clone(), self.formats.clone());
                 self.snapshots.spawn(async move {
-                    if let Err(error) = keep_snapshot(&service, claim, picture, progress, formats).await {
+                    if let Err(error) =
+                        keep_snapshot(&service, claim, picture, progress, formats).await
+                    {
                         tracing::warn!(job = %claim.job, %error, "a snapshot was lost");
                     }
                     signals.encoding.store(false, Ordering::Release);

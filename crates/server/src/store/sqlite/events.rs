@@ -4,8 +4,8 @@ use super::{now_ms, rows};
 use crate::api::events::{Event, EventData, ProgressEvent};
 use crate::api::jobs::Progress;
 use crate::store::StoreError;
-use sqlx::sqlite::{SqliteConnection, SqlitePool};
 use sqlx::Row;
+use sqlx::sqlite::{SqliteConnection, SqlitePool};
 use uuid::Uuid;
 
 /// Progress events that a job may keep; beyond it every second one of the older half goes.
@@ -17,10 +17,11 @@ pub async fn append(
     job: Uuid,
     data: &EventData,
 ) -> Result<i64, StoreError> {
-    let row = sqlx::query("UPDATE jobs SET last_seq = last_seq + 1 WHERE id = ? RETURNING last_seq")
-        .bind(job.to_string())
-        .fetch_one(&mut *connection)
-        .await?;
+    let row =
+        sqlx::query("UPDATE jobs SET last_seq = last_seq + 1 WHERE id = ? RETURNING last_seq")
+            .bind(job.to_string())
+            .fetch_one(&mut *connection)
+            .await?;
     let seq: i64 = row.get("last_seq");
     sqlx::query("INSERT INTO events (job_id, seq, kind, at_ms, data) VALUES (?, ?, ?, ?, ?)")
         .bind(job.to_string())
@@ -36,12 +37,11 @@ pub async fn append(
 /// Keeps the number of progress events bounded: thins the older half, so that a long job's trace
 /// stays dense where it is new and reaches back to its start.
 pub async fn thin(connection: &mut SqliteConnection, job: Uuid) -> Result<(), StoreError> {
-    let row = sqlx::query(
-        "SELECT count(*) AS kept FROM events WHERE job_id = ? AND kind = 'progress'",
-    )
-    .bind(job.to_string())
-    .fetch_one(&mut *connection)
-    .await?;
+    let row =
+        sqlx::query("SELECT count(*) AS kept FROM events WHERE job_id = ? AND kind = 'progress'")
+            .bind(job.to_string())
+            .fetch_one(&mut *connection)
+            .await?;
     if row.get::<i64, _>("kept") <= MAX_PROGRESS_EVENTS {
         return Ok(());
     }
@@ -78,9 +78,10 @@ pub async fn after(
     found
         .iter()
         .map(|row| {
-            let data = EventData::from_stored(row.get("kind"), row.get("data")).map_err(|error| {
-                StoreError::Corrupt { what: "event".into(), reason: error.to_string() }
-            })?;
+            let data =
+                EventData::from_stored(row.get("kind"), row.get("data")).map_err(|error| {
+                    StoreError::Corrupt { what: "event".into(), reason: error.to_string() }
+                })?;
             Ok(Event {
                 seq: row.get::<i64, _>("seq").unsigned_abs(),
                 at: rows::time(row.get("at_ms"))?,
@@ -92,14 +93,15 @@ pub async fn after(
 
 /// Progress of the latest claim, oldest first.
 pub async fn trace(pool: &SqlitePool, job: Uuid) -> Result<Vec<Progress>, StoreError> {
-    let found = sqlx::query(
-        "SELECT data FROM events WHERE job_id = ? AND kind = 'progress' ORDER BY seq",
-    )
-    .bind(job.to_string())
-    .fetch_all(pool)
-    .await?;
-    let events: Vec<ProgressEvent> =
-        found.iter().map(|row| rows::from_json("event", row.get("data"))).collect::<Result<_, _>>()?;
+    let found =
+        sqlx::query("SELECT data FROM events WHERE job_id = ? AND kind = 'progress' ORDER BY seq")
+            .bind(job.to_string())
+            .fetch_all(pool)
+            .await?;
+    let events: Vec<ProgressEvent> = found
+        .iter()
+        .map(|row| rows::from_json("event", row.get("data")))
+        .collect::<Result<_, _>>()?;
     let latest = events.last().map(|event| event.fence);
     Ok(events.into_iter().filter(|e| Some(e.fence) == latest).map(|e| e.progress).collect())
 }

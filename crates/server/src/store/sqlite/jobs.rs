@@ -4,18 +4,13 @@ use super::{events, now_ms, rows};
 use crate::api::events::{EventData, ProgressEvent, SnapshotEvent, StateEvent};
 use crate::api::jobs::{Job, JobError, Picture};
 use crate::job_state::{JobState, MAX_ATTEMPTS, after_lost_worker};
-use crate::store::{
-    Accepted, Claim, JobCounts, JobFilter, NewJob, Outcome, Report, StoreError,
-};
+use crate::store::{Accepted, Claim, JobCounts, JobFilter, NewJob, Outcome, Report, StoreError};
 use sqlx::sqlite::{SqliteConnection, SqlitePool};
 use sqlx::{Connection, QueryBuilder, Row, Sqlite};
 use uuid::Uuid;
 
 /// The job of that id, unless deleted.
-pub async fn get(
-    connection: &mut SqliteConnection,
-    id: Uuid,
-) -> Result<Option<Job>, StoreError> {
+pub async fn get(connection: &mut SqliteConnection, id: Uuid) -> Result<Option<Job>, StoreError> {
     let row = sqlx::query("SELECT * FROM jobs WHERE id = ? AND deleted_ms IS NULL")
         .bind(id.to_string())
         .fetch_optional(connection)
@@ -284,10 +279,8 @@ pub async fn finish(
 ) -> Result<(), StoreError> {
     let job = held(connection, claim).await?;
     if let Some(progress) = &outcome.progress {
-        let event = EventData::Progress(ProgressEvent {
-            fence: claim.fence,
-            progress: progress.clone(),
-        });
+        let event =
+            EventData::Progress(ProgressEvent { fence: claim.fence, progress: progress.clone() });
         events::append(connection, claim.job, &event).await?;
         sqlx::query("UPDATE jobs SET progress = ? WHERE id = ?")
             .bind(rows::to_json(progress))
@@ -327,7 +320,9 @@ pub async fn release(
     let next = after_lost_worker(attempts, job.cancel_requested);
     let error = (next == JobState::Failed).then(|| JobError {
         code: "poisoned".into(),
-        detail: format!("given up after {MAX_ATTEMPTS} attempts; the last one ended because {reason}"),
+        detail: format!(
+            "given up after {MAX_ATTEMPTS} attempts; the last one ended because {reason}"
+        ),
     });
     set_state(connection, &job, next).await?;
     sqlx::query("UPDATE jobs SET attempts = ?, error = ? WHERE id = ?")
@@ -400,13 +395,8 @@ async fn append_state(
     attempts: u32,
     reason: Option<String>,
 ) -> Result<(), StoreError> {
-    let event = EventData::State(StateEvent {
-        state,
-        attempts,
-        reason,
-        pictures: Vec::new(),
-        error: None,
-    });
+    let event =
+        EventData::State(StateEvent { state, attempts, reason, pictures: Vec::new(), error: None });
     events::append(connection, id, &event).await?;
     Ok(())
 }

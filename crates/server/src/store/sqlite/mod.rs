@@ -8,9 +8,7 @@ mod events;
 mod jobs;
 mod rows;
 
-use super::{
-    Accepted, Claim, JobCounts, JobFilter, NewJob, Outcome, Report, Store, StoreError,
-};
+use super::{Accepted, Claim, JobCounts, JobFilter, NewJob, Outcome, Report, Store, StoreError};
 use crate::api::events::Event;
 use crate::api::jobs::{Job, Picture, PictureFormat, Progress};
 use crate::api::scenes::Scene;
