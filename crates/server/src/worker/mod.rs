@@ -22,7 +22,7 @@ const MAX_BACKOFF: Duration = Duration::from_secs(30);
 pub fn vocabulary() -> Vocabulary {
     Vocabulary {
         methods: METHODS.to_vec(),
-        options: OPTIONS.iter().map(|(name, ..)| *name).collect(),
+        options: OPTIONS.iter().map(|option| option.name).collect(),
     }
 }
 
