@@ -16,6 +16,9 @@ const MIN_AREA: f64 = 1e-16;
 /// height is lost in the rounding of its corners.
 const MIN_AREA_RATIO: f64 = 1e-9;
 
+/// Least cosine between a shading normal and its triangle's own.
+const MIN_NORMAL_COSINE: f32 = 1e-3;
+
 /// How vertices join to triangles.
 #[derive(Clone, Copy, PartialEq)]
 enum Mode {
@@ -406,7 +409,7 @@ fn emit(
                 index
             };
             // Also false for a NaN or zero normal.
-            if normal.dot(flat) > 0.0 {
+            if normal.dot(flat) > MIN_NORMAL_COSINE {
                 return *shared[corner as usize].get_or_insert_with(|| push(normal));
             }
             turned += 1;

@@ -46,7 +46,7 @@ fn cubes_import_with_a_warning_about_their_light() {
     let Some(scene) = shared_scene("cubes.glb") else { return };
     assert_eq!(scene.triangles.len(), 36);
     let at: Vec<_> = scene.warnings.iter().map(|warning| warning.at.as_str()).collect();
-    assert_eq!(at, ["nodes[0].extensions.KHR_lights_punctual"]);
+    assert_eq!(at, ["nodes[0].extensions.KHR_lights_punctual", "materials"]);
 }
 
 #[test]
