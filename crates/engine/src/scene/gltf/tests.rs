@@ -332,8 +332,8 @@ fn textures_decode_and_transform() {
     let sampler = json!({ "wrapS": 33071, "wrapT": 33071, "magFilter": 9728 });
     file.root["samplers"] = json!([sampler]);
     file.root["textures"][color]["sampler"] = json!(0);
-    // A quarter turn counter-clockwise and a shift: u' = v, v' = 1 − u.
-    let transform = json!({ "rotation": FRAC_PI_2, "offset": [0, 1] });
+    // Twice as many copies along u, then a quarter turn, then a shift: u' = v, v' = 1 − 2u.
+    let transform = json!({ "rotation": FRAC_PI_2, "offset": [0, 1], "scale": [2, 1] });
     file.root["materials"] = json!([{
         "pbrMetallicRoughness": {
             "baseColorTexture":
@@ -351,7 +351,7 @@ fn textures_decode_and_transform() {
     let slot = material.base_color_texture.unwrap();
     assert_eq!((slot.wrap, slot.nearest), ([Wrap::ClampToEdge; 2], true));
     let mapped = slot.linear * Vec2::new(0.25, 0.75) + slot.offset;
-    assert!(mapped.abs_diff_eq(Vec2::new(0.75, 0.75), 1e-6), "{mapped}");
+    assert!(mapped.abs_diff_eq(Vec2::new(0.75, 0.5), 1e-6), "{mapped}");
     // The first triangle's corners are (0,0), (1,0), (0,1): dark where v is small.
     let triangle = &scene.triangles[0];
     assert!(close(scene.base_color(triangle, 0.5, 0.1), Vec3::ZERO));
