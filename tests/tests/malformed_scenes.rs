@@ -261,3 +261,29 @@ fn odd_json_values_never_panic() {
     println!("{accepted} of 6000 were still taken");
     assert!((100..5900).contains(&accepted), "{accepted} taken: the mutations test nothing");
 }
+
+#[test]
+fn broken_pictures_never_panic() {
+    use image::ImageFormat::{Jpeg, Png, WebP};
+    let texels =
+        image::RgbImage::from_fn(24, 24, |x, y| image::Rgb([x as u8 * 9, y as u8 * 9, 77]));
+    let mut accepted = 0;
+    for seed in 1..=3000u64 {
+        let mut dice = Dice(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let mut picture = std::io::Cursor::new(Vec::new());
+        texels.write_to(&mut picture, [Png, Jpeg, WebP][seed as usize % 3]).unwrap();
+        let mut picture = picture.into_inner();
+        for _ in 0..dice.roll(4) {
+            let place = dice.roll(picture.len());
+            picture[place] = dice.roll(256) as u8;
+        }
+        let (mut root, mut binary) = triangle();
+        binary.truncate(68);
+        binary.extend_from_slice(&picture);
+        root["bufferViews"][3]["byteLength"] = json!(picture.len());
+        root["buffers"][0]["byteLength"] = json!(binary.len());
+        survive(&made::assemble(&root, &binary), seed, &mut accepted);
+    }
+    println!("{accepted} of 3000 were still taken");
+    assert!((750..2990).contains(&accepted), "{accepted} taken: the mutations test nothing");
+}

@@ -89,11 +89,11 @@ pub(super) fn build(
         .iter()
         .map(|mesh| primitives(mesh, accessors, scene.materials.len(), warnings))
         .collect::<Result<Vec<_>, _>>()?;
-    let mut total = 0u64;
-    for instance in instances {
-        let triangles: u64 = meshes[instance.mesh].iter().map(|p| p.triangles as u64).sum();
-        total = total.saturating_add(triangles);
-    }
+    // Summed by mesh first: a mesh of many primitives may have many instances.
+    let triangles: Vec<u64> =
+        meshes.iter().map(|mesh| mesh.iter().map(|p| p.triangles as u64).sum()).collect();
+    let total: u64 =
+        instances.iter().fold(0, |sum, instance| sum.saturating_add(triangles[instance.mesh]));
     let most = (limits.max_triangles as u64).min(u64::from(u32::MAX) / 3);
     if total > most {
         return Err(SceneError::too_large(
