@@ -1,4 +1,5 @@
 //! Helpers of the tests across the whole product.
 
 pub mod comparison;
+pub mod malformed;
 pub mod scenes;
