@@ -1,7 +1,7 @@
 //! Comparing two devices: scenes, shots, and comparators that say how far apart results are.
 
 use glam::{Vec2, Vec3};
-use hemilux_engine::device::{ShotTrace, Sums};
+use hemilux_engine::device::ShotTrace;
 use hemilux_engine::hemicube::{FACES, Shot, frame};
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::Rgb;
@@ -100,7 +100,13 @@ impl Builder {
 /// A metal whose Phong exponent is about `exponent`.
 pub fn metal(color: Rgb, exponent: f32) -> Material {
     let roughness = (2.0 * exponent + 1.0).powf(-0.25);
-    Material { name: "metal".into(), base_color: color, metallic: 1.0, roughness, ..Material::default() }
+    Material {
+        name: "metal".into(),
+        base_color: color,
+        metallic: 1.0,
+        roughness,
+        ..Material::default()
+    }
 }
 
 /// A closed room with two diffuse blocks.
@@ -151,7 +157,8 @@ pub fn ball(patches: usize, rings: u32) -> Arc<PatchedScene> {
         let polar = 0.5 * TAU * ring as f32 / rings as f32;
         let azimuth = TAU * (segment % segments) as f32 / segments as f32;
         let bump = 1.0 + 0.1 * (7.0 * azimuth).sin() * (5.0 * polar).sin() * polar.sin();
-        let (sin, cos) = if ring == 0 || ring == rings { (0.0, polar.cos()) } else { polar.sin_cos() };
+        let (sin, cos) =
+            if ring == 0 || ring == rings { (0.0, polar.cos()) } else { polar.sin_cos() };
         let out = Vec3::new(sin * azimuth.cos(), cos, sin * azimuth.sin());
         Vec3::new(0.5, 0.45, 0.5) + 0.28 * bump * out
     };
@@ -305,6 +312,16 @@ impl Batches {
         Self { means: self.means.iter().map(scale).collect() }
     }
 
+    /// Every patch's values given to its neighbour, to plant an error.
+    pub fn swapped(&self) -> Self {
+        let rotate = |batch: &Vec<f64>| {
+            let mut batch = batch.clone();
+            batch.rotate_right(1);
+            batch
+        };
+        Self { means: self.means.iter().map(rotate).collect() }
+    }
+
     /// Mean and variance of the mean of a patch.
     fn moments(&self, patch: usize) -> (f64, f64) {
         let n = self.means.len() as f64;
@@ -323,7 +340,8 @@ impl Batches {
 /// What a z-test per patch says about two devices.
 #[derive(Debug)]
 pub struct ZTest {
-    /// Root mean square of z; 1 where only chance differs.
+    /// Root mean square of z: about 1 where only chance differs. Patches lit by the same shots
+    /// vary together, so it varies too.
     pub rms: f64,
     /// Share of patches with |z| > 4.
     pub outliers: f64,
@@ -337,8 +355,7 @@ impl ZTest {
         let (mut squares, mut outliers, mut tested) = (0.0, 0.0, 0.0);
         let (mut sum_a, mut sum_b) = (0.0, 0.0);
         for (patch, area) in areas.iter().enumerate() {
-            let ((mean_a, variance_a), (mean_b, variance_b)) =
-                (a.moments(patch), b.moments(patch));
+            let ((mean_a, variance_a), (mean_b, variance_b)) = (a.moments(patch), b.moments(patch));
             sum_a += f64::from(*area) * mean_a;
             sum_b += f64::from(*area) * mean_b;
             let variance = variance_a + variance_b;
@@ -361,14 +378,14 @@ impl ZTest {
 
     /// Whether the devices agree but for chance.
     pub fn passes(&self) -> bool {
-        self.rms < 1.35 && self.outliers < 0.005 && self.overall < 0.01
+        self.rms < 1.6 && self.outliers < 0.005 && self.overall < 0.01
     }
 }
 
-/// Relative L1 distance of the irradiance sums of two devices, weighted by area.
-pub fn irradiance_distance(areas: &[f32], a: &Sums, b: &Sums) -> f64 {
+/// Relative L1 distance of per-patch sums of two devices, weighted by area.
+pub fn distance(areas: &[f32], a: &[Rgb], b: &[Rgb]) -> f64 {
     let (mut distance, mut size) = (0.0, 0.0);
-    for ((area, a), b) in areas.iter().zip(&a.irradiance).zip(&b.irradiance) {
+    for ((area, a), b) in areas.iter().zip(a).zip(b) {
         distance += f64::from(area * (*a - *b).abs().element_sum());
         size += f64::from(area * a.element_sum());
     }

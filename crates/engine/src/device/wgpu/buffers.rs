@@ -2,8 +2,7 @@
 
 use super::gpu::Gpu;
 use super::layout::{
-    FACET_RUN, GpuCorner, GpuFacet, GpuPass, GpuPatch, GpuSettings, GpuShot, SPAN,
-    emitted_power,
+    FACET_RUN, GpuCorner, GpuFacet, GpuPass, GpuPatch, GpuSettings, GpuShot, SPAN, emitted_power,
 };
 use super::pipelines::{Pipelines, UNIFORM_STRIDE};
 use super::shooting::{DEPTH_FORMAT, ITEM_FORMAT};
@@ -246,16 +245,13 @@ impl Buffers {
         let readable = storage | BufferUsages::COPY_SRC;
         let lists = FACES as u64 * plan.pass_shots;
 
-        let constants =
-            GpuSettings::new(scene, settings, plan.glossy as u32, plan.columns as u32);
-        let constants =
-            filled("settings", bytemuck::bytes_of(&constants), BufferUsages::UNIFORM);
+        let constants = GpuSettings::new(scene, settings, plan.glossy as u32, plan.columns as u32);
+        let constants = filled("settings", bytemuck::bytes_of(&constants), BufferUsages::UNIFORM);
         let passes = filled("passes", &pass_uniforms(plan), BufferUsages::UNIFORM);
         let control = make("control", CONTROL_HEADER + 16 * plan.shots, readable);
         let power = make("power", 4 * plan.power_entries(), storage);
         gpu.queue.write_buffer(&power, 0, bytemuck::cast_slice(&emitted_power(scene)));
-        let patches =
-            filled("patches", bytemuck::cast_slice(&GpuPatch::all(scene)), storage);
+        let patches = filled("patches", bytemuck::cast_slice(&GpuPatch::all(scene)), storage);
         let facets = filled("facets", bytemuck::cast_slice(&GpuFacet::all(scene)), storage);
         let corners = GpuCorner::all(scene);
         let corners = filled("corners", bytemuck::cast_slice(&corners), BufferUsages::VERTEX);
@@ -319,12 +315,9 @@ impl Buffers {
         Self {
             select: bind(
                 &pipelines.select,
-                [
-                    &constants, &control, &power, &patches, &irradiance, &incoming, &facets,
-                    &shots,
-                ]
-                .map(whole)
-                .into(),
+                [&constants, &control, &power, &patches, &irradiance, &incoming, &facets, &shots]
+                    .map(whole)
+                    .into(),
             ),
             cull: bind(
                 &pipelines.cull,

@@ -158,7 +158,10 @@ impl Gpu {
     }
 
     /// Submits one command buffer.
-    pub fn submit(&self, encoder: wgpu::CommandEncoder) -> Result<wgpu::SubmissionIndex, DeviceError> {
+    pub fn submit(
+        &self,
+        encoder: wgpu::CommandEncoder,
+    ) -> Result<wgpu::SubmissionIndex, DeviceError> {
         let index = self.queue.submit([encoder.finish()]);
         self.check()?;
         Ok(index)
@@ -166,10 +169,8 @@ impl Gpu {
 
     /// Waits until a submission is done.
     pub fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), DeviceError> {
-        let wait = wgpu::PollType::Wait {
-            submission_index: Some(submission),
-            timeout: Some(PATIENCE),
-        };
+        let wait =
+            wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) };
         if let Err(error) = self.device.poll(wait) {
             self.fault.report(format!("waiting for it failed: {error}"));
         }

@@ -293,7 +293,7 @@ pub fn emitted_power(scene: &PatchedScene) -> Vec<f32> {
 
 /// Three components of each vector.
 pub fn triples(words: &[u32]) -> impl Iterator<Item = Vec3> + '_ {
-    words.chunks_exact(4).map(|v| {
-        Vec4::from_array([v[0], v[1], v[2], v[3]].map(f32::from_bits)).truncate()
-    })
+    words
+        .chunks_exact(4)
+        .map(|v| Vec4::from_array([v[0], v[1], v[2], v[3]].map(f32::from_bits)).truncate())
 }

@@ -310,7 +310,8 @@ impl Shooting for WgpuShooting<'_> {
         take(&self.buffers.incoming, self.plan.shots * glossy, patches, glossy);
         let words = self.gpu.read(encoder, &staging)?;
         let (irradiance, lobes) = words.split_at(4 * patches as usize);
-        let mut sums = Sums { iterations, irradiance: triples(irradiance).collect(), glossy: vec![] };
+        let mut sums =
+            Sums { iterations, irradiance: triples(irradiance).collect(), glossy: vec![] };
         if seen {
             let mut lobes = triples(lobes);
             let all = &self.scene.patches;
