@@ -303,3 +303,38 @@ fn averages_agree_but_for_chance() {
         }
     }
 }
+
+/// Shots per second, to be run alone: `cargo test --release -p hemilux-tests --test twins --
+/// --ignored --nocapture`.
+#[test]
+#[ignore = "measures; needs a quiet machine"]
+fn shooting_rate() {
+    let Some(mut gpu) = adapter() else { return };
+    let mut cpu = CpuDevice::new(None).expect("threads");
+    let devices: [&mut dyn Device; 2] = [&mut gpu, &mut cpu];
+    for device in devices {
+        println!("{:?}", device.description());
+        for (name, scene) in [
+            ("diffuse", blocks(10_000)),
+            ("glossy", glossy(10_000)),
+            ("ball of 14k triangles", ball(10_000, 60)),
+            ("ball of 100k triangles", ball(100_000, 160)),
+        ] {
+            for shots_per_iteration in [1, 8] {
+                let settings = settings(256, shots_per_iteration, 1);
+                let mut shooting = device.begin(scene.clone(), &settings).expect("begins");
+                shooting.iterate(16 / shots_per_iteration).expect("iterates");
+                let (mut shots, start) = (0, std::time::Instant::now());
+                while start.elapsed().as_secs_f64() < 2.0 {
+                    shots += shooting.iterate(64 / shots_per_iteration).expect("iterates").shots;
+                }
+                let rate = shots as f64 / start.elapsed().as_secs_f64();
+                let (patches, facets) = (scene.patches.len(), scene.facets.len());
+                println!(
+                    "{name}: {patches} patches, {facets} facets, K = {shots_per_iteration}: \
+                     {rate:.0} shots/s"
+                );
+            }
+        }
+    }
+}
