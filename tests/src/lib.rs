@@ -3,3 +3,4 @@
 pub mod comparison;
 pub mod malformed;
 pub mod scenes;
+pub mod twins;
