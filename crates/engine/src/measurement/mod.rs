@@ -30,6 +30,11 @@ pub struct Solution {
 }
 
 impl Solution {
+    /// No light on `patches` patches.
+    pub fn dark(patches: usize) -> Self {
+        Self { irradiance: vec![Rgb::ZERO; patches], glossy: Vec::new() }
+    }
+
     /// The averages of sums; zero where nothing was summed.
     pub fn mean(sums: &Sums) -> Self {
         let scale = 1.0 / sums.iterations.max(1) as f32;

@@ -31,6 +31,11 @@ impl Batches {
         self.length - self.open.iterations
     }
 
+    /// Whether there is anything to average.
+    pub fn any(&self) -> bool {
+        self.open.iterations > 0 || !self.complete.is_empty()
+    }
+
     /// Adds sums of at most [`Batches::room`] iterations. Whether a batch was completed.
     pub fn add(&mut self, sums: Sums) -> bool {
         merge(&mut self.open, sums);

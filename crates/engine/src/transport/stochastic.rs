@@ -6,7 +6,7 @@ use super::batches::Batches;
 use super::options::Settings;
 use crate::device::{Device, ShootingSettings, Tally};
 use crate::image::Picture;
-use crate::measurement::{Measurement, viewpoint};
+use crate::measurement::{Measurement, Solution, viewpoint};
 use crate::patches::PatchedScene;
 use crate::render::{
     Limits, Observer, Plan, Progress, RenderError, RenderRequest, Rendered, Stats, StopReason,
@@ -151,11 +151,12 @@ impl Job {
         measurement: &Measurement,
         observer: &mut dyn Observer,
     ) -> Result<(Picture, StopReason), RenderError> {
+        let patches = scene.patches.len();
         let mut shooting = device.begin(scene, settings)?;
         let weights = measurement.vertex_weights();
         // The last picture is part of the time budget: know its price before the end.
         let priced = Instant::now();
-        measurement.picture(&self.batches.mean());
+        measurement.picture(&Solution::dark(patches));
         let picture_seconds = priced.elapsed().as_secs_f64();
 
         let (mut step, mut undrained) = (1u64, 0u64);
@@ -186,7 +187,7 @@ impl Job {
                 self.estimated_error = self.batches.relative_error(measurement, &weights);
                 let progress = self.progress();
                 observer.progress(&progress);
-                if observer.wants_snapshot(&progress) {
+                if self.batches.any() && observer.wants_snapshot(&progress) {
                     let picture = measurement.picture(&self.batches.mean());
                     observer.snapshot(&picture, &progress);
                 }
