@@ -1,3 +1,7 @@
-//! Test helpers.
+//! Helpers of the tests across the whole product.
 
+pub mod comparison;
+pub mod malformed;
+pub mod scenes;
 pub mod server;
+pub mod twins;
