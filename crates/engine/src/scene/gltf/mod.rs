@@ -1,9 +1,9 @@
 //! glTF 2.0 / GLB import. The input is hostile: every index, offset and length is checked, no
 //! URI leaves the upload, and memory is bounded by the size of the file and [`ImportLimits`].
 //!
-//! The light path of the bytes: [`container`] (chunks, buffers, URIs) → [`json`] (members with
-//! their paths) → [`accessor`] (typed reads) → [`node`] (what stands where), [`material`] and
-//! [`picture`] (surfaces) → [`geometry`] (world-space triangles).
+//! The way of the bytes: `container` (chunks, buffers, URIs) → `json` (members with
+//! their paths) → `accessor` (typed reads) → `node` (what stands where), `material` and
+//! `picture` (surfaces) → `geometry` (world-space triangles).
 
 mod accessor;
 mod container;
