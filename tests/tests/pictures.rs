@@ -3,12 +3,12 @@
 use glam::Vec3;
 use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
-use hemilux_engine::radiometry::Rgb;
+use hemilux_engine::radiometry::{Rgb, lobe_albedo};
 use hemilux_engine::render::{
     CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest, Rendered, StopReason,
     Unobserved, render,
 };
-use hemilux_engine::scene::{Scene, made};
+use hemilux_engine::scene::{Material, Scene, made};
 use hemilux_tests::comparison::{mean_ratio, relative_rmse};
 use hemilux_tests::scenes::{Builder, imported, shared};
 use std::sync::Arc;
@@ -75,6 +75,34 @@ fn a_furnace_looks_flat() {
     println!("worst pixel deviates by {worst:.4}");
     assert!(worst < 0.03, "{worst}");
     assert!((picture.mean() / 2.0 - 1.0).abs() < 3e-3, "{}", picture.mean());
+}
+
+/// A small Phong mirror in a furnace of radiance 2 shows 2·(kd + ks·I_n(θ)) to a viewer at θ.
+#[test]
+fn a_phong_surface_in_a_furnace_shows_its_albedo() {
+    let (kd, ks, exponent) = (0.2f32, 0.25f32, 20.0f32);
+    for degrees in [10.0f32, 45.0, 75.0] {
+        let mut builder = Builder::default();
+        let wall = builder.light(Rgb::splat(0.5), Rgb::ONE);
+        builder.cuboid(Vec3::ZERO, Vec3::ONE, true, wall);
+        let glossy = builder.material(Material::phong("glossy", Rgb::splat(kd), ks, exponent));
+        builder.quad(Vec3::new(0.47, 0.5, 0.47), Vec3::Z * 0.06, Vec3::X * 0.06, glossy);
+        let angle = degrees.to_radians();
+        let eye = Vec3::splat(0.5) + 0.3 * Vec3::new(angle.sin(), angle.cos(), 0.0);
+        let camera = from(eye.to_array(), [0.5; 3], 0.2);
+        let mut request = RenderRequest { camera, ..request(builder.build(), 2, 1200) };
+        for (name, value) in
+            [("patches", "100"), ("hemicube_resolution", "64"), ("shots_per_iteration", "64")]
+        {
+            request.options.insert(name.into(), value.into());
+        }
+        let picture = run(None, &request).picture;
+        let albedo = f64::from(kd) + f64::from(ks) * lobe_albedo(20.0, f64::from(angle.cos()));
+        let ratio = picture.mean() / (2.0 * albedo);
+        println!("seen at {degrees}°: {:.4}, exact {:.4}", picture.mean(), 2.0 * albedo);
+        // Standard error of the lobe's average: about 1 %.
+        assert!((ratio - 1.0).abs() < 0.03, "{degrees}°: {ratio}");
+    }
 }
 
 /// A fixed number of iterations is within the noise that it should have of the path-traced
