@@ -65,3 +65,12 @@ export async function distancesToLast(urls) {
   const last = pictures.pop();
   return pictures.map((picture) => Math.sqrt(picture.reduce((sum, byte, index) => sum + (byte - last[index]) ** 2, 0) / picture.length));
 }
+
+/** Begins to sum up how far things move by themselves, in `window.layoutShift`. */
+export function watchLayout() {
+  window.layoutShift = 0;
+  const observer = new PerformanceObserver((list) => {
+    for (const entry of list.getEntries()) if (!entry.hadRecentInput) window.layoutShift += entry.value;
+  });
+  observer.observe({ type: "layout-shift" });
+}

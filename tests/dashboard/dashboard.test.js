@@ -8,7 +8,7 @@ import { join, resolve } from "node:path";
 import { after, before, test } from "node:test";
 import { fileURLToPath } from "node:url";
 import { chromium } from "playwright-core";
-import { distancesToLast, nameless, overflowing, poorContrast } from "./checks.js";
+import { distancesToLast, nameless, overflowing, poorContrast, watchLayout } from "./checks.js";
 import { Server } from "./server.js";
 
 const ROOT = resolve(fileURLToPath(import.meta.url), "../../..");
@@ -59,6 +59,7 @@ before(async () => {
     executablePath: CHROMIUM, args: FLAGS, viewport: WIDE, colorScheme: "light",
   });
   page = context.pages()[0] ?? (await context.newPage());
+  page.setDefaultTimeout(15_000);
   page.on("console", (message) => {
     if (message.type() !== "error" && message.type() !== "warning") return;
     const line = `${message.text()} (${message.location().url})`;
@@ -118,6 +119,7 @@ test("a posted job is followed live and its picture gets better", async () => {
   await page.fill("#width", "256");
   await page.fill("#height", "256");
   await page.fill("#time_budget_s", "7");
+  await page.locator(".more-fields summary").click();
   await page.fill("#snapshots", "0.5");
   await page.getByRole("button", { name: "Start job" }).click();
   await page.waitForURL(/#\/jobs\/[0-9a-f-]{36}$/);
@@ -133,6 +135,7 @@ test("a posted job is followed live and its picture gets better", async () => {
     return shown.size >= 3;
   });
   assert.equal(await text(".job-title-line .pill"), "Running");
+  await page.evaluate(watchLayout);
   assert.ok(iterations.size >= 3, `iterations seen: ${[...iterations]}`);
   assert.match(await figure("ratio"), /^\d\d\.\d\s%$/);
   assert.match(await figure("error"), /^\d+(\.\d+)?\s%$/);
@@ -141,6 +144,8 @@ test("a posted job is followed live and its picture gets better", async () => {
 
   await state("Done");
   assert.match(await text(".progress-text"), /time budget used up/);
+  const shift = await page.evaluate(() => window.layoutShift);
+  assert.ok(shift < 0.01, `the layout moved by ${shift} while figures changed`);
   const final = await until("the final picture", async () => {
     const source = await image.getAttribute("src");
     return (await text(".picture-caption")).startsWith("Final picture") && !shown.has(source) && source;
@@ -188,7 +193,8 @@ test("deleting asks first", async () => {
     await page.locator(".row").first().click();
     await page.getByRole("button", { name: "Delete" }).click();
     await page.keyboard.press("Escape");
-    assert.equal(await page.locator("dialog").count(), 0);
+    await until("the dialog's end", async () => (await page.locator("dialog").count()) === 0);
+    assert.equal(await page.locator(".row").count(), left);
     await page.getByRole("button", { name: "Delete" }).click();
     await page.getByRole("dialog").getByRole("button", { name: "Delete" }).click();
     await until("the row's end", async () => (await page.locator(".row").count()) === left - 1);

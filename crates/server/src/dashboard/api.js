@@ -1,17 +1,12 @@
 // The server's API as the page uses it.
 
-/** A failed request: a problem document, or the connection itself. */
+/** A failed request: a problem document; with status 0 the server was not reached at all. */
 export class Problem extends Error {
   constructor(status, document) {
     super(document.detail || document.title || `The server answered ${status}.`);
     this.status = status;
     this.title = document.title ?? "";
     this.errors = document.errors ?? [];
-  }
-
-  /** Whether the server was not reached at all. */
-  get isOffline() {
-    return this.status === 0;
   }
 }
 

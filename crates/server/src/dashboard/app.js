@@ -65,6 +65,7 @@ async function refresh() {
     if (mine !== refreshes) return;
     const hadJobs = jobs.length > 0;
     jobs = page.jobs;
+    document.body.toggleAttribute("data-has-jobs", Object.values(counts).some((n) => n > 0));
     list.show(jobs, page.next_cursor !== null && limit < MAX_LISTED);
     list.setCounts(counts);
     header.setCounts(counts);
@@ -161,7 +162,8 @@ function showTrouble(problem, retry) {
 }
 
 function showForm() {
-  open = new JobForm((job) => {
+  const nameOfScene = (id) => jobs.find((job) => job.scene === id && job.request.labels.name)?.request.labels.name;
+  open = new JobForm(nameOfScene, (job) => {
     announce("Job accepted");
     location.hash = `#/jobs/${job.id}`;
     refresh();

@@ -39,8 +39,12 @@ export class ErrorChart {
     this.observer.observe(this.root);
   }
 
-  /** Points have `seconds`, `estimated_error` (or null) and `iterations`; `target` may be null. */
-  show(points, target) {
+  /**
+   * Points have `seconds`, `estimated_error` (or null) and `iterations`; `target` may be null;
+   * `ended` says that no more will come.
+   */
+  show(points, target, ended) {
+    this.ended = ended;
     this.points = points.filter((point) => point.estimated_error > 0 && point.seconds > 0);
     this.target = target;
     if (this.frame) return;
@@ -56,7 +60,7 @@ export class ErrorChart {
     setAttribute(this.canvas, "viewBox", `0 0 ${width} ${HEIGHT}`);
     if (points.length < 2) {
       this.scale = null;
-      const text = svg("text", { class: "chart-empty", x: width / 2, y: HEIGHT / 2, "text-anchor": "middle" }, "Appears with the first estimates");
+      const text = svg("text", { class: "chart-empty", x: width / 2, y: HEIGHT / 2, "text-anchor": "middle" }, this.ended ? "There were too few estimates" : "Appears with the first estimates");
       this.canvas.replaceChildren(text);
       setAttribute(this.canvas, "aria-label", "Estimated error against time: no estimates yet");
       setText(this.readout, "\u00a0");

@@ -55,14 +55,15 @@ export function announce(text) {
   document.getElementById("announcer").textContent = text;
 }
 
-/** A button that copies what `text()` gives. */
+/** A button that copies what `text()` gives, if that is anything. */
 export function copyButton(label, text) {
   const button = h("button", { type: "button", class: "button small quiet" }, label);
   let timer = 0;
   button.addEventListener("click", async () => {
-    let said = "Copied";
+    const copied = text();
+    let said = copied ? "Copied" : "Nothing to copy yet";
     try {
-      await navigator.clipboard.writeText(text());
+      if (copied) await navigator.clipboard.writeText(copied);
     } catch {
       // Pages from other machines without TLS have no clipboard.
       said = "Select and copy by hand";

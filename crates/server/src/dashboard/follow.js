@@ -20,10 +20,19 @@ export class Follower {
     this.hears = hears;
     this.seq = 0;
     this.retryMs = FIRST_RETRY_MS;
+    // Browsers allow few connections to a server; tabs in the background leave theirs to others.
+    this.onVisibility = () => (document.hidden ? this.pause() : this.open());
+    document.addEventListener("visibilitychange", this.onVisibility);
     this.open();
   }
 
+  pause() {
+    clearTimeout(this.timer);
+    this.source.close();
+  }
+
   open() {
+    this.source?.close();
     const source = new EventSource(`/v1/jobs/${encodeURIComponent(this.id)}/events?after=${this.seq}`);
     this.source = source;
     source.addEventListener("open", () => {
@@ -55,14 +64,14 @@ export class Follower {
         this.hears.onGone();
       }
     }
-    if (this.closed) return;
+    if (this.closed || document.hidden) return;
     this.timer = setTimeout(() => this.open(), this.retryMs);
     this.retryMs = Math.min(2 * this.retryMs, LAST_RETRY_MS);
   }
 
   close() {
     this.closed = true;
-    clearTimeout(this.timer);
-    this.source.close();
+    document.removeEventListener("visibilitychange", this.onVisibility);
+    this.pause();
   }
 }

@@ -47,25 +47,27 @@ function field(name, title, control, { hint, unit } = {}) {
 const number = (value, attributes = {}) =>
   h("input", { type: "number", inputmode: "decimal", step: "any", value, autocomplete: "off", ...attributes });
 
-/** `name=value` lines; the value keeps its type where it reads as a number or a switch. */
+/** Lines of a name, the separator and a value, as an object. */
 function readLines(text, separator, read) {
   const found = {};
   for (const line of text.split("\n").map((part) => part.trim()).filter(Boolean)) {
     const at = line.indexOf(separator);
-    if (at < 1) throw new Error(`write one ${"name"}${separator}value a line, not “${line}”`);
+    if (at < 1) throw new Error(`write one name${separator}value a line, not “${line}”`);
     found[line.slice(0, at).trim()] = read(line.slice(at + 1).trim());
   }
   return found;
 }
 
+/** A value as a switch or a number where it reads as one. */
 function typed(text) {
   if (text === "true" || text === "false") return text === "true";
   return text !== "" && Number.isFinite(Number(text)) ? Number(text) : text;
 }
 
 export class JobForm {
-  /** `onAccepted(job)` hears of the job. */
-  constructor(onAccepted) {
+  /** `nameOfScene(id)` may know what a scene was used for; `onAccepted(job)` hears of the job. */
+  constructor(nameOfScene, onAccepted) {
+    this.nameOfScene = nameOfScene;
     this.onAccepted = onAccepted;
     this.key = newKey();
     this.scenes = [];
@@ -78,7 +80,7 @@ export class JobForm {
     const camera = h("select", {}, h("option", { value: "" }, "The scene's first"));
     const method = h("select", {}, h("option", { value: "auto" }, "auto"));
     this.fields = {
-      scene: field("scene", "Scene", scene),
+      scene: field("scene", "Stored or built-in scene", scene),
       camera: field("camera", "Camera", camera),
       name: field("name", "Name", h("input", { type: "text", maxlength: MAX_LABEL_CHARS, autocomplete: "off" }), { hint: "Shown in the list; kept as the label “name”." }),
       width: field("width", "Width", number(512, { min: 1, step: 1 }), { unit: "px" }),
@@ -155,8 +157,8 @@ export class JobForm {
   listScenes(chosen) {
     const names = knownNames();
     const stored = this.scenes.map((scene) => {
-      const text = `${names[scene.id] ?? `Scene ${shortHash(scene.id)}`} (${count(scene.triangles)} triangles)`;
-      return h("option", { value: scene.id }, text);
+      const name = names[scene.id] ?? this.nameOfScene(scene.id) ?? `Scene ${shortHash(scene.id)}`;
+      return h("option", { value: scene.id }, `${name} (${count(scene.triangles)} triangles)`);
     });
     const builtin = (this.about?.builtin_scenes ?? []).map((name) => h("option", { value: name }, name));
     const groups = [];

@@ -3,8 +3,6 @@
 import { h, icon, setAttribute, setText } from "./dom.js";
 import { count } from "./format.js";
 
-const STATUS = { opening: "opening", idle: "idle", busy: "busy", failed: "failed" };
-
 export class Header {
   constructor(root) {
     this.devices = h("ul", { class: "devices", "aria-label": "Devices" });
@@ -41,10 +39,9 @@ export class Header {
     for (const device of pool) {
       if (!this.chips.has(device.id)) this.chips.set(device.id, this.newChip());
       const chip = this.chips.get(device.id);
-      const status = STATUS[device.status] ?? device.status;
       setAttribute(chip.root, "data-status", device.status);
       setText(chip.name, device.id);
-      setText(chip.status, status);
+      setText(chip.status, device.status);
       setAttribute(chip.link, "href", device.job ? `#/jobs/${device.job}` : null);
       setAttribute(chip.link, "title", [device.name, device.driver, device.error].filter(Boolean).join(" · "));
     }

@@ -15,7 +15,7 @@ const FIGURES = [
   ["error", "Estimated error", "Relative error (rRMSE) of the present picture, estimated without a reference"],
   ["iterations", "Iterations", "Whole iterations of the method"],
   ["shots", "Shots", "Hemicubes shot"],
-  ["ratio", "Light-source selection", "Share of shots whose shooter is a light source"],
+  ["ratio", "Light-source selection ratio", "Share of shots whose shooter is a light source"],
   ["time", "Solving time", "Seconds of preparing, solving and measuring"],
   ["left", "Remaining", "Expected time to the nearest limit"],
   ["device", "Device", "Where the job runs or ran"],
@@ -109,7 +109,7 @@ export class JobView {
       ["Scene", h("code", { title: job.scene }, `${job.scene.slice(0, 16)}…`)],
       ["Picture", pixels(request.width, request.height)],
       ["Camera", camera === null ? "the scene's first" : typeof camera === "object" ? "its own" : String(camera)],
-      ["Stops after", limits.length ? limits.join(" or ") : "10 s (default)"],
+      ["Stops at", limits.length ? limits.join(" or ") : "10 s (default)"],
       ["Method", request.method],
       ["Seed", String(request.seed)],
       ["Snapshots", request.snapshots ? `every ${seconds(request.snapshots.every_s)}, ${request.snapshots.formats.join(" and ").toUpperCase()}` : "none"],
@@ -132,7 +132,7 @@ export class JobView {
   }
 
   drawChart() {
-    this.chart.show(this.points, this.job.request.target_error);
+    this.chart.show(this.points, this.job.request.target_error, isTerminal(this.job.state));
   }
 
   hear(kind, data, seq) {
@@ -246,9 +246,12 @@ export class JobView {
       ["Patches", count(plan.patches)],
       ["Triangles", count(plan.triangles)],
       ...(stats ? [["Total time", seconds(stats.seconds_total)]] : []),
-      ...Object.entries(plan.settings).map(([name, value]) => [words(name), /^\d+$/.test(value) ? count(Number(value)) : value]),
     ];
-    this.plan.replaceChildren(h("ul", { class: "reasons" }, plan.reasons.map((reason) => h("li", {}, reason))), table(rows));
+    const settings = Object.entries(plan.settings).map(([name, value]) => [words(name), /^\d+$/.test(value) ? count(Number(value)) : value]);
+    this.plan.replaceChildren(
+      h("ul", { class: "reasons" }, plan.reasons.map((reason) => h("li", {}, reason))),
+      table(rows),
+      ...(settings.length ? [h("h4", {}, "Settings in force"), table(settings)] : []));
   }
 
   showWarnings(warnings) {

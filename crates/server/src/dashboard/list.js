@@ -110,7 +110,7 @@ export class JobList {
       setAttribute(row.bar, "aria-valuenow", Math.round(100 * share));
     }
     setText(row.time, timeText(job));
-    setText(row.error, job.estimated_error === null ? "" : `± ${percent(job.estimated_error)}`);
+    setText(row.error, job.estimated_error === null ? "" : `error ${percent(job.estimated_error)}`);
     this.updateThumbnail(row, job);
   }
 
