@@ -1,0 +1,354 @@
+// The form for a new job. The server judges what was filled in; its answer names the fields, and
+// the page shows each message where it belongs.
+
+import * as api from "./api.js";
+import { announce, copyButton, h, icon, setAttribute, setText, setVariable } from "./dom.js";
+import { bytes, count, shortHash } from "./format.js";
+
+/** Where the names of uploaded files are kept: the server knows scenes by their hash alone. */
+const NAMES_KEY = "hemilux.scene-names";
+const MAX_LABEL_CHARS = 64;
+
+function knownNames() {
+  try {
+    return JSON.parse(localStorage.getItem(NAMES_KEY)) ?? {};
+  } catch {
+    return {};
+  }
+}
+
+function rememberName(id, name) {
+  try {
+    localStorage.setItem(NAMES_KEY, JSON.stringify({ ...knownNames(), [id]: name }));
+  } catch {
+    // Private windows may keep nothing; the hash serves.
+  }
+}
+
+/** Makes repeating a request safe; `randomUUID` is missing on pages without TLS. */
+function newKey() {
+  const random = crypto.getRandomValues(new Uint8Array(16));
+  return Array.from(random, (byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+/** A labelled control with a place for its hint and its error. */
+function field(name, title, control, { hint, unit } = {}) {
+  const error = h("p", { class: "field-error", id: `${name}-error`, hidden: true });
+  const help = hint ? h("p", { class: "hint", id: `${name}-hint` }, hint) : null;
+  control.id = name;
+  setAttribute(control, "aria-describedby", [hint && `${name}-hint`, `${name}-error`].filter(Boolean).join(" "));
+  const root = h("div", { class: "field", "data-field": name },
+    h("label", { for: name }, title),
+    unit ? h("div", { class: "with-unit" }, control, h("span", { class: "unit", "aria-hidden": "true" }, unit)) : control,
+    help, error);
+  return { root, control, error };
+}
+
+const number = (value, attributes = {}) =>
+  h("input", { type: "number", inputmode: "decimal", step: "any", value, autocomplete: "off", ...attributes });
+
+/** Lines of a name, the separator and a value, as an object. */
+function readLines(text, separator, read) {
+  const found = {};
+  for (const line of text.split("\n").map((part) => part.trim()).filter(Boolean)) {
+    const at = line.indexOf(separator);
+    if (at < 1) throw new Error(`write one name${separator}value a line, not “${line}”`);
+    found[line.slice(0, at).trim()] = read(line.slice(at + 1).trim());
+  }
+  return found;
+}
+
+/** A value as a switch or a number where it reads as one. */
+function typed(text) {
+  if (text === "true" || text === "false") return text === "true";
+  return text !== "" && Number.isFinite(Number(text)) ? Number(text) : text;
+}
+
+export class JobForm {
+  /** `nameOfScene(id)` may know what a scene was used for; `onAccepted(job)` hears of the job. */
+  constructor(nameOfScene, onAccepted) {
+    this.nameOfScene = nameOfScene;
+    this.onAccepted = onAccepted;
+    this.key = newKey();
+    this.scenes = [];
+    this.build();
+    this.load();
+  }
+
+  build() {
+    const scene = h("select", { on: { change: () => this.chose() } });
+    const camera = h("select", {}, h("option", { value: "" }, "The scene's first"));
+    const method = h("select", {}, h("option", { value: "auto" }, "auto"));
+    this.fields = {
+      scene: field("scene", "Stored or built-in scene", scene),
+      camera: field("camera", "Camera", camera),
+      name: field("name", "Name", h("input", { type: "text", maxlength: MAX_LABEL_CHARS, autocomplete: "off" }), { hint: "Shown in the list; kept as the label “name”." }),
+      width: field("width", "Width", number(512, { min: 1, step: 1 }), { unit: "px" }),
+      height: field("height", "Height", number(512, { min: 1, step: 1 }), { unit: "px" }),
+      time_budget_s: field("time_budget_s", "Time", number(20, { min: 0 }), { unit: "s" }),
+      target_error: field("target_error", "Estimated error", number("", { min: 0, max: 100, placeholder: "none" }), { unit: "%" }),
+      max_iterations: field("max_iterations", "Iterations", number("", { min: 1, step: 1, placeholder: "none" })),
+      method: field("method", "Method", method, { hint: "auto looks at the scene and says in the plan why it chose." }),
+      patches: field("patches", "Patches", number("", { min: 1, step: 1, placeholder: "default" }), { hint: "Wanted surface patches." }),
+      snapshots: field("snapshots", "Snapshot every", number(1, { min: 0.1, placeholder: "none" }), { unit: "s", hint: "Empty: the final picture only." }),
+      seed: field("seed", "Seed", number(0, { min: 0, step: 1 })),
+      priority: field("priority", "Priority", number(0, { min: -100, max: 100, step: 1 }), { hint: "Higher starts first." }),
+      options: field("options", "Further settings", h("textarea", { rows: 3, spellcheck: "false", placeholder: "hemicube_resolution=128" }), { hint: "One name=value a line." }),
+      labels: field("labels", "Labels", h("textarea", { rows: 3, spellcheck: "false", placeholder: "project:atrium" }), { hint: "One key:value a line." }),
+    };
+    const { fields } = this;
+    for (const { control } of Object.values(fields)) {
+      // Another request needs another key.
+      control.addEventListener("input", () => { this.key = newKey(); });
+    }
+    this.files = h("input", { type: "file", id: "files", class: "visually-hidden", multiple: true, accept: ".glb,.gltf,.bin,.png,.jpg,.jpeg,.webp,model/gltf-binary,model/gltf+json", on: { change: () => this.take([...this.files.files]) } });
+    this.dropText = h("span", {}, h("strong", {}, "Upload a scene"), " or drop it here");
+    this.dropHint = h("span", { class: "hint" }, ".glb, or a .gltf together with its files");
+    this.drop = h("label", { class: "drop", for: "files" }, icon("upload"), this.dropText, this.dropHint, h("span", { class: "bar", "aria-hidden": "true" }, h("span", { class: "bar-fill" })));
+    for (const event of ["dragenter", "dragover"]) this.drop.addEventListener(event, (e) => this.dragged(e, true));
+    this.drop.addEventListener("dragleave", (e) => this.dragged(e, false));
+    this.drop.addEventListener("drop", (e) => {
+      this.dragged(e, false);
+      this.take([...e.dataTransfer.files]);
+    });
+    this.sceneFacts = h("div", { class: "scene-facts", "aria-live": "polite" });
+    this.summary = h("div", { class: "notice bad", role: "alert", tabindex: "-1", hidden: true });
+    this.submit = h("button", { type: "submit", class: "button primary" }, "Start job");
+    this.more = h("details", { class: "more-fields" }, h("summary", {}, "More settings"),
+      h("div", { class: "field-grid" }, fields.method.root, fields.patches.root, fields.snapshots.root, fields.camera.root, fields.seed.root, fields.priority.root),
+      h("div", { class: "field-grid two" }, fields.options.root, fields.labels.root));
+    const group = (title, ...rows) => h("fieldset", {}, h("legend", {}, title), rows);
+    this.heading = h("h2", { tabindex: "-1" }, "New job");
+    this.form = h("form", { novalidate: true, on: { submit: (event) => this.send(event) } },
+      this.summary,
+      group("Scene", h("div", { class: "field-grid two" }, h("div", {}, this.files, this.drop), h("div", {}, fields.scene.root, this.sceneFacts))),
+      group("Picture", h("div", { class: "field-grid" }, fields.width.root, fields.height.root, fields.name.root)),
+      group("Stop at whichever comes first", h("div", { class: "field-grid" }, fields.time_budget_s.root, fields.target_error.root, fields.max_iterations.root)),
+      this.more,
+      h("div", { class: "actions" }, this.submit, copyButton("Copy as curl", () => this.curl())));
+    this.root = h("div", { class: "new-job card" }, this.heading, this.form);
+  }
+
+  focus() {
+    this.heading.focus({ preventScroll: true });
+  }
+
+  close() {
+    this.closed = true;
+  }
+
+  async load() {
+    try {
+      const [about, scenes] = await Promise.all([api.about(), api.scenes()]);
+      if (this.closed) return;
+      this.about = about;
+      this.scenes = scenes;
+      const { width, height, time_budget_s: time, method } = this.fields;
+      for (const { control } of [width, height]) setAttribute(control, "max", about.max_side);
+      setAttribute(time.control, "max", about.max_seconds);
+      method.control.replaceChildren(...about.methods.map((name) => h("option", { value: name }, name)));
+      setText(this.dropHint, `.glb, or a .gltf together with its files; at most ${about.max_upload_mb} MiB`);
+      this.listScenes();
+    } catch (problem) {
+      if (!this.closed) this.fail(problem.message);
+    }
+  }
+
+  listScenes(chosen) {
+    const names = knownNames();
+    const stored = this.scenes.map((scene) => {
+      const name = names[scene.id] ?? this.nameOfScene(scene.id) ?? `Scene ${shortHash(scene.id)}`;
+      return h("option", { value: scene.id }, `${name} (${count(scene.triangles)} triangles)`);
+    });
+    const builtin = (this.about?.builtin_scenes ?? []).map((name) => h("option", { value: name }, name));
+    const groups = [];
+    if (stored.length) groups.push(h("optgroup", { label: "Stored" }, stored));
+    if (builtin.length) groups.push(h("optgroup", { label: "Built in" }, builtin));
+    const { control } = this.fields.scene;
+    control.replaceChildren(...(groups.length ? groups : [h("option", { value: "" }, "None yet: upload one")]));
+    if (chosen) control.value = chosen;
+    this.chose();
+  }
+
+  /** Shows what is known of the chosen scene. */
+  chose() {
+    const id = this.fields.scene.control.value;
+    const scene = this.scenes.find((known) => known.id === id);
+    const cameras = (scene?.cameras ?? []).map(({ index, name }) => h("option", { value: index }, name));
+    this.fields.camera.control.replaceChildren(h("option", { value: "" }, "The scene's first"), ...cameras);
+    if (!scene) {
+      this.sceneFacts.replaceChildren();
+      return;
+    }
+    const parts = [
+      bytes(scene.size), `${count(scene.triangles)} triangles`, `${count(scene.lights)} of them light sources`,
+      `${count(scene.cameras.length)} ${scene.cameras.length === 1 ? "camera" : "cameras"}`,
+    ];
+    const warnings = scene.warnings.map(({ at, what }) => h("li", {}, h("code", {}, at), " ", what));
+    this.sceneFacts.replaceChildren(
+      h("p", { class: "hint" }, parts.join(" · ")),
+      ...(warnings.length ? [h("details", { class: "hint" }, h("summary", {}, `${warnings.length} things are approximated or ignored`), h("ul", { class: "warnings" }, warnings))] : []));
+  }
+
+  dragged(event, over) {
+    event.preventDefault();
+    setAttribute(this.drop, "data-over", over);
+  }
+
+  async take(files) {
+    if (files.length === 0) return;
+    this.clearErrors();
+    const main = api.mainFile(files);
+    if (!main) {
+      this.mark("scene", "choose a .glb file, or a .gltf file with what it refers to");
+      return;
+    }
+    const limit = (this.about?.max_upload_mb ?? Infinity) * 2 ** 20;
+    if (files.reduce((sum, file) => sum + file.size, 0) > limit) {
+      this.mark("scene", `uploads may have at most ${this.about.max_upload_mb} MiB`);
+      return;
+    }
+    setAttribute(this.drop, "data-busy", true);
+    this.files.disabled = true;
+    this.submit.disabled = true;
+    this.dropText.replaceChildren("Uploading ", h("strong", {}, main.name));
+    try {
+      const scene = await api.uploadScene(files, (share) => setVariable(this.drop, "--share", share));
+      if (this.closed) return;
+      rememberName(scene.id, main.name);
+      this.scenes = [scene, ...this.scenes.filter((known) => known.id !== scene.id)];
+      this.listScenes(scene.id);
+      this.key = newKey();
+      const { control } = this.fields.name;
+      if (!control.value) control.value = main.name.replace(/\.(glb|gltf)$/i, "").slice(0, MAX_LABEL_CHARS);
+      this.dropText.replaceChildren(h("strong", {}, main.name), " is stored");
+      announce("The scene is stored");
+    } catch (problem) {
+      this.dropText.replaceChildren(h("strong", {}, "Upload a scene"), " or drop it here");
+      this.mark("scene", problem.message);
+    } finally {
+      setAttribute(this.drop, "data-busy", null);
+      this.files.disabled = false;
+      // The same file may be chosen again, mended.
+      this.files.value = "";
+      this.submit.disabled = false;
+    }
+  }
+
+  /** The job as filled in; marks what cannot be read and answers null. */
+  read() {
+    const { fields } = this;
+    let readable = true;
+    const wrong = (name, message) => {
+      this.mark(name, message);
+      readable = false;
+    };
+    const numeric = (name) => {
+      const { control } = fields[name];
+      if (control.validity.badInput) wrong(name, "must be a number");
+      return control.value === "" ? null : Number(control.value);
+    };
+    const required = (name) => {
+      const value = numeric(name);
+      if (value === null && !fields[name].control.validity.badInput) wrong(name, "required");
+      return value;
+    };
+    const lines = (name, separator, read) => {
+      try {
+        return readLines(fields[name].control.value, separator, read);
+      } catch (error) {
+        wrong(name, error.message);
+        return {};
+      }
+    };
+    const job = {
+      scene: fields.scene.control.value,
+      method: fields.method.control.value,
+      width: required("width"),
+      height: required("height"),
+      labels: lines("labels", ":", String),
+      options: lines("options", "=", typed),
+    };
+    if (!job.scene) wrong("scene", "upload a scene, or choose a stored one");
+    const camera = fields.camera.control.value;
+    if (camera !== "") job.camera = Number(camera);
+    for (const name of ["time_budget_s", "max_iterations", "seed", "priority"]) {
+      const value = numeric(name);
+      if (value !== null) job[name] = value;
+    }
+    const target = numeric("target_error");
+    if (target !== null) {
+      // The server speaks of shares of 1; the form of per cent.
+      if (target > 0 && target < 100) job.target_error = target / 100;
+      else wrong("target_error", "must be above 0 % and below 100 %");
+    }
+    const every = numeric("snapshots");
+    if (every !== null) job.snapshots = { every_s: every };
+    const patches = numeric("patches");
+    if (patches !== null) job.options.patches = patches;
+    const name = fields.name.control.value.trim();
+    if (name) job.labels.name = name;
+    return readable ? job : null;
+  }
+
+  curl() {
+    this.clearErrors();
+    const job = this.read();
+    return job ? api.curlFor(job) : "";
+  }
+
+  async send(event) {
+    event.preventDefault();
+    this.clearErrors();
+    const job = this.read();
+    if (!job) {
+      this.fail("Some fields need another look.");
+      return;
+    }
+    this.submit.disabled = true;
+    setText(this.submit, "Sending…");
+    try {
+      this.onAccepted(await api.createJob(job, this.key));
+    } catch (problem) {
+      const homeless = (problem.errors ?? []).filter(({ field: path, detail }) => !this.mark(this.fieldOf(path), detail));
+      const shown = (problem.errors?.length ?? 0) > homeless.length;
+      this.fail(shown ? "Some fields need another look." : problem.message, shown ? homeless : []);
+    } finally {
+      this.submit.disabled = false;
+      setText(this.submit, "Start job");
+    }
+  }
+
+  /** The form's field for a path into the request. */
+  fieldOf(path) {
+    if (path === "options.patches") return "patches";
+    if (path === "labels.name") return "name";
+    return path.split(/[.[]/)[0];
+  }
+
+  /** Shows an error at its field; false where the form has none. */
+  mark(name, message) {
+    const found = this.fields[name];
+    if (!found) return false;
+    setText(found.error, message);
+    found.error.hidden = false;
+    setAttribute(found.control, "aria-invalid", "true");
+    if (this.more.contains(found.root)) this.more.open = true;
+    return true;
+  }
+
+  clearErrors() {
+    this.summary.hidden = true;
+    for (const { control, error } of Object.values(this.fields)) {
+      error.hidden = true;
+      setAttribute(control, "aria-invalid", null);
+    }
+  }
+
+  fail(message, homeless = []) {
+    this.summary.replaceChildren(h("p", {}, message), ...homeless.map(({ field: path, detail }) => h("p", {}, h("code", {}, path), " ", detail)));
+    this.summary.hidden = false;
+    const first = this.form.querySelector("[aria-invalid]");
+    (first ?? this.summary).focus();
+  }
+}

@@ -1,0 +1,282 @@
+// The dashboard as a user has it: a real browser, a real server, real renders.
+// HEMILUX: the program. CHROMIUM: the browser. OUT: folder for screenshots.
+
+import assert from "node:assert/strict";
+import { mkdir, mkdtemp, readFile, rm } from "node:fs/promises";
+import { tmpdir } from "node:os";
+import { join, resolve } from "node:path";
+import { after, before, test } from "node:test";
+import { fileURLToPath } from "node:url";
+import { chromium } from "playwright-core";
+import { distancesToLast, nameless, overflowing, poorContrast, watchLayout } from "./checks.js";
+import { Server } from "./server.js";
+
+const ROOT = resolve(fileURLToPath(import.meta.url), "../../..");
+const HEMILUX = process.env.HEMILUX ?? join(ROOT, "target/release/hemilux");
+const CHROMIUM = process.env.CHROMIUM ?? "/usr/bin/chromium";
+const OUT = resolve(process.env.OUT ?? join(ROOT, "out/dashboard"));
+const FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"];
+const HOSTILE = '<img src=x onerror="window.pwned=1">';
+const WIDE = { width: 1440, height: 1000 };
+const NARROW = { width: 360, height: 780 };
+
+let scratch;
+let server;
+let context;
+let page;
+/** What the console said in anger, and what the policy refused. */
+const complaints = [];
+/** Complaints that the present step provokes on purpose. */
+let expected = [];
+
+const scene = (name) => join(ROOT, "scenes", `${name}.glb`);
+const text = (selector) => page.locator(selector).innerText();
+const figure = (key) => text(`.figure-${key} dd`);
+const shot = (name, options = {}) => page.screenshot({ path: join(OUT, `${name}.png`), ...options });
+
+async function go(route) {
+  await page.evaluate((hash) => { location.hash = hash; }, route);
+}
+
+async function until(what, condition, limitMs = 20_000) {
+  const deadline = Date.now() + limitMs;
+  for (;;) {
+    const value = await condition();
+    if (value) return value;
+    assert.ok(Date.now() < deadline, `${what} did not happen within ${limitMs / 1000} s`);
+    await new Promise((done) => { setTimeout(done, 100); });
+  }
+}
+
+const state = (name) => until(`state ${name}`, async () => (await text(".job-title-line .pill")) === name, 30_000);
+
+before(async () => {
+  await mkdir(OUT, { recursive: true });
+  scratch = await mkdtemp(join(tmpdir(), "hemilux-dashboard-"));
+  server = new Server(HEMILUX, join(scratch, "data"));
+  await server.start();
+  context = await chromium.launchPersistentContext(join(scratch, "profile"), {
+    executablePath: CHROMIUM, args: FLAGS, viewport: WIDE, colorScheme: "light",
+  });
+  page = context.pages()[0] ?? (await context.newPage());
+  page.setDefaultTimeout(15_000);
+  page.on("console", (message) => {
+    if (message.type() !== "error" && message.type() !== "warning") return;
+    const line = `${message.text()} (${message.location().url})`;
+    if (!expected.some((pattern) => pattern.test(line))) complaints.push(line);
+  });
+  page.on("pageerror", (error) => complaints.push(String(error.stack)));
+  await page.exposeFunction("reportViolation", (line) => complaints.push(line));
+  await page.addInitScript(() => {
+    document.addEventListener("securitypolicyviolation", (event) => window.reportViolation(`policy: ${event.violatedDirective} ${event.blockedURI}`));
+  });
+});
+
+after(async () => {
+  await context?.close();
+  await server?.stop();
+  if (scratch) await rm(scratch, { recursive: true, force: true });
+});
+
+test("an empty server explains how to get the first picture", async () => {
+  const answer = await page.goto(server.url);
+  assert.match(answer.headers()["content-security-policy"], /default-src 'none'.*script-src 'self'/);
+  assert.doesNotMatch(answer.headers()["content-security-policy"], /unsafe/);
+  await page.waitForSelector("body[data-ready]");
+  assert.ok((await text(".command pre")).startsWith(`curl ${server.url}/v1/jobs`));
+  assert.equal(await text(".list-empty"), "No jobs yet.");
+  assert.match(await text(".devices"), /cpu\s+idle/);
+  await shot("empty");
+});
+
+test("the form shows the server's objections at their fields", async () => {
+  await page.getByRole("link", { name: "New job" }).first().click();
+  const bytes = await readFile(scene("cornell"));
+  await page.setInputFiles("#files", { name: "broken.glb", mimeType: "model/gltf-binary", buffer: bytes.subarray(0, 400) });
+  expected = [/422.*\/v1\/(scenes|jobs)/];
+  await page.waitForSelector("#scene-error:not([hidden])");
+  assert.notEqual(await text("#scene-error"), "");
+
+  await page.setInputFiles("#files", { name: `${HOSTILE}.glb`, mimeType: "model/gltf-binary", buffer: bytes });
+  await until("the upload", async () => (await page.inputValue("#scene")) !== "");
+  assert.equal(await page.inputValue("#name"), HOSTILE);
+  assert.match(await text(".scene-facts"), /46 triangles/);
+
+  await page.fill("#width", "0");
+  await page.fill("#target_error", "100");
+  await page.getByRole("button", { name: "Start job" }).click();
+  assert.match(await text("#target_error-error"), /below 100 %/);
+  await page.fill("#target_error", "");
+  await page.getByRole("button", { name: "Start job" }).click();
+  await page.waitForSelector("#width-error:not([hidden])");
+  assert.match(await text("#width-error"), /must be between 1 and/);
+  assert.equal(await page.evaluate(() => document.activeElement.id), "width");
+  await shot("form");
+  expected = [];
+});
+
+test("a posted job is followed live and its picture gets better", async () => {
+  await page.fill("#width", "256");
+  await page.fill("#height", "256");
+  await page.fill("#time_budget_s", "7");
+  await page.locator(".more-fields summary").click();
+  await page.fill("#snapshots", "0.5");
+  await page.getByRole("button", { name: "Start job" }).click();
+  await page.waitForURL(/#\/jobs\/[0-9a-f-]{36}$/);
+  await state("Running");
+
+  const shown = new Set();
+  const iterations = new Set();
+  const image = page.locator(".picture-image");
+  await until("three pictures while running", async () => {
+    const source = await image.getAttribute("src");
+    if (source) shown.add(source);
+    iterations.add(await figure("iterations"));
+    return shown.size >= 3;
+  });
+  assert.equal(await text(".job-title-line .pill"), "Running");
+  await page.evaluate(watchLayout);
+  assert.ok(iterations.size >= 3, `iterations seen: ${[...iterations]}`);
+  assert.match(await figure("ratio"), /^\d\d\.\d\s%$/);
+  assert.match(await figure("error"), /^\d+(\.\d+)?\s%$/);
+  assert.ok((await page.locator(".chart-line").getAttribute("points")).split(" ").length >= 3);
+  assert.ok((await page.locator(".row .bar").getAttribute("aria-valuenow")) > 0);
+
+  await state("Done");
+  assert.match(await text(".progress-text"), /time budget used up/);
+  const shift = await page.evaluate(() => window.layoutShift);
+  assert.ok(shift < 0.01, `the layout moved by ${shift} while figures changed`);
+  const final = await until("the final picture", async () => {
+    const source = await image.getAttribute("src");
+    return (await text(".picture-caption")).startsWith("Final picture") && !shown.has(source) && source;
+  });
+  const distances = await page.evaluate(distancesToLast, [...shown, final]);
+  assert.ok(distances[0] > 1.2 * distances.at(-1) && distances.at(-1) > 0, `distances to the final picture: ${distances}`);
+  for (const name of ["PNG", "EXR"]) {
+    const link = page.locator(".job-actions a", { hasText: name });
+    assert.equal(await link.getAttribute("aria-disabled"), null);
+    const [saved] = await Promise.all([page.waitForEvent("download"), link.click()]);
+    assert.ok((await readFile(await saved.path())).length > 1000, `${name} is too small`);
+  }
+});
+
+test("earlier snapshots can be looked at, by keyboard too", async () => {
+  const slider = page.getByRole("slider", { name: "Snapshot" });
+  await slider.focus();
+  await page.keyboard.press("Home");
+  assert.match(await text(".picture-caption"), /^Snapshot 1 of \d+ · 0\.\d\ss/);
+  await page.getByRole("button", { name: "Newest" }).click();
+  assert.match(await text(".picture-caption"), /^Final picture/);
+});
+
+test("what users write is text, never markup", async () => {
+  const labels = { name: HOSTILE, [HOSTILE]: HOSTILE };
+  const stored = await server.upload(scene("cornell"));
+  const job = await server.post({ scene: stored.id, width: 16, height: 16, max_iterations: 8, labels });
+  await server.job(job.id, 20);
+  await go(`#/jobs/${job.id}`);
+  await until("the job", async () => (await page.locator("code[title]").first().getAttribute("title")) === job.id);
+  assert.equal(await text(".job-title"), HOSTILE);
+  assert.equal(await text(".job-facts .chip"), `${HOSTILE}: ${HOSTILE}`);
+  await until("the row", async () => (await page.locator(".row-name", { hasText: HOSTILE }).count()) === 2);
+  await page.locator(".job-facts .chip").click();
+  await until("the filter by label", async () => (await page.locator(".row").count()) === 1);
+  await page.locator(".chip.removable").click();
+  await go("#/new");
+  await until("the file's name", async () => (await text("#scene")).includes(HOSTILE));
+  assert.equal(await page.locator('img[src="x"]').count(), 0);
+  assert.equal(await page.evaluate(() => window.pwned), undefined);
+});
+
+test("deleting asks first", async () => {
+  for (let left = 2; left > 0; left -= 1) {
+    await page.locator(".row").first().click();
+    await page.getByRole("button", { name: "Delete" }).click();
+    await page.keyboard.press("Escape");
+    await until("the dialog's end", async () => (await page.locator("dialog").count()) === 0);
+    assert.equal(await page.locator(".row").count(), left);
+    await page.getByRole("button", { name: "Delete" }).click();
+    await page.getByRole("dialog").getByRole("button", { name: "Delete" }).click();
+    await until("the row's end", async () => (await page.locator(".row").count()) === left - 1);
+  }
+  await until("the explanation", async () => (await page.locator(".command pre").count()) === 1);
+});
+
+test("a job can be cancelled, and what was reached stays", async () => {
+  const office = await server.upload(scene("office"));
+  const job = await server.post({ scene: office.id, width: 320, height: 240, time_budget_s: 120, snapshots: { every_s: 0.5 }, labels: { name: "Office, evening" } });
+  await go(`#/jobs/${job.id}`);
+  await page.waitForSelector(".picture-image:not([hidden])");
+  const cancel = page.locator(".job-actions button", { hasText: /^Cancel/ });
+  assert.equal(await cancel.isEnabled(), true);
+  await cancel.click();
+  await state("Cancelled");
+  assert.equal(await cancel.isEnabled(), false);
+  assert.equal((await server.job(job.id)).state, "cancelled");
+  assert.match(await text(".progress-text"), /picture so far is kept/);
+});
+
+test("a lost connection is shown and mends itself", async () => {
+  const cornell = await server.upload(scene("cornell"));
+  const job = await server.post({ scene: cornell.id, width: 128, height: 128, max_iterations: 1_000_000, labels: { name: "Cornell box, long" } });
+  await go(`#/jobs/${job.id}`);
+  await state("Running");
+  await page.waitForSelector(".log li");
+  expected = [/ERR_(CONNECTION_REFUSED|INCOMPLETE_CHUNKED_ENCODING|CONNECTION_RESET|EMPTY_RESPONSE)/];
+  await server.stop();
+  await page.waitForSelector("#offline:not([hidden])");
+  await shot("offline");
+  await server.start();
+  await page.waitForSelector("#offline", { state: "hidden", timeout: 20_000 });
+  // The job was put back and taken up again; the stream went on where it was.
+  await until("the second start", async () => (await page.locator('.log li[data-kind="running"]').count()) === 2);
+  const numbers = await page.locator(".log-seq").allInnerTexts();
+  assert.equal(new Set(numbers).size, numbers.length, `event numbers: ${numbers}`);
+  expected = [];
+  await page.locator(".job-actions button", { hasText: /^Cancel/ }).click();
+  await state("Cancelled");
+});
+
+test("it looks right wide and narrow, light and dark", async () => {
+  const upload = async (name) => (await server.upload(scene(name))).id;
+  const [cornell, phong, corridor] = [await upload("cornell"), await upload("cornell_phong"), await upload("corridor")];
+  const common = { width: 512, height: 512, snapshots: { every_s: 1 } };
+  await server.post({ ...common, scene: phong, time_budget_s: 3, labels: { name: "Cornell box, glossy" } });
+  const last = await server.post({ ...common, scene: corridor, width: 640, height: 360, time_budget_s: 3, labels: { name: "Corridor" } });
+  await server.job(last.id, 30);
+  const running = await server.post({ ...common, scene: cornell, time_budget_s: 60, target_error: 0.01, labels: { name: "Cornell box", project: "examples" } });
+  await server.post({ ...common, scene: corridor, time_budget_s: 5, labels: { name: "Corridor, final" } });
+  await go(`#/jobs/${running.id}`);
+  await until("some progress", async () => (await page.locator('.log li[data-kind="snapshot"]').count()) >= 5);
+
+  const routes = [["job", `#/jobs/${running.id}`], ["home", "#/"], ["new", "#/new"]];
+  for (const [size, viewport] of [["wide", WIDE], ["narrow", NARROW]]) {
+    await page.setViewportSize(viewport);
+    for (const [name, route] of routes) {
+      await go(route);
+      if (name === "job") await page.waitForSelector(".picture-image:not([hidden])");
+      if (name === "new") await page.locator(".more-fields summary").click();
+      for (const colorScheme of ["light", "dark"]) {
+        await page.emulateMedia({ colorScheme });
+        assert.deepEqual(await page.evaluate(poorContrast), [], `contrast, ${name} ${size} ${colorScheme}`);
+        await shot(`${name}-${size}-${colorScheme}`, { fullPage: size === "narrow" });
+      }
+      assert.deepEqual(await page.evaluate(overflowing), [], `overflow, ${name} ${size}`);
+      assert.deepEqual(await page.evaluate(nameless), [], `controls without a name, ${name} ${size}`);
+    }
+  }
+  await page.emulateMedia({ colorScheme: "light" });
+  await server.cancel(running.id);
+});
+
+test("links to jobs that are not there say so", async () => {
+  expected = [/404.*\/v1\/jobs\//];
+  await page.setViewportSize(WIDE);
+  await go("#/jobs/00000000-0000-7000-8000-000000000000");
+  await until("the notice", async () => (await text(".pane")).includes("This job is not there"));
+  expected = [];
+});
+
+test("the console stayed quiet and the policy was kept", () => {
+  assert.deepEqual(complaints, []);
+});
