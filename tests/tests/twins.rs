@@ -6,6 +6,8 @@ use hemilux_engine::device::wgpu::{self, WgpuDevice};
 use hemilux_engine::device::{Device, ShootingSettings, ShotTrace, Sums, Viewpoint};
 use hemilux_engine::hemicube::{Shot, item};
 use hemilux_engine::patches::PatchedScene;
+use hemilux_engine::radiometry::Rgb;
+use hemilux_engine::scene::Material;
 use hemilux_tests::twins::*;
 use std::sync::Arc;
 
@@ -301,6 +303,29 @@ fn averages_agree_but_for_chance() {
         } else {
             assert!(on_cpu.irradiance.mean(0) > 0.0);
         }
+    }
+}
+
+#[test]
+fn scenes_without_light_or_surface_agree() {
+    let Some(mut gpu) = adapter() else { return };
+    let mut cpu = CpuDevice::new(None).expect("threads");
+    let mut dark = Builder::default();
+    let grey = dark.material(Material::lambertian("grey", Rgb::splat(0.5)));
+    dark.block(Vec3::ZERO, Vec3::ONE, 0.0, grey);
+    for scene in [dark.cut(50), Builder::default().cut(50)] {
+        let settings = settings(32, 3, 1);
+        let run = |device: &mut dyn Device| {
+            let mut shooting = device.begin(scene.clone(), &settings).expect("begins");
+            let tally = shooting.iterate(2).expect("iterates");
+            let sums = shooting.drain().expect("drains");
+            let shot = shot_at(Vec3::splat(3.0), Vec3::NEG_ONE.normalize(), 0.0, Vec2::ZERO);
+            let traces = shooting.trace(&[shot]).expect("traces");
+            (tally, sums.iterations, sums.irradiance, sums.glossy, traces[0].items.len())
+        };
+        let on_cpu = run(&mut cpu);
+        assert_eq!((on_cpu.0.shots, on_cpu.0.iterations), (0, 2));
+        assert_eq!(on_cpu, run(&mut gpu));
     }
 }
 

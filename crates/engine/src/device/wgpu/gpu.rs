@@ -115,10 +115,7 @@ impl Gpu {
         device.on_uncaptured_error(Arc::new(move |error| handler.report(error.to_string())));
         let handler = fault.clone();
         device.set_device_lost_callback(move |reason, message| {
-            // Dropping the device reports itself too.
-            if !(reason == wgpu::DeviceLostReason::Destroyed && message.is_empty()) {
-                handler.report(format!("{reason:?}: {message}"));
-            }
+            handler.report(format!("{reason:?}: {message}"));
         });
         let software = adapter.get_info().device_type == wgpu::DeviceType::Cpu;
         Ok(Self { device, queue, description, software, fault })

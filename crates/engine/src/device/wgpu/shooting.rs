@@ -1,6 +1,6 @@
 //! The iteration under way: encodes passes, keeps submissions short, reads back.
 
-use super::buffers::{Buffers, DRAW_BYTES, Plan, TALLY_WORDS};
+use super::buffers::{Buffers, DRAW_BYTES, Plan, TALLY_WORDS, THREADS};
 use super::gpu::Gpu;
 use super::layout::{FACET_RUN, GpuPass, GpuShot, PIXEL_RUN, SPAN, triples};
 use super::pipelines::{Pipelines, UNIFORM_STRIDE};
@@ -18,7 +18,6 @@ pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
 /// A submission can't be cancelled, so it should take about this long.
 const SUBMISSION: Duration = Duration::from_millis(50);
-const THREADS: u32 = 64;
 
 /// An iteration under way.
 pub struct WgpuShooting<'device> {
@@ -333,5 +332,108 @@ impl Shooting for WgpuShooting<'_> {
             traces.extend(self.trace_some(some)?);
         }
         Ok(traces)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::device::wgpu::{WgpuDevice, list};
+    use crate::device::{Device, DeviceError, ShootingSettings};
+    use crate::patches::PatchedScene;
+    use crate::radiometry::Rgb;
+    use crate::scene::{Material, Scene, Triangle, Vertex};
+    use glam::{Vec2, Vec3};
+    use std::sync::Arc;
+
+    /// `None` where the environment says to do without an adapter.
+    fn open() -> Option<WgpuDevice> {
+        if std::env::var_os("HEMILUX_NO_WGPU").is_some_and(|value| value == "1") {
+            println!("skipped: HEMILUX_NO_WGPU=1");
+            return None;
+        }
+        let adapters = list();
+        let first = adapters.first().expect("a wgpu adapter, or HEMILUX_NO_WGPU=1 to skip");
+        Some(WgpuDevice::open(first.id.parse().expect("an index")).expect("the adapter opens"))
+    }
+
+    fn lamp() -> Arc<PatchedScene> {
+        let corner =
+            |position| Vertex { position, normal: Vec3::Z, uv: [Vec2::ZERO; 2], color: Rgb::ONE };
+        let scene = Scene {
+            vertices: [Vec3::ZERO, Vec3::X, Vec3::Y].map(corner).into(),
+            triangles: vec![Triangle { vertices: [0, 1, 2], material: 0 }],
+            materials: vec![Material { emission: Rgb::ONE, ..Material::default() }],
+            ..Scene::default()
+        };
+        Arc::new(PatchedScene::new(Arc::new(scene), 10))
+    }
+
+    fn settings() -> ShootingSettings {
+        ShootingSettings {
+            resolution: 32,
+            shots_per_iteration: 2,
+            seed: 1,
+            random_azimuth: true,
+            jitter: true,
+            viewpoint: None,
+        }
+    }
+
+    #[test]
+    fn a_lost_device_says_so_and_stays_lost() {
+        let Some(mut device) = open() else { return };
+        let native = device.gpu.device.clone();
+        let mut shooting = device.begin(lamp(), &settings()).expect("begins");
+        shooting.iterate(2).expect("iterates");
+        native.destroy();
+        for _ in 0..2 {
+            let lost = shooting.iterate(2).expect_err("there is no device");
+            assert!(matches!(lost, DeviceError::Lost { .. }), "{lost}");
+        }
+        assert!(matches!(shooting.drain(), Err(DeviceError::Lost { .. })));
+        assert!(matches!(shooting.trace(&[]), Err(DeviceError::Lost { .. })));
+        drop(shooting);
+        let again = device.begin(lamp(), &settings()).err().expect("it stays lost");
+        assert!(matches!(again, DeviceError::Lost { .. }), "{again}");
+    }
+
+    #[test]
+    fn an_invalid_command_is_reported_not_a_panic() {
+        let Some(mut device) = open() else { return };
+        let native = device.gpu.device.clone();
+        let mut shooting = device.begin(lamp(), &settings()).expect("begins");
+        // A buffer that can be neither mapped nor copied that way: an uncaptured error.
+        let _refused = native.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: 4,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::STORAGE,
+            mapped_at_creation: false,
+        });
+        let lost = shooting.iterate(1).expect_err("the error is seen");
+        assert!(lost.to_string().contains("usage"), "{lost}");
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_before_it_is_allocated() {
+        let Some(mut device) = open() else { return };
+        for (resolution, shots_per_iteration) in [(u32::MAX - 1, 1), (1 << 20, 1), (32, u32::MAX)] {
+            let settings = ShootingSettings { resolution, shots_per_iteration, ..settings() };
+            match device.begin(lamp(), &settings).err() {
+                Some(DeviceError::OutOfMemory { needed_bytes, available_bytes, .. }) => {
+                    assert!(needed_bytes > available_bytes);
+                }
+                other => panic!("{other:?}"),
+            }
+        }
+        device
+            .begin(lamp(), &settings())
+            .expect("the device still works")
+            .iterate(1)
+            .expect("runs");
+    }
+
+    #[test]
+    fn an_unknown_adapter_is_refused() {
+        assert!(matches!(WgpuDevice::open(1000), Err(DeviceError::Unknown(_))));
     }
 }
