@@ -137,13 +137,12 @@ impl Gpu {
         let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
         let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let created = create();
-        for error in [pollster::block_on(validation.pop()), pollster::block_on(internal.pop())] {
-            if let Some(error) = error {
-                self.fault.report(error.to_string());
-            }
+        let errors = [pollster::block_on(validation.pop()), pollster::block_on(internal.pop())];
+        // What was not created harms nothing else: the device stays usable.
+        match errors.into_iter().flatten().next() {
+            Some(error) => Err(self.lost(error.to_string())),
+            None => self.check().map(|()| created),
         }
-        self.check()?;
-        Ok(created)
     }
 
     /// Runs something that allocates; `Ok(None)` where the memory does not suffice.

@@ -401,14 +401,18 @@ mod tests {
     fn an_invalid_command_is_reported_not_a_panic() {
         let Some(mut device) = open() else { return };
         let native = device.gpu.device.clone();
-        let mut shooting = device.begin(lamp(), &settings()).expect("begins");
-        // A buffer that can be neither mapped nor copied that way: an uncaptured error.
-        let _refused = native.create_buffer(&wgpu::BufferDescriptor {
-            label: None,
-            size: 4,
-            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::STORAGE,
-            mapped_at_creation: false,
-        });
+        let invalid = || {
+            native.create_buffer(&wgpu::BufferDescriptor {
+                label: None,
+                size: 4,
+                usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::STORAGE,
+                mapped_at_creation: false,
+            })
+        };
+        assert!(device.gpu.guarded(invalid).is_err());
+        let mut shooting = device.begin(lamp(), &settings()).expect("a caught error harms nothing");
+        shooting.iterate(1).expect("iterates");
+        let _uncaught = invalid();
         let lost = shooting.iterate(1).expect_err("the error is seen");
         assert!(lost.to_string().contains("usage"), "{lost}");
     }
