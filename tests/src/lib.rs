@@ -1,3 +1,6 @@
-//! Test helpers.
+//! Helpers of the tests across the whole product.
 
+pub mod comparison;
+pub mod malformed;
+pub mod scenes;
 pub mod twins;

@@ -179,7 +179,7 @@ fn few(
         shots += tally.shots;
     }
     let sums = shooting.drain().expect("drains");
-    assert_eq!(sums.iterations, calls.iter().sum::<u32>().into());
+    assert_eq!(sums.iterations, u64::from(calls.iter().sum::<u32>()));
     assert_eq!(shots, sums.iterations * u64::from(settings.shots_per_iteration));
     sums
 }

@@ -16,6 +16,7 @@ pub mod scene;
 pub mod patches;
 
 pub mod hemicube;
+pub mod raster;
 
 pub mod device;
 

@@ -307,6 +307,36 @@ fn framing_camera(scene: &Scene) -> Camera {
     Camera::look_at("framing", eye, center, Vec3::Y, yfov)
 }
 
+impl RenderRequest {
+    /// Checks everything that does not need the method.
+    ///
+    /// # Errors
+    /// [`RenderError::Parameter`] names the first parameter that is out of range.
+    pub fn check(&self) -> Result<(), RenderError> {
+        for (name, side) in [("width", self.width), ("height", self.height)] {
+            if !(1..=MAX_PICTURE_SIDE).contains(&side) {
+                let what = format!("must be 1 to {MAX_PICTURE_SIDE} pixels, not {side}");
+                return Err(RenderError::parameter(name, what));
+            }
+        }
+        if u64::from(self.width) * u64::from(self.height) > MAX_PICTURE_PIXELS {
+            let what = format!("width times height must be at most {MAX_PICTURE_PIXELS} pixels");
+            return Err(RenderError::parameter("width", what));
+        }
+        let Limits { seconds, iterations, target_error } = self.limits;
+        if seconds.is_some_and(|s| !(s > 0.0 && s.is_finite())) {
+            return Err(RenderError::parameter("seconds", "must be a positive number"));
+        }
+        if iterations == Some(0) {
+            return Err(RenderError::parameter("iterations", "must be at least 1"));
+        }
+        if target_error.is_some_and(|e| !(e > 0.0 && e < 1.0)) {
+            return Err(RenderError::parameter("target_error", "must be between 0 and 1"));
+        }
+        Ok(())
+    }
+}
+
 /// Renders one picture on `device`.
 ///
 /// # Errors

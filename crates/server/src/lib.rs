@@ -1,1 +1,29 @@
-//! The job service.
+//! The job service: HTTP in front, a pool of devices behind, everything promised on disk between.
+//!
+//! A job's path: [`http`] accepts it, the [`store`] keeps it, the [`queue`] hands it to a
+//! [`worker`], which owns a device and renders; pictures go to [`artifacts`], [`events`] wake
+//! whoever follows. [`service`] holds it all together; [`cli`] is the program around it.
+
+pub mod api;
+pub mod artifacts;
+pub mod builtin;
+pub mod bundle;
+pub mod cli;
+pub mod config;
+pub mod events;
+pub mod http;
+pub mod job_state;
+pub mod metrics;
+pub mod queue;
+pub mod service;
+pub mod store;
+pub mod worker;
+
+/// What a panic said.
+pub(crate) fn panic_text(panic: &(dyn std::any::Any + Send)) -> &str {
+    panic
+        .downcast_ref::<&str>()
+        .copied()
+        .or_else(|| panic.downcast_ref::<String>().map(String::as_str))
+        .unwrap_or("no message")
+}

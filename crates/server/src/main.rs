@@ -1,2 +1,7 @@
 //! The `hemilux` program.
-fn main() {}
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    hemilux::cli::main()
+}

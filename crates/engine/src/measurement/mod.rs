@@ -1,1 +1,177 @@
-//! Measurement.
+//! From the solution on the surfaces to the camera's picture (Antal eq. 3): visible surface per
+//! sub-pixel sample, smooth irradiance there, reflection with the scene's full-detail textures.
+
+mod camera;
+pub mod reconstruction;
+mod shading;
+
+use crate::device::{Sums, Viewpoint};
+use crate::image::Picture;
+use crate::patches::PatchedScene;
+use crate::radiometry::Rgb;
+use crate::raster::{Target, fill};
+use crate::scene::{Camera, Projection};
+use camera::View;
+use glam::Vec2;
+use rayon::prelude::*;
+use reconstruction::Reconstruction;
+use std::sync::Arc;
+
+/// Rows of the picture that are measured together.
+const BAND: u32 = 32;
+
+/// Averages over iterations, one entry a patch.
+#[derive(Clone, Debug, Default)]
+pub struct Solution {
+    /// Mean irradiance E.
+    pub irradiance: Vec<Rgb>,
+    /// Mean lobe-weighted irradiance towards the viewer; empty without glossy patches.
+    pub glossy: Vec<Rgb>,
+}
+
+impl Solution {
+    /// No light on `patches` patches.
+    pub fn dark(patches: usize) -> Self {
+        Self { irradiance: vec![Rgb::ZERO; patches], glossy: Vec::new() }
+    }
+
+    /// The averages of sums; zero where nothing was summed.
+    pub fn mean(sums: &Sums) -> Self {
+        let scale = 1.0 / sums.iterations.max(1) as f32;
+        let mean = |values: &[Rgb]| values.iter().map(|v| *v * scale).collect();
+        Self { irradiance: mean(&sums.irradiance), glossy: mean(&sums.glossy) }
+    }
+}
+
+/// A camera and everything about it that does not change while the solution gets better.
+pub struct Measurement {
+    scene: Arc<PatchedScene>,
+    reconstruction: Reconstruction,
+    view: View,
+    /// Sub-pixel offsets, one a sample, in [−½, ½)².
+    samples: Vec<Vec2>,
+}
+
+/// How much the vertices of the reconstruction count in the picture.
+pub struct VertexWeights {
+    /// Of irradiance: factor kd/π.
+    pub diffuse: Vec<PixelWeight>,
+    /// Of lobe-weighted irradiance: factor ks.
+    pub glossy: Vec<PixelWeight>,
+    /// Number of pixels that were counted: those that see no emitter.
+    pub pixels: f64,
+}
+
+/// Sums over the pixels that a vertex is interpolated into.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PixelWeight {
+    /// Σ interpolation weight × factor.
+    pub first: Rgb,
+    /// Σ interpolation weight × factor².
+    pub second: Rgb,
+}
+
+impl PixelWeight {
+    fn add(&mut self, factor: Rgb, weight: f32) {
+        self.first += factor * weight;
+        self.second += factor * factor * weight;
+    }
+}
+
+/// The direction towards a camera, for reflections that depend on it.
+pub fn viewpoint(camera: &Camera) -> Viewpoint {
+    match camera.projection {
+        Projection::Perspective { .. } => Viewpoint::Eye(camera.to_world.w_axis.truncate()),
+        Projection::Orthographic { .. } => {
+            Viewpoint::Direction(camera.to_world.z_axis.truncate().normalize_or_zero())
+        }
+    }
+}
+
+impl Measurement {
+    /// Prepares pictures of `width` × `height` pixels with `samples` sub-pixel samples each.
+    pub fn new(
+        scene: Arc<PatchedScene>,
+        camera: &Camera,
+        width: u32,
+        height: u32,
+        samples: u32,
+    ) -> Self {
+        let view = View::new(&scene, camera, width, height);
+        let reconstruction = Reconstruction::new(&scene);
+        Self { reconstruction, view, samples: sample_pattern(samples.max(1)), scene }
+    }
+
+    /// The smooth reconstruction that pictures use.
+    pub fn reconstruction(&self) -> &Reconstruction {
+        &self.reconstruction
+    }
+
+    /// The picture of a solution: box-filtered radiance in the unit of the scene's emission.
+    pub fn picture(&self, solution: &Solution) -> Picture {
+        let mut light = shading::VertexLight {
+            irradiance: self.reconstruction.apply(&solution.irradiance),
+            glossy: self.reconstruction.apply(&solution.glossy),
+        };
+        // Before the first iteration only the lights themselves shine.
+        light.irradiance.resize(self.reconstruction.vertices(), Rgb::ZERO);
+        let (width, height) = (self.view.width, self.view.height);
+        let mut picture = Picture::black(width, height);
+        let share = 1.0 / self.samples.len() as f32;
+        picture.pixels.par_chunks_mut((BAND * width) as usize).enumerate().for_each(
+            |(band, pixels)| {
+                self.visible(band as u32, &self.samples, |offset, items| {
+                    let first_row = band as u32 * BAND;
+                    shading::shade(self, &light, first_row, offset, items, |at, radiance| {
+                        pixels[at] += radiance * share;
+                    });
+                });
+            },
+        );
+        picture
+    }
+
+    /// Weights of the reconstruction's vertices in the picture, for error estimates; one sample a
+    /// pixel.
+    pub fn vertex_weights(&self) -> VertexWeights {
+        let vertices = self.reconstruction.vertices();
+        let mut weights = VertexWeights {
+            diffuse: vec![PixelWeight::default(); vertices],
+            glossy: vec![PixelWeight::default(); vertices],
+            pixels: 0.0,
+        };
+        for band in 0..self.view.height.div_ceil(BAND) {
+            self.visible(band, &[Vec2::ZERO], |offset, items| {
+                shading::weigh(self, band * BAND, offset, items, &mut weights);
+            });
+        }
+        weights
+    }
+
+    /// Renders the item buffer of a band of rows for each sub-pixel offset.
+    fn visible(&self, band: u32, offsets: &[Vec2], mut each: impl FnMut(Vec2, &[u32])) {
+        let (first_row, width) = (band * BAND, self.view.width);
+        let rows = BAND.min(self.view.height - first_row);
+        let mut items = vec![0; (rows * width) as usize];
+        let mut depth = vec![0.0; items.len()];
+        let triangles = self.view.in_rows(first_row, first_row + rows);
+        for offset in offsets {
+            items.fill(0);
+            depth.fill(0.0);
+            let mut target = Target { width, first_row, items: &mut items, depth: &mut depth };
+            for triangle in &triangles {
+                fill(&mut target, &triangle.moved(*offset));
+            }
+            each(*offset, &items);
+        }
+    }
+}
+
+/// Well-spread points in [−½, ½)²: the additive recurrence of the plastic number.
+fn sample_pattern(count: u32) -> Vec<Vec2> {
+    if count == 1 {
+        return vec![Vec2::ZERO];
+    }
+    let step = Vec2::new(0.754_877_7, 0.569_840_3);
+    (0..count).map(|i| (step * (i as f32 + 0.5) + 0.5).fract() - 0.5).collect()
+}

@@ -184,6 +184,11 @@ impl PatchedScene {
         Self { scene, positions, facets, patches, warnings }
     }
 
+    /// Whether base colour or emission changes over a facet.
+    pub fn colour_varies(&self, facet: &Facet) -> bool {
+        colour_varies(&self.scene, facet)
+    }
+
     /// World position of barycentric (u, v) of a facet.
     pub fn point(&self, facet: &Facet, u: f32, v: f32) -> Vec3 {
         let [a, b, c] = facet.corners.map(|p| self.positions[p as usize]);
@@ -262,6 +267,13 @@ fn facet_area(positions: &[Vec3], facet: &Facet) -> f32 {
     0.5 * (b - a).cross(c - a).length()
 }
 
+fn colour_varies(scene: &Scene, facet: &Facet) -> bool {
+    let triangle = &scene.triangles[facet.source as usize];
+    let material = &scene.materials[triangle.material as usize];
+    let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize].color);
+    material.base_color_texture.is_some() || material.emission_texture.is_some() || a != b || b != c
+}
+
 /// Appends the patches of one side of a facet.
 fn cut_side(
     scene: &Scene,
@@ -278,9 +290,7 @@ fn cut_side(
     let side = if back { -1.0 } else { 1.0 };
     let normal = geometric.normalize() * side;
     let area = 0.5 * geometric.length() / (facet.divisions * facet.divisions) as f32;
-    let varies = material.base_color_texture.is_some()
-        || material.emission_texture.is_some()
-        || triangle.vertices.iter().any(|v| scene.vertices[*v as usize].color != Rgb::ONE);
+    let varies = colour_varies(scene, facet);
     // Means over sub-cells where colour varies; 64 samples a patch.
     let samples: Vec<Vec2> =
         cells(if varies { 8 } else { 1 }).map(|[a, b, c]| (a + b + c) / 3.0).collect();

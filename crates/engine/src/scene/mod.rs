@@ -102,6 +102,26 @@ impl Material {
         Self { name: name.into(), base_color: albedo, specular_factor: 0.0, ..Self::default() }
     }
 
+    /// A dielectric whose [`Material::reflectance`] is the given diffuse albedo plus a grey Phong
+    /// lobe of albedo `specular` and exponent `exponent`.
+    ///
+    /// The lobe is authored by index of refraction and roughness alone, as a glTF file can:
+    /// α = (2n + 1)^(−½), roughness = √α; F0 = (21 ks − 1)/20, ior = (1 + √F0)/(1 − √F0).
+    /// `specular` is clamped to what that can say, [1/21, 0.99]; `exponent` to [0, 10⁵];
+    /// `diffuse` to 1 − ks.
+    pub fn phong(name: &str, diffuse: Rgb, specular: f32, exponent: f32) -> Self {
+        let specular = specular.clamp(1.0 / 21.0, 0.99);
+        let alpha = (2.0 * exponent.clamp(0.0, 1e5) + 1.0).sqrt().recip();
+        let amplitude = ((21.0 * specular - 1.0) / 20.0).max(0.0).sqrt();
+        Self {
+            name: name.into(),
+            base_color: (diffuse / (1.0 - specular)).clamp(Rgb::ZERO, Rgb::ONE),
+            roughness: alpha.sqrt(),
+            ior: (1.0 + amplitude) / (1.0 - amplitude),
+            ..Self::default()
+        }
+    }
+
     /// Whether any point of the material can emit.
     pub fn emits(&self) -> bool {
         self.emission.max_element() > 0.0

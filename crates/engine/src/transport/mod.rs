@@ -1,18 +1,75 @@
-//! Methods.
+//! Methods: who decides which shots to run, and when the picture is good enough. One trait, one
+//! registry, one toolbox, so that a comparison of methods is fair.
+
+mod batches;
+pub mod options;
+mod stochastic;
 
 use crate::device::Device;
 use crate::render::{Observer, RenderError, RenderRequest, Rendered};
 
-/// Names of the methods.
-pub const METHODS: &[&str] = &["auto", "stochastic"];
-/// Names, defaults and meanings of the options.
-pub const OPTIONS: &[(&str, &str, &str)] = &[];
+pub use options::OPTIONS;
 
-/// Runs a request with the method that it names.
+/// A way to solve the light transport of a scene and take a picture of it.
+pub trait Method: Sync {
+    /// The name that requests use.
+    fn name(&self) -> &'static str;
+
+    /// One sentence on what it is.
+    fn summary(&self) -> &'static str;
+
+    /// Solves and measures until a limit is reached.
+    ///
+    /// # Errors
+    /// See [`crate::render::render`].
+    fn render(
+        &self,
+        device: &mut dyn Device,
+        request: &RenderRequest,
+        reasons: Vec<String>,
+        observer: &mut dyn Observer,
+    ) -> Result<Rendered, RenderError>;
+}
+
+/// All methods by name.
+pub const REGISTRY: &[&dyn Method] = &[&stochastic::Stochastic];
+
+/// Names that a request may use for its method.
+pub const METHODS: &[&str] = &["auto", "stochastic"];
+
+/// Runs a request with the method that it names; `auto` picks one and says why.
+///
+/// # Errors
+/// See [`crate::render::render`].
 pub fn run(
-    _d: &mut dyn Device,
-    _r: &RenderRequest,
-    _o: &mut dyn Observer,
+    device: &mut dyn Device,
+    request: &RenderRequest,
+    observer: &mut dyn Observer,
 ) -> Result<Rendered, RenderError> {
-    Err(RenderError::parameter("method", "not there yet"))
+    request.check()?;
+    let (name, reasons) = match request.method.as_str() {
+        "auto" => (
+            "stochastic",
+            vec!["stochastic hemicube iteration handles diffuse and glossy scenes alike".into()],
+        ),
+        name => (name, vec![format!("{name} was asked for")]),
+    };
+    let method = REGISTRY.iter().find(|method| method.name() == name).ok_or_else(|| {
+        RenderError::parameter(
+            "method",
+            format!("there is no method {name:?}; there are {METHODS:?}"),
+        )
+    })?;
+    method.render(device, request, reasons, observer)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_registry_agree() {
+        let registered = REGISTRY.iter().map(|method| method.name());
+        assert!(std::iter::once("auto").chain(registered).eq(METHODS.iter().copied()));
+    }
 }

@@ -4,9 +4,10 @@
 //! coordinates of each pixel's hit, computed for a block of pixels at a time.
 
 use super::lobe;
-use super::raster::{Grid, PixelPlane, Raster, Setup};
+use super::raster::{Grid, Raster, Setup};
 use crate::hemicube::{DeltaFormFactors, FACES, Face, Shot, item};
 use crate::patches::PatchedScene;
+use crate::raster::PixelPlane;
 
 const BLOCK: usize = 64;
 

@@ -2,16 +2,12 @@
 //!
 //! 1. Corners are brought into the hemicube frame once and classified against the planes that
 //!    bound the faces.
-//! 2. A facet is set up once: its three edge planes through the eye (homogeneous edge functions,
-//!    so no clipping and no near plane) and its inverse-depth plane.
-//! 3. Per face, each row of pixel centres meets the facet in one span, found by division; the
-//!    span is compared with the depth buffer.
-//!
-//! Neighbours compute a shared edge from the same two corners with opposite sign, bit for bit,
-//! so they neither overlap nor leave a crack.
+//! 2. A facet is set up once: its three edge planes through the eye and its inverse-depth plane.
+//! 3. Each face that the facet may touch is filled span by span ([`crate::raster`]).
 
 use crate::hemicube::{FACES, Face, Shot, item};
 use crate::patches::PatchedScene;
+use crate::raster::{self, PixelPlane, PixelTriangle, Target, edge_planes, row_range};
 use glam::Vec3;
 
 /// Inverse depth of a back relative to a coincident front, which must win.
@@ -47,11 +43,11 @@ pub struct Setup {
 impl Setup {
     /// Sets up a facet with corners relative to the eye; `None` where the eye lies in its plane.
     #[inline]
-    pub fn new([a, b, c]: [Vec3; 3], eye_extent: f32) -> Option<Self> {
-        let mut edges = [b.cross(c), c.cross(a), a.cross(b)];
-        let volume = a.dot(edges[0]);
+    pub fn new(corners: [Vec3; 3], eye_extent: f32) -> Option<Self> {
+        let mut edges = edge_planes(corners);
+        let volume = corners[0].dot(edges[0]);
         let sum = edges[0] + edges[1] + edges[2];
-        let noise = PLANE_NOISE * (eye_extent + a.abs().max_element());
+        let noise = PLANE_NOISE * (eye_extent + corners[0].abs().max_element());
         if volume * volume <= noise * noise * sum.length_squared() {
             return None;
         }
@@ -63,23 +59,6 @@ impl Setup {
             edges = edges.map(|edge| -edge);
         }
         Some(Self { edges, inverse_depth, back })
-    }
-}
-
-/// A plane as a function of pixel column and row of a face: per_column·column + at_row(row).
-#[derive(Clone, Copy)]
-pub struct PixelPlane {
-    /// Change from one column to the next.
-    pub per_column: f32,
-    per_row: f32,
-    constant: f32,
-}
-
-impl PixelPlane {
-    /// Value at column 0 of a row.
-    #[inline]
-    pub fn at_row(&self, row: u32) -> f32 {
-        self.constant + self.per_row * row as f32
     }
 }
 
@@ -236,69 +215,35 @@ impl Raster {
     /// Fills the pixels of one face that see the facet nearer than anything before.
     #[inline(always)]
     fn fill(&mut self, grid: &Grid, corners: &[Vec3; 3], setup: &Setup, code: u32) {
-        let resolution = self.resolution;
-        let face_rows = grid.face.rows(resolution);
-        let (first_row, end_row) = row_range(grid, corners, face_rows);
-        let edges = setup.edges.map(|edge| grid.plane(edge));
-        let slopes = edges.map(|edge| -edge.per_column.recip());
-        let inverse_depth = grid.plane(setup.inverse_depth);
-        let base = grid.face.first_row(resolution);
-        for row in first_row..end_row {
-            let (mut low, mut high) = (0f32, resolution as f32);
-            for (edge, slope) in edges.iter().zip(&slopes) {
-                let value = edge.at_row(row);
-                // Columns with per_column·column + value ≥ 0.
-                let crossing = (value * slope).ceil();
-                if edge.per_column > 0.0 {
-                    low = low.max(crossing);
-                } else if edge.per_column < 0.0 {
-                    high = high.min(crossing);
-                } else if value < 0.0 {
-                    high = -1.0;
-                }
-            }
-            if low < high {
-                let start = ((base + row) * resolution) as usize;
-                let span = start + low as usize..start + high as usize;
-                let value = inverse_depth.at_row(row) + inverse_depth.per_column * low;
-                fill_span(
-                    &mut self.items[span.clone()],
-                    &mut self.depth[span],
-                    value,
-                    inverse_depth.per_column,
-                    code,
-                );
-            }
-        }
+        let (width, rows) = (self.resolution, grid.face.rows(self.resolution));
+        let start = (grid.face.first_row(width) * width) as usize;
+        let pixels = start..start + (rows * width) as usize;
+        let mut target = Target {
+            width,
+            first_row: 0,
+            items: &mut self.items[pixels.clone()],
+            depth: &mut self.depth[pixels],
+        };
+        let triangle = PixelTriangle {
+            edges: setup.edges.map(|edge| grid.plane(edge)),
+            nearness: grid.plane(setup.inverse_depth),
+            rows: rows_of(grid, corners, rows),
+            code,
+        };
+        raster::fill(&mut target, &triangle);
     }
 }
 
 /// Rows whose centres can see the facet; all rows where it reaches behind the face's plane.
 #[inline(always)]
-fn row_range(grid: &Grid, corners: &[Vec3; 3], rows: u32) -> (u32, u32) {
-    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-    for corner in corners {
+fn rows_of(grid: &Grid, corners: &[Vec3; 3], rows: u32) -> (u32, u32) {
+    let mut coordinates = [0f32; 3];
+    for (coordinate, corner) in coordinates.iter_mut().zip(corners) {
         let (axis, _, up) = grid.components(*corner);
         if axis <= 1e-12 {
             return (0, rows);
         }
-        let row = (up / axis - grid.first_y) / grid.step;
-        low = low.min(row);
-        high = high.max(row);
+        *coordinate = (up / axis - grid.first_y) / grid.step;
     }
-    // Half a row of slack either way: the spans decide.
-    let first = (low - 0.5).ceil().clamp(0.0, rows as f32);
-    let end = (high + 0.5).floor() + 1.0;
-    (first as u32, end.clamp(0.0, rows as f32) as u32)
-}
-
-/// Depth test of one span; written so that it becomes compare-and-blend on vectors.
-#[inline(always)]
-fn fill_span(items: &mut [u32], depth: &mut [f32], first: f32, step: f32, code: u32) {
-    for (column, (item, depth)) in items.iter_mut().zip(depth).enumerate() {
-        let value = first + step * column as i32 as f32;
-        let nearer = value > *depth;
-        *depth = if nearer { value } else { *depth };
-        *item = if nearer { code } else { *item };
-    }
+    row_range(coordinates, rows)
 }

@@ -1,0 +1,164 @@
+//! The camera as a pixel grid: which facets it can see, as triangles over its pixels.
+
+use crate::hemicube::item;
+use crate::patches::{NO_PATCH, PatchedScene};
+use crate::raster::{PixelPlane, PixelTriangle, edge_planes, row_range};
+use crate::scene::{Camera, Projection};
+use glam::{Vec2, Vec3};
+
+/// Facets in front of a camera, set up for its pixel grid.
+pub struct View {
+    /// Columns.
+    pub width: u32,
+    /// Rows, the first at the top.
+    pub height: u32,
+    frame: Frame,
+    triangles: Vec<ViewTriangle>,
+}
+
+/// A facet over the pixel grid, for samples at pixel centres.
+pub struct ViewTriangle {
+    edges: [PixelPlane; 3],
+    nearness: PixelPlane,
+    rows: (u32, u32),
+    code: u32,
+}
+
+impl ViewTriangle {
+    /// The triangle for samples that lie `offset` pixels off the centres.
+    #[inline(always)]
+    pub fn moved(&self, offset: Vec2) -> PixelTriangle {
+        PixelTriangle {
+            edges: self.edges.map(|edge| moved(edge, offset)),
+            nearness: moved(self.nearness, offset),
+            rows: self.rows,
+            code: self.code,
+        }
+    }
+}
+
+#[inline(always)]
+fn moved(plane: PixelPlane, offset: Vec2) -> PixelPlane {
+    let constant = plane.constant + plane.per_column * offset.x + plane.per_row * offset.y;
+    PixelPlane { constant, ..plane }
+}
+
+/// World to homogeneous picture coordinates: x and y over z in [−1, 1] inside the picture.
+struct Frame {
+    eye: Vec3,
+    right: Vec3,
+    up: Vec3,
+    forward: Vec3,
+    /// tan of half the field of view, or half the extent, per axis.
+    half: Vec2,
+    perspective: bool,
+}
+
+impl Frame {
+    fn new(camera: &Camera, width: u32, height: u32) -> Self {
+        let axis = |v: glam::Vec4| v.truncate().normalize_or_zero();
+        let m = camera.to_world;
+        let (half_height, perspective) = match camera.projection {
+            Projection::Perspective { yfov } => ((0.5 * yfov).tan(), true),
+            Projection::Orthographic { ymag } => (ymag, false),
+        };
+        let aspect = width as f32 / height as f32;
+        Self {
+            eye: m.w_axis.truncate(),
+            right: axis(m.x_axis),
+            up: axis(m.y_axis),
+            forward: -axis(m.z_axis),
+            half: Vec2::new(half_height * aspect, half_height),
+            perspective,
+        }
+    }
+
+    /// Homogeneous coordinates of a point, and its distance along the optical axis.
+    fn project(&self, point: Vec3) -> (Vec3, f32) {
+        let relative = point - self.eye;
+        let depth = relative.dot(self.forward);
+        let xy = Vec2::new(relative.dot(self.right), relative.dot(self.up)) / self.half;
+        (xy.extend(if self.perspective { depth } else { 1.0 }), depth)
+    }
+}
+
+impl View {
+    /// Sets up all facets that the camera can see: fronts, and backs of two-sided materials.
+    pub fn new(scene: &PatchedScene, camera: &Camera, width: u32, height: u32) -> Self {
+        let frame = Frame::new(camera, width, height);
+        let farthest = scene.positions.iter().map(|p| frame.project(*p).1).fold(0f32, f32::max);
+        let mut view = Self { width, height, frame, triangles: Vec::new() };
+        for (index, facet) in scene.facets.iter().enumerate() {
+            let corners = facet.corners.map(|c| scene.positions[c as usize]);
+            let two_sided = facet.back != NO_PATCH;
+            view.triangles.extend(view.set_up(index as u32, corners, two_sided, farthest));
+        }
+        view
+    }
+
+    /// Triangles that may be seen in the given rows.
+    pub fn in_rows(&self, first: u32, end: u32) -> Vec<&ViewTriangle> {
+        self.triangles.iter().filter(|t| t.rows.0 < end && t.rows.1 > first).collect()
+    }
+
+    /// Edge functions of a facet without the sub-pixel offset.
+    pub fn edges(&self, corners: [Vec3; 3]) -> [PixelPlane; 3] {
+        edge_planes(corners.map(|corner| self.frame.project(corner).0))
+            .map(|plane| self.pixel_plane(plane))
+    }
+
+    fn pixel_plane(&self, plane: Vec3) -> PixelPlane {
+        let step = Vec2::new(2.0 / self.width as f32, 2.0 / self.height as f32);
+        PixelPlane {
+            per_column: plane.x * step.x,
+            per_row: -plane.y * step.y,
+            constant: plane.z + plane.x * (0.5 * step.x - 1.0) + plane.y * (1.0 - 0.5 * step.y),
+        }
+    }
+
+    fn set_up(
+        &self,
+        index: u32,
+        corners: [Vec3; 3],
+        two_sided: bool,
+        farthest: f32,
+    ) -> Option<ViewTriangle> {
+        let projected = corners.map(|corner| self.frame.project(corner));
+        let depths = projected.map(|p| p.1);
+        if depths.iter().all(|depth| *depth <= 0.0) {
+            return None;
+        }
+        let corners = projected.map(|p| p.0);
+        let edges = edge_planes(corners);
+        let sum = edges[0] + edges[1] + edges[2];
+        // x right, y up, z forward is left-handed: a front has positive volume.
+        let volume = if self.frame.perspective { corners[0].dot(edges[0]) } else { sum.z };
+        if volume == 0.0 || !volume.is_finite() || (volume < 0.0 && !two_sided) {
+            return None;
+        }
+        let nearness = if self.frame.perspective {
+            sum / volume
+        } else {
+            let depth = edges[0] * depths[0] + edges[1] * depths[1] + edges[2] * depths[2];
+            Vec3::Z * (1.1 * farthest.max(f32::MIN_POSITIVE)) - depth / sum.z
+        };
+        let edges = if volume < 0.0 { edges.map(|edge| -edge) } else { edges };
+        let rows = self.rows(&corners);
+        (rows.0 < rows.1).then(|| ViewTriangle {
+            edges: edges.map(|plane| self.pixel_plane(plane)),
+            nearness: self.pixel_plane(nearness),
+            rows,
+            code: item::encode(index, volume < 0.0),
+        })
+    }
+
+    /// Rows that may see the corners for any sub-pixel offset.
+    fn rows(&self, corners: &[Vec3; 3]) -> (u32, u32) {
+        if corners.iter().any(|corner| corner.z <= 1e-12) {
+            return (0, self.height);
+        }
+        let row = |c: Vec3| (1.0 - c.y / c.z) * 0.5 * self.height as f32 - 0.5;
+        let (first, end) = row_range(corners.map(row), self.height);
+        (first.saturating_sub(1), (end + 1).min(self.height))
+    }
+}

@@ -1,0 +1,350 @@
+//! From one value a patch to a smooth function: values at the corners of the patches by a local
+//! linear fit, interpolated linearly in between.
+//!
+//! Corners are shared by facets that meet there with about the same shading normal, so curved
+//! meshes show no facets and creases stay sharp. The fit is linear in the patch values: its
+//! coefficients are found once.
+
+use crate::patches::{Facet, PatchedScene, cells};
+use crate::radiometry::Rgb;
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// Facets share a corner where their shading normals there differ by less than this angle's
+/// cosine (18°).
+const SMOOTH: f32 = 0.95;
+/// Patches of a fit; fewer make it take the neighbours' neighbours too.
+const ENOUGH: usize = 5;
+/// Pulls the fitted slopes towards zero, relative to the patches' spread.
+const RIDGE: f32 = 0.02;
+const NONE: u32 = u32::MAX;
+
+/// Where corners lie and how patch values turn into corner values.
+pub struct Reconstruction {
+    /// First entry in `lattice` of each facet's front and back; [`NONE`] for a side without.
+    side_start: Vec<[u32; 2]>,
+    /// Vertex of each lattice point of each side.
+    lattice: Vec<u32>,
+    position: Vec<Vec3>,
+    normal: Vec<Vec3>,
+    /// Fit of each vertex: entries `start[v]..start[v + 1]` of `patch` and `coefficient`.
+    start: Vec<u32>,
+    patch: Vec<u32>,
+    coefficient: Vec<f32>,
+    /// Centroids of the patches.
+    centroid: Vec<Vec3>,
+}
+
+/// A lattice point that facets can share: a corner of the mesh, a point k/n along an edge
+/// (lowest terms), or a point inside one facet.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+enum Place {
+    Corner(u32),
+    Edge { low: u32, high: u32, part: u32, of: u32 },
+    Inside { facet: u32, index: u32 },
+}
+
+impl Reconstruction {
+    /// Finds the vertices and their fits.
+    pub fn new(scene: &PatchedScene) -> Self {
+        let mut this = Self {
+            side_start: vec![[NONE; 2]; scene.facets.len()],
+            lattice: Vec::new(),
+            position: Vec::new(),
+            normal: Vec::new(),
+            start: vec![0],
+            patch: Vec::new(),
+            coefficient: Vec::new(),
+            centroid: scene.patches.centroid.clone(),
+        };
+        this.place_vertices(scene);
+        let around = this.patches_around(scene);
+        let fits: Vec<Vec<(u32, f32)>> = (0..this.vertices())
+            .into_par_iter()
+            .map(|vertex| this.fit(scene, vertex, &around))
+            .collect();
+        for fit in fits {
+            for (patch, coefficient) in fit {
+                this.patch.push(patch);
+                this.coefficient.push(coefficient);
+            }
+            this.start.push(this.patch.len() as u32);
+        }
+        this
+    }
+
+    /// Number of vertices.
+    pub fn vertices(&self) -> usize {
+        self.position.len()
+    }
+
+    /// Values at the vertices from values of the patches.
+    ///
+    /// A patch whose value is exactly zero among lit ones was never reached (it lies inside a
+    /// body that stands on it): it says nothing about its surroundings and is left out.
+    pub fn apply(&self, values: &[Rgb]) -> Vec<Rgb> {
+        if values.is_empty() {
+            return Vec::new();
+        }
+        (0..self.vertices())
+            .into_par_iter()
+            .with_min_len(1024)
+            .map(|vertex| {
+                let entries = self.start[vertex] as usize..self.start[vertex + 1] as usize;
+                let patches = &self.patch[entries.clone()];
+                let unlit = patches.iter().filter(|p| values[**p as usize] == Rgb::ZERO).count();
+                let mut value = Rgb::ZERO;
+                let mut highest = Rgb::ZERO;
+                if unlit == 0 || unlit == patches.len() {
+                    for (patch, coefficient) in patches.iter().zip(&self.coefficient[entries]) {
+                        value += values[*patch as usize] * *coefficient;
+                        highest = highest.max(values[*patch as usize]);
+                    }
+                } else {
+                    let lit: Vec<u32> = patches
+                        .iter()
+                        .copied()
+                        .filter(|p| values[*p as usize] != Rgb::ZERO)
+                        .collect();
+                    for (patch, coefficient) in
+                        lit.iter().zip(self.coefficients(vertex, &lit, RIDGE))
+                    {
+                        value += values[*patch as usize] * coefficient;
+                        highest = highest.max(values[*patch as usize]);
+                    }
+                }
+                // A fit may overshoot at a border; light may not be negative.
+                value.clamp(Rgb::ZERO, 2.0 * highest)
+            })
+            .collect()
+    }
+
+    /// The vertices around barycentric (u, v) of a facet's side with their interpolation weights;
+    /// `None` for a black side.
+    #[inline]
+    pub fn corners(
+        &self,
+        facet_index: usize,
+        back: bool,
+        facet: &Facet,
+        u: f32,
+        v: f32,
+    ) -> Option<[(u32, f32); 3]> {
+        let start = self.side_start[facet_index][usize::from(back)];
+        if start == NONE {
+            return None;
+        }
+        let n = facet.divisions;
+        let (fu, fv) = (u * n as f32, v * n as f32);
+        let i = (fu as u32).min(n - 1);
+        let j = (fv as u32).min(n - 1 - i);
+        let (du, dv) = (fu - i as f32, fv - j as f32);
+        let at = |i, j| self.lattice[(start + lattice_index(n, i, j)) as usize];
+        Some(if du + dv > 1.0 && j < n - 1 - i {
+            [(at(i + 1, j + 1), du + dv - 1.0), (at(i, j + 1), 1.0 - du), (at(i + 1, j), 1.0 - dv)]
+        } else {
+            [(at(i, j), 1.0 - du - dv), (at(i + 1, j), du), (at(i, j + 1), dv)]
+        })
+    }
+
+    fn place_vertices(&mut self, scene: &PatchedScene) {
+        // Vertices at a place, one for each direction that a surface faces there.
+        let mut at_place: HashMap<Place, Vec<u32>> = HashMap::new();
+        for (index, facet) in scene.facets.iter().enumerate() {
+            for back in [false, true] {
+                if facet.first_patch(back).is_none() {
+                    continue;
+                }
+                self.side_start[index][usize::from(back)] = self.lattice.len() as u32;
+                let n = facet.divisions;
+                for i in 0..=n {
+                    for j in 0..=n - i {
+                        let (place, position) = locate(scene, facet, index as u32, i, j);
+                        let normal = shading_normal(scene, facet, i, j, back);
+                        let candidates = at_place.entry(place).or_default();
+                        let shared = candidates
+                            .iter()
+                            .copied()
+                            .find(|v| self.normal[*v as usize].dot(normal) > SMOOTH);
+                        let vertex = shared.unwrap_or_else(|| {
+                            let vertex = self.position.len() as u32;
+                            self.position.push(position);
+                            self.normal.push(normal);
+                            candidates.push(vertex);
+                            vertex
+                        });
+                        self.lattice.push(vertex);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Per vertex, the patches that have it as a corner.
+    fn patches_around(&self, scene: &PatchedScene) -> Vec<Vec<u32>> {
+        let mut around = vec![Vec::new(); self.vertices()];
+        for (index, facet) in scene.facets.iter().enumerate() {
+            for back in [false, true] {
+                let Some(first) = facet.first_patch(back) else { continue };
+                for (cell, corners) in cells(facet.divisions).enumerate() {
+                    for vertex in self.cell_vertices(index, back, facet, corners) {
+                        around[vertex as usize].push(first + cell as u32);
+                    }
+                }
+            }
+        }
+        around
+    }
+
+    fn cell_vertices(
+        &self,
+        index: usize,
+        back: bool,
+        facet: &Facet,
+        corners: [Vec2; 3],
+    ) -> [u32; 3] {
+        let n = facet.divisions;
+        let start = self.side_start[index][usize::from(back)];
+        corners.map(|corner| {
+            let at = (corner * n as f32).round();
+            self.lattice[(start + lattice_index(n, at.x as u32, at.y as u32)) as usize]
+        })
+    }
+
+    /// Patches of a vertex's fit with their coefficients.
+    fn fit(&self, scene: &PatchedScene, vertex: usize, around: &[Vec<u32>]) -> Vec<(u32, f32)> {
+        let mut patches = around[vertex].clone();
+        if patches.len() < ENOUGH {
+            for patch in around[vertex].clone() {
+                let (facet, back, corners) = scene.cell_of(patch);
+                let index = scene.patches.facet[patch as usize] as usize;
+                for neighbour in self.cell_vertices(index, back, facet, corners) {
+                    patches.extend(&around[neighbour as usize]);
+                }
+            }
+        }
+        patches.sort_unstable();
+        patches.dedup();
+        let coefficients = self.coefficients(vertex, &patches, RIDGE);
+        patches.into_iter().zip(coefficients).collect()
+    }
+
+    /// Coefficients of the weighted least-squares plane through patch values, at the vertex.
+    fn coefficients(&self, vertex: usize, patches: &[u32], ridge: f32) -> Vec<f32> {
+        let (tangent, bitangent) = crate::hemicube::frame(self.normal[vertex], 0.0);
+        let offset = |patch: &u32| {
+            let relative = self.centroid[*patch as usize] - self.position[vertex];
+            Vec2::new(relative.dot(tangent), relative.dot(bitangent))
+        };
+        let offsets: Vec<Vec2> = patches.iter().map(offset).collect();
+        let nearest = offsets
+            .iter()
+            .map(|o| o.length_squared())
+            .fold(f32::INFINITY, f32::min)
+            .max(f32::MIN_POSITIVE);
+        // Gaussian over about the first ring of patches.
+        let weights: Vec<f32> = offsets
+            .iter()
+            .map(|o| (-o.length_squared() / (6.0 * nearest)).exp().max(1e-6))
+            .collect();
+        let total: f32 = weights.iter().sum();
+        let spread = weights
+            .iter()
+            .zip(&offsets)
+            .map(|(w, o)| w * o.length_squared())
+            .sum::<f32>()
+            .max(f32::MIN_POSITIVE);
+        let scale = (total / spread).sqrt();
+        // Normal equations of a + b·x + c·y in scaled offsets.
+        let (mut mx, mut my, mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for (weight, offset) in weights.iter().zip(&offsets) {
+            let o = *offset * scale;
+            mx += weight * o.x;
+            my += weight * o.y;
+            xx += weight * o.x * o.x;
+            xy += weight * o.x * o.y;
+            yy += weight * o.y * o.y;
+        }
+        let matrix = glam::Mat3::from_cols(
+            Vec3::new(total, mx, my),
+            Vec3::new(mx, xx + ridge * total, xy),
+            Vec3::new(my, xy, yy + ridge * total),
+        );
+        let solved = matrix.inverse() * Vec3::X;
+        if !solved.is_finite() {
+            return weights.iter().map(|w| w / total).collect();
+        }
+        weights
+            .iter()
+            .zip(&offsets)
+            .map(|(w, o)| w * (solved.x + scale * (solved.y * o.x + solved.z * o.y)))
+            .collect()
+    }
+}
+
+/// Index of lattice point (i, j), i + j ≤ n, in columns of constant i.
+#[inline]
+fn lattice_index(n: u32, i: u32, j: u32) -> u32 {
+    i * (n + 1) - i * i.saturating_sub(1) / 2 + j
+}
+
+fn shading_normal(scene: &PatchedScene, facet: &Facet, i: u32, j: u32, back: bool) -> Vec3 {
+    let n = facet.divisions as f32;
+    let at = facet.to_source(i as f32 / n, j as f32 / n);
+    let triangle = &scene.scene.triangles[facet.source as usize];
+    let normal = scene.scene.interpolate(triangle, at.x, at.y, |vertex| vertex.normal);
+    let [a, b, c] = facet.corners.map(|p| scene.positions[p as usize]);
+    let normal = normal.normalize_or((b - a).cross(c - a).normalize_or_zero());
+    if back { -normal } else { normal }
+}
+
+/// What facets share at lattice point (i, j), and where it is.
+fn locate(scene: &PatchedScene, facet: &Facet, index: u32, i: u32, j: u32) -> (Place, Vec3) {
+    let n = facet.divisions;
+    let [a, b, c] = facet.corners;
+    let k = n - i - j;
+    let edge = |from: u32, to: u32, part: u32| {
+        // Counted from the lower corner, so that both neighbours name the same place.
+        let (low, high, part) = if from < to { (from, to, part) } else { (to, from, n - part) };
+        let divisor = gcd(part, n);
+        let place = Place::Edge { low, high, part: part / divisor, of: n / divisor };
+        let (p, q) = (scene.positions[low as usize], scene.positions[high as usize]);
+        (place, p.lerp(q, part as f32 / n as f32))
+    };
+    let corner = |at: u32| (Place::Corner(at), scene.positions[at as usize]);
+    match (i, j, k) {
+        (_, _, k) if k == n => corner(a),
+        (i, _, _) if i == n => corner(b),
+        (_, j, _) if j == n => corner(c),
+        (i, 0, _) => edge(a, b, i),
+        (0, j, _) => edge(a, c, j),
+        (_, j, 0) => edge(b, c, j),
+        (i, j, _) => {
+            let point = scene.point(facet, i as f32 / n as f32, j as f32 / n as f32);
+            (Place::Inside { facet: index, index: lattice_index(n, i, j) }, point)
+        }
+    }
+}
+
+fn gcd(a: u32, b: u32) -> u32 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lattice_points_are_numbered_without_gaps() {
+        for n in [1, 2, 5, 33] {
+            let mut expected = 0;
+            for i in 0..=n {
+                for j in 0..=n - i {
+                    assert_eq!(lattice_index(n, i, j), expected);
+                    expected += 1;
+                }
+            }
+        }
+    }
+}

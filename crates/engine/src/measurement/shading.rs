@@ -1,0 +1,149 @@
+//! Reflected and emitted radiance of what each sub-pixel sample sees.
+
+use super::{Measurement, VertexWeights};
+use crate::hemicube::item;
+use crate::radiometry::Rgb;
+use glam::Vec2;
+use std::f32::consts::PI;
+
+/// Light at the vertices of the reconstruction.
+pub struct VertexLight {
+    /// Irradiance.
+    pub irradiance: Vec<Rgb>,
+    /// Lobe-weighted irradiance; empty without glossy patches.
+    pub glossy: Vec<Rgb>,
+}
+
+/// A run of pixels in a row that see the same side of the same facet.
+struct Run {
+    facet: usize,
+    back: bool,
+    /// Barycentric numerators and their sum at column 0, and their change per column.
+    u: (f32, f32),
+    v: (f32, f32),
+    sum: (f32, f32),
+}
+
+/// Calls `each` for every run of an item buffer with its pixel range.
+fn runs(
+    measurement: &Measurement,
+    first_row: u32,
+    offset: Vec2,
+    items: &[u32],
+    mut each: impl FnMut(&Run, usize, std::ops::Range<u32>),
+) {
+    let width = measurement.view.width as usize;
+    for (row_index, row_items) in items.chunks(width).enumerate() {
+        let mut column = 0;
+        while column < width {
+            let code = row_items[column];
+            let end = row_items[column..]
+                .iter()
+                .position(|other| *other != code)
+                .map_or(width, |length| column + length);
+            if let Some((facet, back)) = item::decode(code) {
+                let row = first_row + row_index as u32;
+                let run = Run::new(measurement, facet as usize, back, row, offset);
+                each(&run, row_index * width, column as u32..end as u32);
+            }
+            column = end;
+        }
+    }
+}
+
+impl Run {
+    fn new(measurement: &Measurement, facet: usize, back: bool, row: u32, offset: Vec2) -> Self {
+        let scene = &measurement.scene;
+        let corners = scene.facets[facet].corners.map(|c| scene.positions[c as usize]);
+        let [e0, e1, e2] = measurement.view.edges(corners).map(|plane| {
+            let at_row = plane.constant + plane.per_row * (row as f32 + offset.y);
+            (at_row + plane.per_column * offset.x, plane.per_column)
+        });
+        Self { facet, back, u: e1, v: e2, sum: (e0.0 + e1.0 + e2.0, e0.1 + e1.1 + e2.1) }
+    }
+
+    /// Barycentric coordinates that a column sees.
+    fn at(&self, column: u32) -> (f32, f32) {
+        let column = column as f32;
+        let scale = 1.0 / (self.sum.0 + self.sum.1 * column);
+        let u = ((self.u.0 + self.u.1 * column) * scale).clamp(0.0, 1.0);
+        let v = ((self.v.0 + self.v.1 * column) * scale).clamp(0.0, 1.0 - u);
+        (u, v)
+    }
+}
+
+/// Radiance towards the camera of every sample of an item buffer: `each(pixel, radiance)`.
+pub fn shade(
+    measurement: &Measurement,
+    light: &VertexLight,
+    first_row: u32,
+    offset: Vec2,
+    items: &[u32],
+    mut each: impl FnMut(usize, Rgb),
+) {
+    let patched = &measurement.scene;
+    let scene = &patched.scene;
+    runs(measurement, first_row, offset, items, |run, row_start, columns| {
+        let facet = &patched.facets[run.facet];
+        let triangle = &scene.triangles[facet.source as usize];
+        let material = &scene.materials[triangle.material as usize];
+        let varies = patched.colour_varies(facet);
+        let uniform = material.reflectance(scene.base_color(triangle, 0.0, 0.0));
+        let emission = scene.emission(triangle, 0.0, 0.0);
+        for column in columns {
+            let (u, v) = run.at(column);
+            let (reflectance, emission) = if varies {
+                let at = facet.to_source(u, v);
+                let color = scene.base_color(triangle, at.x, at.y);
+                (material.reflectance(color), scene.emission(triangle, at.x, at.y))
+            } else {
+                (uniform, emission)
+            };
+            let corners = measurement.reconstruction.corners(run.facet, run.back, facet, u, v);
+            let mut radiance = emission;
+            if let Some(corners) = corners {
+                let interpolate = |values: &[Rgb]| {
+                    corners.iter().map(|(vertex, w)| values[*vertex as usize] * *w).sum::<Rgb>()
+                };
+                radiance += reflectance.diffuse * interpolate(&light.irradiance) / PI;
+                if !light.glossy.is_empty() && reflectance.is_glossy() {
+                    radiance += reflectance.specular * interpolate(&light.glossy);
+                }
+            }
+            each(row_start + column as usize, radiance);
+        }
+    });
+}
+
+/// Adds what an item buffer says to the vertices' weights in the picture.
+pub fn weigh(
+    measurement: &Measurement,
+    first_row: u32,
+    offset: Vec2,
+    items: &[u32],
+    weights: &mut VertexWeights,
+) {
+    let patched = &measurement.scene;
+    let scene = &patched.scene;
+    weights.pixels += items.len() as f64;
+    runs(measurement, first_row, offset, items, |run, _, columns| {
+        let facet = &patched.facets[run.facet];
+        let triangle = &scene.triangles[facet.source as usize];
+        let material = &scene.materials[triangle.material as usize];
+        if material.emits() {
+            weights.pixels -= columns.len() as f64;
+            return;
+        }
+        for column in columns {
+            let (u, v) = run.at(column);
+            let at = facet.to_source(u, v);
+            let reflectance = material.reflectance(scene.base_color(triangle, at.x, at.y));
+            let (kd, ks) = (reflectance.diffuse / PI, reflectance.specular);
+            let corners = measurement.reconstruction.corners(run.facet, run.back, facet, u, v);
+            for (vertex, weight) in corners.into_iter().flatten() {
+                weights.diffuse[vertex as usize].add(kd, weight);
+                weights.glossy[vertex as usize].add(ks, weight);
+            }
+        }
+    });
+}

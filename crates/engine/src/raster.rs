@@ -1,0 +1,117 @@
+//! Triangles to pixels, for hemicubes and cameras alike: edge functions that are linear over the
+//! pixel grid, one span a row, a depth comparison that vectorises.
+//!
+//! Rasterisation is homogeneous: a triangle is given by the planes through the eye and its edges,
+//! so nothing is clipped and there is no near plane. Neighbours compute a shared edge from the
+//! same two corners with opposite sign, bit for bit, so they neither overlap nor leave a crack.
+
+use glam::Vec3;
+
+/// A linear function of the pixel: per_column·column + at_row(row).
+#[derive(Clone, Copy, Debug)]
+pub struct PixelPlane {
+    /// Change from one column to the next.
+    pub per_column: f32,
+    /// Change from one row to the next.
+    pub per_row: f32,
+    /// Value at column 0, row 0.
+    pub constant: f32,
+}
+
+impl PixelPlane {
+    /// Value at column 0 of a row.
+    #[inline(always)]
+    pub fn at_row(&self, row: u32) -> f32 {
+        self.constant + self.per_row * row as f32
+    }
+}
+
+/// Planes through the eye and the edges opposite to corners 0, 1, 2 of a triangle, for corners
+/// relative to the eye.
+#[inline(always)]
+pub fn edge_planes([a, b, c]: [Vec3; 3]) -> [Vec3; 3] {
+    [b.cross(c), c.cross(a), a.cross(b)]
+}
+
+/// One triangle over the pixel grid. A pixel is inside where all edges are ≥ 0; barycentric
+/// coordinates are the edge values over their sum.
+pub struct PixelTriangle {
+    /// Edge functions opposite to corners 0, 1, 2.
+    pub edges: [PixelPlane; 3],
+    /// Grows towards the eye; > 0 where anything may be drawn.
+    pub nearness: PixelPlane,
+    /// First row that may see the triangle, and the one after the last.
+    pub rows: (u32, u32),
+    /// What to write where it is nearest.
+    pub code: u32,
+}
+
+/// A window of the pixel grid with a depth buffer: full rows from `first_row` on.
+pub struct Target<'a> {
+    /// Columns.
+    pub width: u32,
+    /// Grid row of the window's first row.
+    pub first_row: u32,
+    /// Codes, row by row.
+    pub items: &'a mut [u32],
+    /// Nearness of what is drawn, row by row.
+    pub depth: &'a mut [f32],
+}
+
+/// Draws the pixels of a triangle that see it nearer than anything before.
+#[inline(always)]
+pub fn fill(target: &mut Target<'_>, triangle: &PixelTriangle) {
+    let width = target.width;
+    let rows = (target.items.len() / width as usize) as u32;
+    let slopes = triangle.edges.map(|edge| -edge.per_column.recip());
+    let first = triangle.rows.0.max(target.first_row);
+    let end = triangle.rows.1.min(target.first_row + rows);
+    for row in first..end {
+        let (mut low, mut high) = (0f32, width as f32);
+        for (edge, slope) in triangle.edges.iter().zip(&slopes) {
+            let value = edge.at_row(row);
+            // Columns with per_column·column + value ≥ 0.
+            let crossing = (value * slope).ceil();
+            if edge.per_column > 0.0 {
+                low = low.max(crossing);
+            } else if edge.per_column < 0.0 {
+                high = high.min(crossing);
+            } else if value < 0.0 {
+                high = -1.0;
+            }
+        }
+        if low < high {
+            let start = ((row - target.first_row) * width) as usize;
+            let span = start + low as usize..start + high as usize;
+            fill_span(
+                &mut target.items[span.clone()],
+                &mut target.depth[span],
+                triangle.nearness.at_row(row) + triangle.nearness.per_column * low,
+                triangle.nearness.per_column,
+                triangle.code,
+            );
+        }
+    }
+}
+
+/// Depth test of one span; written so that it becomes compare-and-blend on vectors.
+#[inline(always)]
+fn fill_span(items: &mut [u32], depth: &mut [f32], first: f32, step: f32, code: u32) {
+    for (column, (item, depth)) in items.iter_mut().zip(depth).enumerate() {
+        let value = first + step * column as i32 as f32;
+        let nearer = value > *depth;
+        *depth = if nearer { value } else { *depth };
+        *item = if nearer { code } else { *item };
+    }
+}
+
+/// Rows that can see corners at the given row coordinates (pixel centres are whole numbers), with
+/// half a row of slack either way: the spans decide.
+#[inline(always)]
+pub fn row_range(coordinates: [f32; 3], rows: u32) -> (u32, u32) {
+    let [a, b, c] = coordinates;
+    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    let first = (low - 0.5).ceil().clamp(0.0, rows as f32);
+    let end = ((high + 0.5).floor() + 1.0).clamp(0.0, rows as f32);
+    (first as u32, end as u32)
+}

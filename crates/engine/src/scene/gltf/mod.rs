@@ -1,0 +1,192 @@
+//! glTF 2.0 / GLB import. The input is hostile: every index, offset and length is checked, no
+//! URI leaves the upload, and memory is bounded by the size of the file and [`ImportLimits`].
+//!
+//! The way of the bytes: `container` (chunks, buffers, URIs) → `json` (members with
+//! their paths) → `accessor` (typed reads) → `node` (what stands where), `material` and
+//! `picture` (surfaces) → `geometry` (world-space triangles).
+
+mod accessor;
+mod container;
+mod geometry;
+mod json;
+mod material;
+mod node;
+mod picture;
+#[cfg(test)]
+mod tests;
+
+use super::{Scene, SceneError, Warning};
+use json::{Object, clip};
+use std::collections::BTreeMap;
+
+/// Bounds on what an upload may contain; exceeding one is a [`SceneError`] with `too_large`.
+#[derive(Clone, Copy, Debug)]
+pub struct ImportLimits {
+    /// Triangles after instancing.
+    pub max_triangles: usize,
+    /// Texels of one texture.
+    pub max_texture_texels: u64,
+    /// Texels of all textures together.
+    pub max_total_texels: u64,
+}
+
+impl Default for ImportLimits {
+    fn default() -> Self {
+        Self { max_triangles: 4_000_000, max_texture_texels: 64 << 20, max_total_texels: 256 << 20 }
+    }
+}
+
+/// Files that came with a `.gltf`, by the relative URI that it names them with.
+pub type Resources = BTreeMap<String, Vec<u8>>;
+
+/// Largest world coordinate, metres: areas and their squares stay finite in f32.
+const MAX_COORDINATE: f64 = 1e8;
+
+/// Most warnings that a scene carries; a last one counts the rest.
+const MAX_WARNINGS: usize = 200;
+
+/// Extensions that a file may require; what is lost of them, if anything, is warned of in place.
+const KNOWN_EXTENSIONS: &[&str] = &[
+    "EXT_texture_webp",
+    "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_diffuse_transmission",
+    "KHR_materials_dispersion",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_iridescence",
+    "KHR_materials_sheen",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
+    "KHR_materials_volume",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "KHR_xmp_json_ld",
+];
+
+/// Extensions without which a file can be shown, but not one that requires them; each use is
+/// warned of in place or does not change the picture.
+const OPTIONAL_EXTENSIONS: &[&str] = &[
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    "KHR_draco_mesh_compression",
+    "KHR_materials_pbrSpecularGlossiness",
+];
+
+/// What to do about some required extensions.
+const EXTENSION_HINTS: &[(&str, &str)] = &[
+    ("KHR_draco_mesh_compression", "export the scene without Draco mesh compression"),
+    ("EXT_meshopt_compression", "export the scene without meshopt compression"),
+    ("KHR_meshopt_compression", "export the scene without meshopt compression"),
+    ("KHR_texture_basisu", "export textures as PNG, JPEG or WebP instead of KTX2"),
+    ("EXT_texture_avif", "export textures as PNG, JPEG or WebP"),
+    ("EXT_mesh_gpu_instancing", "export instances as nodes that share a mesh"),
+    ("KHR_materials_pbrSpecularGlossiness", "convert the materials to metallic-roughness"),
+];
+
+/// Warnings of one import, bounded in number.
+#[derive(Default)]
+struct Warnings {
+    list: Vec<Warning>,
+    left_out: usize,
+}
+
+impl Warnings {
+    fn push(&mut self, at: impl Into<String>, what: impl Into<String>) {
+        if self.list.len() < MAX_WARNINGS {
+            self.list.push(Warning::new(at, what));
+        } else {
+            self.left_out += 1;
+        }
+    }
+
+    fn finish(mut self) -> Vec<Warning> {
+        if self.left_out > 0 {
+            let what = format!("{} more warnings are left out", self.left_out);
+            self.list.push(Warning::new("file", what));
+        }
+        self.list
+    }
+}
+
+/// Imports a `.glb` (or a `.gltf` with its `resources`).
+///
+/// The default scene is shown, or else the first. Triangles face front by their winding; every
+/// vertex normal lies on the front side of the triangles that use it. A camera has its node's
+/// name, or else its own.
+///
+/// # Errors
+/// [`SceneError`] names the place in the file, what is wrong there and what to do.
+pub fn import(
+    bytes: &[u8],
+    resources: &Resources,
+    limits: &ImportLimits,
+) -> Result<Scene, SceneError> {
+    let mut warnings = Warnings::default();
+    let (json, binary) = container::open(bytes, &mut warnings)?;
+    let root = Object::root(&json)?;
+    check_version(&root)?;
+    check_extensions(&root, &mut warnings)?;
+    let buffers = container::Buffers::new(&root, binary, resources)?;
+    let accessors = accessor::accessors(&root, &buffers)?;
+    let placed = node::place(&root, &mut warnings)?;
+
+    let mut images = picture::Images::new(&root, &buffers, resources, limits)?;
+    let materials = {
+        let mut textures = material::Textures::new(&root, &mut images)?;
+        material::materials(&root, &mut textures, &mut warnings)?
+    };
+    let mut scene =
+        Scene { materials, textures: images.textures, cameras: placed.cameras, ..Scene::default() };
+    geometry::build(&root, &accessors, &placed.instances, limits, &mut scene, &mut warnings)?;
+    if root.count("animations")? > 0 {
+        warnings.push("animations", "are ignored; everything is shown at rest");
+    }
+    if scene.triangles.is_empty() {
+        warnings.push("meshes", "there is no triangle to be seen; pictures will be black");
+    } else if scene.emissive_triangles() == 0 {
+        warnings.push("materials", "no surface emits light; pictures will be black without a sky");
+    }
+    scene.warnings = warnings.finish();
+    Ok(scene)
+}
+
+fn check_version(root: &Object<'_>) -> Result<(), SceneError> {
+    let asset = root.object("asset")?.ok_or_else(|| root.missing("asset"))?;
+    let version = asset.string("version")?.ok_or_else(|| asset.missing("version"))?;
+    let needed = asset.string("minVersion")?.unwrap_or("2.0");
+    let unsupported = if version.starts_with("2.") { needed } else { version };
+    if unsupported != "2.0" {
+        return Err(SceneError::malformed(
+            asset.path("version"),
+            format!("glTF {} is not supported", clip(unsupported)),
+            "export the scene as glTF 2.0",
+        ));
+    }
+    Ok(())
+}
+
+fn check_extensions(root: &Object<'_>, warnings: &mut Warnings) -> Result<(), SceneError> {
+    for (index, name) in root.strings("extensionsRequired")?.into_iter().enumerate() {
+        if KNOWN_EXTENSIONS.contains(&name) {
+            continue;
+        }
+        let hint = EXTENSION_HINTS.iter().find(|(known, _)| *known == name);
+        return Err(SceneError::malformed(
+            format!("extensionsRequired[{index}]"),
+            format!("the file cannot be shown without {}, which is not supported", clip(name)),
+            hint.map_or("export the scene without the extension", |(_, hint)| hint),
+        ));
+    }
+    for (index, name) in root.strings("extensionsUsed")?.into_iter().enumerate() {
+        if !KNOWN_EXTENSIONS.contains(&name) && !OPTIONAL_EXTENSIONS.contains(&name) {
+            warnings.push(
+                format!("extensionsUsed[{index}]"),
+                format!("{} is not supported and ignored", clip(name)),
+            );
+        }
+    }
+    Ok(())
+}

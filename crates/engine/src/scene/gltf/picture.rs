@@ -1,0 +1,158 @@
+//! Images: PNG, JPEG and WebP to 8-bit RGB, dimensions checked before decoding.
+
+use super::container::{Buffers, resolve};
+use super::json::{Object, clip, malformed};
+use super::{ImportLimits, Resources};
+use crate::scene::{SceneError, Texture};
+use image::{ImageFormat, ImageReader, Limits};
+use std::collections::BTreeMap;
+use std::io::Cursor;
+
+/// What a sender can do about an image that cannot be read.
+const FIX_IMAGE: &str = "embed a valid PNG, JPEG or WebP image";
+
+/// What a sender can do about an image over a limit.
+const FIX_SIZE: &str = "send smaller images";
+
+/// Bytes that a decoder may hold for each texel: 16-bit RGBA, twice.
+const DECODER_BYTES_PER_TEXEL: u64 = 16;
+
+/// Decoder memory that every image gets, however small it is.
+const DECODER_BASE_BYTES: u64 = 16 << 20;
+
+/// The images of a file, decoded when they are first asked for.
+pub(super) struct Images<'a> {
+    objects: Vec<Object<'a>>,
+    buffers: &'a Buffers<'a>,
+    resources: &'a Resources,
+    limits: ImportLimits,
+    texels: u64,
+    /// By image: its place among `textures`.
+    places: BTreeMap<usize, u32>,
+    /// By image: mean of the stored channels, 0…1, without decoding sRGB.
+    means: BTreeMap<usize, [f32; 3]>,
+    /// Textures for [`crate::scene::Scene::textures`].
+    pub textures: Vec<Texture>,
+}
+
+impl<'a> Images<'a> {
+    /// The images of a file; none is decoded yet.
+    pub fn new(
+        root: &Object<'a>,
+        buffers: &'a Buffers<'a>,
+        resources: &'a Resources,
+        limits: &ImportLimits,
+    ) -> Result<Self, SceneError> {
+        Ok(Self {
+            objects: root.objects("images")?,
+            buffers,
+            resources,
+            limits: *limits,
+            texels: 0,
+            places: BTreeMap::new(),
+            means: BTreeMap::new(),
+            textures: Vec::new(),
+        })
+    }
+
+    /// Number of images in the file.
+    pub fn count(&self) -> usize {
+        self.objects.len()
+    }
+
+    /// The texture of an image, an index into [`Images::textures`].
+    pub fn texture(&mut self, image: usize) -> Result<u32, SceneError> {
+        if let Some(place) = self.places.get(&image) {
+            return Ok(*place);
+        }
+        let texture = self.decode(image)?;
+        let place = self.textures.len() as u32;
+        self.textures.push(texture);
+        self.places.insert(image, place);
+        Ok(place)
+    }
+
+    /// Mean of each stored channel over an image that holds data rather than colour.
+    pub fn mean(&mut self, image: usize) -> Result<[f32; 3], SceneError> {
+        if let Some(mean) = self.means.get(&image) {
+            return Ok(*mean);
+        }
+        let mean = match self.places.get(&image) {
+            Some(place) => stored_mean(&self.textures[*place as usize]),
+            None => stored_mean(&self.decode(image)?),
+        };
+        self.means.insert(image, mean);
+        Ok(mean)
+    }
+
+    fn decode(&mut self, image: usize) -> Result<Texture, SceneError> {
+        let object = &self.objects[image];
+        let at = &object.at;
+        let held;
+        let bytes: &[u8] = match object.string("uri")? {
+            Some(uri) => {
+                held = resolve(uri, self.resources, &object.path("uri"))?;
+                &held
+            }
+            None => {
+                let view = object
+                    .index("bufferView", self.buffers.view_count(), "buffer views")?
+                    .ok_or_else(|| malformed(at, "has neither a uri nor a bufferView"))?;
+                self.buffers.view(view).map_or(&[], |(bytes, _)| bytes)
+            }
+        };
+        let refused = |what: String| SceneError::malformed(at, what, FIX_IMAGE);
+        let format = match image::guess_format(bytes) {
+            Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) => format,
+            _ => return Err(refused("is not a PNG, JPEG or WebP image".into())),
+        };
+        let broken = |error: image::ImageError| match error {
+            image::ImageError::Limits(_) => {
+                SceneError::too_large(at, "is too large to decode", FIX_SIZE)
+            }
+            error => refused(format!("cannot be decoded: {}", clip(&error.to_string()))),
+        };
+        let (width, height) = ImageReader::with_format(Cursor::new(bytes), format)
+            .into_dimensions()
+            .map_err(broken)?;
+        let texels = u64::from(width) * u64::from(height);
+        if texels == 0 {
+            return Err(refused("has no texels".into()));
+        }
+        let (one, total) = (self.limits.max_texture_texels, self.limits.max_total_texels);
+        if texels > one || self.texels + texels > total {
+            return Err(SceneError::too_large(
+                at,
+                format!(
+                    "has {width} × {height} texels; {one} are allowed for one image, {total} for all"
+                ),
+                FIX_SIZE,
+            ));
+        }
+        self.texels += texels;
+        let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+        let mut limits = Limits::default();
+        limits.max_image_width = Some(width);
+        limits.max_image_height = Some(height);
+        limits.max_alloc = Some(texels * DECODER_BYTES_PER_TEXEL + DECODER_BASE_BYTES);
+        reader.limits(limits);
+        // Codecs are the one place where foreign code reads foreign bytes: a panic there costs
+        // the upload, not the process.
+        let decoded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| reader.decode()))
+            .map_err(|_| refused("cannot be decoded: the decoder gave up".into()))?
+            .map_err(broken)?
+            .into_rgb8();
+        let texels = decoded.pixels().map(|pixel| pixel.0).collect();
+        Ok(Texture { width: decoded.width(), height: decoded.height(), texels })
+    }
+}
+
+fn stored_mean(texture: &Texture) -> [f32; 3] {
+    let mut sums = [0u64; 3];
+    for texel in &texture.texels {
+        for (sum, code) in sums.iter_mut().zip(texel) {
+            *sum += u64::from(*code);
+        }
+    }
+    sums.map(|sum| (sum as f64 / (255.0 * texture.texels.len() as f64)) as f32)
+}

@@ -1,1 +1,0 @@
-//! Scenes made by code: the project's own test and example scenes.

@@ -1,0 +1,29 @@
+//! Scenes made by code: the project's own test and example scenes, as GLB files. The same bytes
+//! every time.
+
+mod cornell;
+mod glb;
+mod mesh;
+mod office;
+mod rooms;
+#[cfg(test)]
+mod tests;
+mod texture;
+
+pub use cornell::{cornell, phong_cornell};
+pub use glb::assemble;
+pub use office::office;
+pub use rooms::{corridor, furnace, tessellated_room};
+
+use crate::radiometry::Rgb;
+
+/// The scenes that are shipped in `scenes/`: file name and contents.
+pub fn shipped() -> Vec<(&'static str, Vec<u8>)> {
+    vec![
+        ("cornell.glb", cornell()),
+        ("cornell_phong.glb", phong_cornell()),
+        ("corridor.glb", corridor()),
+        ("furnace.glb", furnace(Rgb::splat(0.5), Rgb::ONE)),
+        ("office.glb", office()),
+    ]
+}

@@ -1,0 +1,140 @@
+//! Sums of a running solution in batches of equal length, and the error estimate that their
+//! scatter gives (batch means).
+
+use crate::device::Sums;
+use crate::measurement::{Measurement, PixelWeight, Solution, VertexWeights};
+use crate::radiometry::Rgb;
+
+/// Batches before pairs are merged; the estimate has between half of this and this many.
+const MOST: usize = 16;
+/// Iterations of the first batches.
+const FIRST_LENGTH: u64 = 4;
+/// Fewer batches give no estimate.
+const FEWEST: usize = 4;
+
+/// The batches so far. Their length doubles whenever there are [`MOST`], so the boundaries depend
+/// on the iteration count alone and results repeat bit for bit.
+pub struct Batches {
+    length: u64,
+    complete: Vec<Sums>,
+    open: Sums,
+}
+
+impl Batches {
+    /// No batches yet.
+    pub fn new() -> Self {
+        Self { length: FIRST_LENGTH, complete: Vec::new(), open: Sums::default() }
+    }
+
+    /// Iterations that the open batch still takes.
+    pub fn room(&self) -> u64 {
+        self.length - self.open.iterations
+    }
+
+    /// Whether there is anything to average.
+    pub fn any(&self) -> bool {
+        self.open.iterations > 0 || !self.complete.is_empty()
+    }
+
+    /// Adds sums of at most [`Batches::room`] iterations. Whether a batch was completed.
+    pub fn add(&mut self, sums: Sums) -> bool {
+        merge(&mut self.open, sums);
+        if self.open.iterations < self.length {
+            return false;
+        }
+        self.complete.push(std::mem::take(&mut self.open));
+        if self.complete.len() == MOST {
+            let mut all = std::mem::take(&mut self.complete).into_iter();
+            while let (Some(mut first), Some(second)) = (all.next(), all.next()) {
+                merge(&mut first, second);
+                self.complete.push(first);
+            }
+            self.length *= 2;
+        }
+        true
+    }
+
+    /// Mean over all iterations so far.
+    pub fn mean(&self) -> Solution {
+        let mut total = Sums::default();
+        for batch in self.complete.iter().chain([&self.open]) {
+            merge(&mut total, batch.clone());
+        }
+        Solution::mean(&total)
+    }
+
+    /// Estimated rRMSE of the picture of [`Batches::mean`]: the standard error of the batch means
+    /// at every vertex, weighted by what the camera sees of it, over the picture's mean radiance.
+    /// Knows noise only, not the bias of the patches. `None` with too few batches or a black
+    /// picture.
+    pub fn relative_error(
+        &self,
+        measurement: &Measurement,
+        weights: &VertexWeights,
+    ) -> Option<f64> {
+        let count = self.complete.len();
+        if count < FEWEST || weights.pixels <= 0.0 {
+            return None;
+        }
+        let means: Vec<Solution> = self.complete.iter().map(Solution::mean).collect();
+        let (mut noise, mut brightness) = (0.0, 0.0);
+        let parts: [(fn(&Solution) -> &Vec<Rgb>, &Vec<PixelWeight>); 2] =
+            [(|mean| &mean.irradiance, &weights.diffuse), (|mean| &mean.glossy, &weights.glossy)];
+        for (values, weights) in parts {
+            let at_vertices: Vec<Vec<Rgb>> =
+                means.iter().map(|mean| measurement.reconstruction().apply(values(mean))).collect();
+            if at_vertices[0].is_empty() {
+                continue;
+            }
+            for (vertex, weight) in weights.iter().enumerate() {
+                if weight.first == Rgb::ZERO {
+                    continue;
+                }
+                let center = at_vertices.iter().map(|v| v[vertex]).sum::<Rgb>() / count as f32;
+                let scatter = |v: &Vec<Rgb>| (v[vertex] - center) * (v[vertex] - center);
+                let squares: Rgb = at_vertices.iter().map(scatter).sum();
+                noise += f64::from((squares * weight.second).element_sum());
+                brightness += f64::from((center * weight.first).element_sum());
+            }
+        }
+        let variance = noise / (count * (count - 1)) as f64 / (3.0 * weights.pixels);
+        let mean_radiance = brightness / (3.0 * weights.pixels);
+        (mean_radiance > 0.0).then(|| variance.sqrt() / mean_radiance)
+    }
+}
+
+fn merge(into: &mut Sums, other: Sums) {
+    if into.iterations == 0 {
+        *into = other;
+        return;
+    }
+    into.iterations += other.iterations;
+    for (a, b) in into.irradiance.iter_mut().zip(other.irradiance) {
+        *a += b;
+    }
+    for (a, b) in into.glossy.iter_mut().zip(other.glossy) {
+        *a += b;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sums(iterations: u64, value: f32) -> Sums {
+        let irradiance = vec![Rgb::splat(value * iterations as f32)];
+        Sums { iterations, irradiance, glossy: Vec::new() }
+    }
+
+    #[test]
+    fn batches_double_and_keep_the_mean() {
+        let mut batches = Batches::new();
+        for i in 0..1000u64 {
+            batches.add(sums(1, i as f32));
+        }
+        assert_eq!(batches.mean().irradiance[0], Rgb::splat(499.5));
+        assert!((MOST / 2..MOST).contains(&batches.complete.len()));
+        let lengths: Vec<u64> = batches.complete.iter().map(|b| b.iterations).collect();
+        assert!(lengths.iter().all(|length| *length == batches.length), "{lengths:?}");
+    }
+}

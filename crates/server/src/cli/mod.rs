@@ -1,0 +1,82 @@
+//! The command line.
+
+mod devices;
+mod render;
+mod serve;
+
+use crate::config::Config;
+use clap::{Parser, Subcommand};
+use std::io::{IsTerminal, Write};
+use std::process::ExitCode;
+use tracing_subscriber::EnvFilter;
+
+/// Global illumination by hemicube shooting: a render server and a command-line renderer.
+#[derive(Parser)]
+#[command(name = "hemilux", version)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Answer jobs over HTTP.
+    Serve(Box<Config>),
+    /// Render one picture.
+    Render(Box<render::Arguments>),
+    /// List the devices of this machine.
+    Devices,
+    /// Print the API's description (OpenAPI, YAML).
+    Openapi,
+}
+
+/// Runs the program. Exit codes: 0 done, 1 failed, 2 wrong usage.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let default = if matches!(arguments.command, Command::Serve(_)) { "info" } else { "warn" };
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .init();
+    let done = match arguments.command {
+        Command::Serve(config) => serve::run(*config),
+        Command::Render(arguments) => render::run(&arguments),
+        Command::Devices => devices::run(),
+        Command::Openapi => print(&crate::http::openapi::yaml()),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("hemilux: {}", failure.message);
+            ExitCode::from(failure.code)
+        }
+    }
+}
+
+/// Why the program ends without success.
+struct Failure {
+    message: String,
+    code: u8,
+}
+
+impl Failure {
+    /// The work failed: exit code 1.
+    fn failed(message: impl ToString) -> Self {
+        Self { message: message.to_string(), code: 1 }
+    }
+
+    /// The program was asked for something that cannot be: exit code 2.
+    fn usage(message: impl ToString) -> Self {
+        Self { message: message.to_string(), code: 2 }
+    }
+}
+
+/// Prints; a reader that went away is no failure.
+fn print(text: &str) -> Result<(), Failure> {
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::failed(error)),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,302 @@
+//! `hemilux render`.
+
+use super::Failure;
+use crate::worker::{devices, scenes};
+use crate::{builtin, panic_text};
+use clap::Args;
+use hemilux_engine::image::{Exposure, Picture};
+use hemilux_engine::render::{
+    CameraChoice, Limits, Observer, Plan, Progress, RenderError, RenderRequest, Rendered, render,
+};
+use hemilux_engine::scene::{Scene, Warning};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::collections::BTreeMap;
+use std::io::{IsTerminal, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Most resources bytes that a .gltf may draw in, the server's default upload limit.
+const MAX_FILE_BYTES: u64 = 1 << 30;
+
+/// Arguments of `hemilux render`.
+#[derive(Args)]
+pub struct Arguments {
+    /// A .glb or .gltf file, or the name of a built-in scene.
+    scene: String,
+    /// Where the picture goes; ends in .png or .exr. Can be repeated.
+    #[arg(short, long = "output", required = true, value_name = "OUT.{png,exr}")]
+    output: Vec<PathBuf>,
+    /// The camera, by name or index; the scene's first by default.
+    #[arg(long, value_name = "NAME|INDEX")]
+    camera: Option<String>,
+    /// Picture size, pixels.
+    #[arg(long, default_value = "512x512", value_parser = parse_size, value_name = "WxH")]
+    size: (u32, u32),
+    /// How the light is computed.
+    #[arg(long, default_value = "auto")]
+    method: String,
+    /// Stop after so many seconds of solving and measuring.
+    #[arg(long, value_parser = parse_positive)]
+    seconds: Option<f64>,
+    /// Stop after so many iterations.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
+    iterations: Option<u64>,
+    /// Stop at this estimated relative error.
+    #[arg(long, value_parser = parse_share, value_name = "E")]
+    target_error: Option<f64>,
+    /// Seed of all random numbers.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// The device: `auto`, `cpu`, or an index from `hemilux devices`.
+    #[arg(long, default_value = "auto")]
+    device: String,
+    /// A setting of the method. Can be repeated.
+    #[arg(long = "set", value_parser = parse_setting, value_name = "KEY=VALUE")]
+    settings: Vec<(String, String)>,
+    /// Write the figures of the render to this file.
+    #[arg(long, value_name = "FILE.json")]
+    stats: Option<PathBuf>,
+    /// Exposure of PNG files: `auto`, or stops.
+    #[arg(long, default_value = "auto", value_parser = parse_exposure, allow_hyphen_values = true, value_name = "auto|STOPS")]
+    exposure: Exposure,
+    /// Show no progress.
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let wrong = || "must read like 640x480, each side at least 1".to_owned();
+    let (width, height) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
+    match (width.parse(), height.parse()) {
+        (Ok(width), Ok(height)) if width > 0 && height > 0 => Ok((width, height)),
+        _ => Err(wrong()),
+    }
+}
+
+fn parse_positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("must be a number above 0".into()),
+    }
+}
+
+fn parse_share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x < 1.0 => Ok(x),
+        _ => Err("must be a number between 0 and 1".into()),
+    }
+}
+
+fn parse_setting(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((key, value)) if !key.is_empty() => Ok((key.to_owned(), value.to_owned())),
+        _ => Err("must read key=value".into()),
+    }
+}
+
+fn parse_exposure(text: &str) -> Result<Exposure, String> {
+    match (text, text.parse::<f32>()) {
+        ("auto", _) => Ok(Exposure::Auto),
+        (_, Ok(stops)) if stops.abs() <= 60.0 => Ok(Exposure::Stops(stops)),
+        _ => Err("must be auto, or a number of stops between -60 and 60".into()),
+    }
+}
+
+/// Renders one picture.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let started = Instant::now();
+    for path in &arguments.output {
+        // Before the work rather than after it.
+        let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+        if !matches!(ending.as_deref(), Some("png" | "exr")) {
+            return Err(Failure::usage(format!("output {path:?} must end in .png or .exr")));
+        }
+        if path.parent().is_some_and(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+            return Err(Failure::failed(format!("the folder of {path:?} is not there")));
+        }
+    }
+    let scene = read_scene(&arguments.scene)?;
+    let device_id = devices::choose_one(&arguments.device).map_err(Failure::usage)?;
+    let camera = camera_choice(arguments.camera.as_deref(), &scene);
+    let request = RenderRequest {
+        scene: Arc::new(scene),
+        camera,
+        width: arguments.size.0,
+        height: arguments.size.1,
+        method: arguments.method.clone(),
+        limits: Limits {
+            seconds: arguments.seconds,
+            iterations: arguments.iterations,
+            target_error: arguments.target_error,
+        },
+        seed: arguments.seed,
+        options: arguments.settings.iter().cloned().collect::<BTreeMap<_, _>>(),
+    };
+    let mut device = devices::open(&device_id).map_err(Failure::failed)?;
+    let mut console = Console::new(arguments.quiet);
+    let rendered =
+        catch_unwind(AssertUnwindSafe(|| render(device.as_mut(), &request, &mut console))).map_err(
+            |panic| {
+                Failure::failed(format!(
+                    "unexpected fault in the renderer: {}",
+                    panic_text(&*panic)
+                ))
+            },
+        );
+    console.finish();
+    let Rendered { picture, mut stats } = rendered?.map_err(|error| match error {
+        RenderError::Parameter { .. } => Failure::usage(error),
+        RenderError::Device(_) => Failure::failed(error),
+    })?;
+    for warning in stats.warnings.iter().filter(|_| !arguments.quiet) {
+        eprintln!("warning: {}: {}", warning.at, warning.what);
+    }
+    write_outputs(arguments, &picture)?;
+    stats.seconds_total = started.elapsed().as_secs_f64();
+    if let Some(path) = &arguments.stats {
+        let json = serde_json::to_string_pretty(&stats).map_err(Failure::failed)?;
+        std::fs::write(path, json + "\n")
+            .map_err(|error| Failure::failed(format!("cannot write {path:?}: {error}")))?;
+    }
+    Ok(())
+}
+
+fn write_outputs(arguments: &Arguments, picture: &Picture) -> Result<(), Failure> {
+    for path in &arguments.output {
+        picture.write(path, arguments.exposure).map_err(Failure::failed)?;
+    }
+    Ok(())
+}
+
+/// A camera's name goes before its index, so that a camera named "2" can be chosen.
+fn camera_choice(word: Option<&str>, scene: &Scene) -> CameraChoice {
+    let Some(word) = word else { return CameraChoice::First };
+    let is_name = scene.cameras.iter().any(|camera| camera.name == word);
+    match word.parse::<u32>() {
+        Ok(index) if !is_name => CameraChoice::Index(index),
+        _ => CameraChoice::Name(word.to_owned()),
+    }
+}
+
+fn read_scene(name: &str) -> Result<Scene, Failure> {
+    let path = Path::new(name);
+    let refuse = |refusal| Failure::failed(format!("{name}: {refusal}"));
+    if let Some(bytes) = builtin::scene(name).filter(|_| !path.exists()) {
+        return scenes::load_file(bytes, &BTreeMap::new()).map_err(refuse);
+    }
+    let bytes = read_file(path).map_err(|error| {
+        let known = builtin::names();
+        let hint = if path.extension().is_none() {
+            format!("; built-in scenes are {known:?}")
+        } else {
+            String::new()
+        };
+        Failure::failed(format!("cannot read {name}: {error}{hint}"))
+    })?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let resources = scenes::resource_names(&bytes)
+        .into_iter()
+        .filter_map(|uri| {
+            // Only files beside or below the scene; the importer names those that are missing.
+            let inside = folder.join(&uri).canonicalize().ok()?;
+            let folder = folder.join(".").canonicalize().ok()?;
+            let bytes = inside.starts_with(folder).then(|| read_file(&inside).ok())??;
+            Some((uri, bytes))
+        })
+        .collect();
+    scenes::load_file(&bytes, &resources).map_err(refuse)
+}
+
+fn read_file(path: &Path) -> std::io::Result<Vec<u8>> {
+    let size = std::fs::metadata(path)?.len();
+    if size > MAX_FILE_BYTES {
+        return Err(std::io::Error::other(format!("larger than {MAX_FILE_BYTES} bytes")));
+    }
+    std::fs::read(path)
+}
+
+/// Shows progress on the terminal, or as lines now and then where there is none; hears Ctrl-C.
+struct Console {
+    bar: Option<ProgressBar>,
+    lines: bool,
+    last_line: Instant,
+    interrupted: Arc<AtomicBool>,
+}
+
+impl Console {
+    fn new(quiet: bool) -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        let bar = (!quiet && terminal).then(|| {
+            let bar = ProgressBar::new(1000);
+            let template = "{bar:32} {percent:>3}% {msg}";
+            bar.set_style(
+                ProgressStyle::with_template(template)
+                    .unwrap_or_else(|_| ProgressStyle::default_bar()),
+            );
+            bar
+        });
+        let interrupted = Arc::new(AtomicBool::new(false));
+        listen_for_interrupt(interrupted.clone());
+        Self { bar, lines: !quiet && !terminal, last_line: Instant::now(), interrupted }
+    }
+
+    fn finish(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish();
+        }
+    }
+}
+
+/// The first Ctrl-C ends the render with the picture so far; the second ends the program.
+fn listen_for_interrupt(interrupted: Arc<AtomicBool>) {
+    std::thread::spawn(move || {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        let Ok(runtime) = runtime else { return };
+        runtime.block_on(async {
+            while tokio::signal::ctrl_c().await.is_ok() {
+                if interrupted.swap(true, Ordering::Relaxed) {
+                    std::process::exit(130);
+                }
+            }
+        });
+    });
+}
+
+impl Observer for Console {
+    fn planned(&mut self, plan: &Plan, _warnings: &[Warning]) {
+        if self.lines {
+            let Plan { method, patches, triangles, .. } = plan;
+            let _ =
+                writeln!(std::io::stderr(), "{method}: {triangles} triangles, {patches} patches");
+        }
+    }
+
+    fn progress(&mut self, progress: &Progress) {
+        let error = progress
+            .estimated_error
+            .map_or_else(String::new, |error| format!(", error {:.2}%", 100.0 * error));
+        let remaining = progress
+            .seconds_remaining
+            .map_or_else(String::new, |seconds| format!(", {seconds:.1} s left"));
+        let text = format!(
+            "{} iterations, lights {:.1}%{error}, {:.1} s{remaining}",
+            progress.iterations,
+            100.0 * progress.light_source_selection_ratio,
+            progress.seconds,
+        );
+        if let Some(bar) = &self.bar {
+            bar.set_position((1000.0 * progress.fraction.clamp(0.0, 1.0)) as u64);
+            bar.set_message(text);
+        } else if self.lines && self.last_line.elapsed() >= Duration::from_secs(1) {
+            self.last_line = Instant::now();
+            let _ = writeln!(std::io::stderr(), "{text}");
+        }
+    }
+
+    fn cancelled(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
+    }
+}

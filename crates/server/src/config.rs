@@ -1,0 +1,69 @@
+//! What an operator can set.
+
+use crate::api::limits::{HARD_MAX_PIXELS, HARD_MAX_SIDE, JobLimits};
+use clap::Args;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+/// Settings of `hemilux serve`; each is also an environment variable.
+#[derive(Args, Clone, Debug)]
+pub struct Config {
+    /// Address and port to listen on; port 0 picks a free one.
+    #[arg(long, env = "HEMILUX_LISTEN", default_value = "127.0.0.1:8080")]
+    pub listen: SocketAddr,
+    /// Allow a --listen address that other machines can reach. There is no authentication:
+    /// everyone who reaches the port can use the service.
+    #[arg(long, env = "HEMILUX_ALLOW_REMOTE")]
+    pub allow_remote: bool,
+    /// Folder of the database and the files; created if missing.
+    #[arg(long, env = "HEMILUX_DATA_DIR", default_value = "./hemilux-data")]
+    pub data_dir: PathBuf,
+    /// Devices of the pool: `auto`, `cpu`, or ids from `hemilux devices`, comma-separated.
+    #[arg(long, env = "HEMILUX_DEVICES", default_value = "auto", value_delimiter = ',')]
+    pub devices: Vec<String>,
+    /// Largest upload, MiB.
+    #[arg(long, env = "HEMILUX_MAX_UPLOAD_MB", default_value_t = 256, value_parser = clap::value_parser!(u64).range(1..=65_536))]
+    pub max_upload_mb: u64,
+    /// Longest side of a picture, pixels.
+    #[arg(long, env = "HEMILUX_MAX_SIDE", default_value_t = 8192, value_parser = clap::value_parser!(u32).range(1..=i64::from(HARD_MAX_SIDE)))]
+    pub max_side: u32,
+    /// Most pixels of a picture.
+    #[arg(long, env = "HEMILUX_MAX_PIXELS", default_value_t = 16 << 20, value_parser = clap::value_parser!(u64).range(1..=HARD_MAX_PIXELS))]
+    pub max_pixels: u64,
+    /// Longest time budget of a job, seconds.
+    #[arg(long, env = "HEMILUX_MAX_SECONDS", default_value_t = 3600.0, value_parser = parse_seconds)]
+    pub max_seconds: f64,
+    /// Most patches that a job may ask for.
+    #[arg(long, env = "HEMILUX_MAX_PATCHES", default_value_t = 2_000_000)]
+    pub max_patches: u64,
+    /// Jobs that may wait; beyond it the server answers 429.
+    #[arg(long, env = "HEMILUX_MAX_QUEUED", default_value_t = 1000)]
+    pub max_queued: u64,
+    /// Most triangles of a scene after instancing.
+    #[arg(long, env = "HEMILUX_MAX_TRIANGLES", default_value_t = 4_000_000)]
+    pub max_triangles: usize,
+}
+
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds > 0.0 && seconds <= 86_400.0 => Ok(seconds),
+        _ => Err("must be a number above 0 and at most 86400".into()),
+    }
+}
+
+impl Config {
+    /// What jobs may ask of this server.
+    pub fn job_limits(&self) -> JobLimits {
+        JobLimits {
+            max_side: self.max_side,
+            max_pixels: self.max_pixels,
+            max_seconds: self.max_seconds,
+            max_patches: self.max_patches,
+        }
+    }
+
+    /// Largest upload, bytes.
+    pub fn max_upload_bytes(&self) -> u64 {
+        self.max_upload_mb << 20
+    }
+}

@@ -1,0 +1,176 @@
+//! `/v1/jobs/{id}/events`: server-sent events, replayed from the store and then live.
+
+use super::App;
+use super::jobs::find;
+use super::problem::{Problem, documented};
+use super::read::{JobId, Query};
+use crate::api::events::{Event, EventData};
+use crate::api::jobs::PictureFormat;
+use crate::events::Listener;
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::IntoResponse;
+use axum::response::sse::{self, KeepAlive, Sse};
+use base64::Engine;
+use futures_util::Stream;
+use serde::Deserialize;
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::time::Duration;
+use utoipa::IntoParams;
+use uuid::Uuid;
+
+/// Events read at once.
+const BATCH: u32 = 256;
+/// How long to trust that no news is no news.
+const RECHECK: Duration = Duration::from_secs(10);
+
+/// Where to begin and what to carry.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct EventsQuery {
+    /// Begin after this event; `Last-Event-ID` means the same and wins.
+    #[param(minimum = 0, maximum = 9_223_372_036_854_775_807_u64)]
+    after: Option<u64>,
+    /// Carry snapshots and the final picture in the events themselves, in this format.
+    #[param(inline)]
+    inline: Option<PictureFormat>,
+}
+
+/// Follow a job.
+///
+/// Events: `state`, `progress`, `snapshot`, and at last one of `succeeded`, `failed`,
+/// `cancelled`, after which the stream ends. Each carries an id that only grows within the job;
+/// reconnecting with `Last-Event-ID` continues after it without gap or repetition. The `data` of
+/// each is a StateEvent, ProgressEvent or SnapshotEvent.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/events", tag = "jobs",
+    params(
+        ("id" = Uuid, Path, description = "The job's id."),
+        EventsQuery,
+        ("Last-Event-ID" = Option<u64>, Header, maximum = 9_223_372_036_854_775_807_u64, description = "The last event that was seen."),
+    ),
+    responses(
+        (
+            status = 200, description = "The stream.", body = String, content_type = "text/event-stream",
+            example = "id: 1\nevent: state\ndata: {\"state\":\"queued\",\"attempts\":0}\n\n"
+        ),
+        documented::BadRequest,
+        documented::NotFound,
+    )
+)]
+pub async fn stream_events(
+    State(app): State<App>,
+    JobId(id): JobId,
+    Query(query): Query<EventsQuery>,
+    headers: HeaderMap,
+) -> Result<impl IntoResponse, Problem> {
+    let last_seen = match headers.get("last-event-id") {
+        // A browser that has seen no id yet sends an empty one.
+        Some(value) if !value.is_empty() => {
+            let number = value.to_str().ok().and_then(|text| text.trim().parse::<u64>().ok());
+            Some(number.ok_or_else(|| Problem::unreadable("Last-Event-ID must be a number"))?)
+        }
+        _ => None,
+    };
+    let follower = Follower {
+        listener: app.bell.listen(),
+        after: last_seen.or(query.after).unwrap_or(0),
+        inline: query.inline,
+        waiting: VecDeque::new(),
+        ended: false,
+        job: id,
+        _count: app.metrics.count_stream(),
+        app: app.clone(),
+    };
+    find(&app, id).await?;
+    let stream = futures_util::stream::unfold(follower, |mut follower| async move {
+        follower.next().await.map(|event| (Ok::<_, Infallible>(event), follower))
+    });
+    Ok(Sse::new(Box::pin(stream) as std::pin::Pin<Box<dyn Stream<Item = _> + Send>>)
+        .keep_alive(KeepAlive::new().interval(Duration::from_secs(15))))
+}
+
+/// One client's position in a job's events.
+struct Follower {
+    app: App,
+    job: Uuid,
+    after: u64,
+    inline: Option<PictureFormat>,
+    listener: Listener,
+    waiting: VecDeque<Event>,
+    ended: bool,
+    _count: crate::metrics::StreamCount,
+}
+
+impl Follower {
+    /// The next event; `None` after the terminal one, on shutdown, and where the store fails (the
+    /// client reconnects and continues where it was).
+    async fn next(&mut self) -> Option<sse::Event> {
+        loop {
+            if let Some(event) = self.waiting.pop_front() {
+                self.after = event.seq;
+                self.ended = event.data.is_terminal();
+                return Some(self.write(event).await);
+            }
+            if self.ended {
+                return None;
+            }
+            let events = self.app.store.events(self.job, self.after, BATCH).await;
+            match events {
+                Ok(events) => self.waiting.extend(events),
+                Err(error) => {
+                    tracing::error!(%error, job = %self.job, "cannot read events");
+                    return None;
+                }
+            }
+            if self.waiting.is_empty() {
+                if self.nothing_will_come().await {
+                    return None;
+                }
+                tokio::select! {
+                    () = self.listener.news_of(self.job) => {}
+                    () = tokio::time::sleep(RECHECK) => {}
+                    () = self.app.shutdown.cancelled() => return None,
+                }
+            }
+        }
+    }
+
+    /// Whether the job has ended, or is gone, and all its events lie behind `after`.
+    async fn nothing_will_come(&self) -> bool {
+        let job = self.app.store.job(self.job).await;
+        let over = matches!(&job, Ok(None)) || matches!(&job, Ok(Some(j)) if j.state.is_terminal());
+        // The end may have come between reading the events and reading the job.
+        over && matches!(self.app.store.events(self.job, self.after, 1).await, Ok(e) if e.is_empty())
+    }
+
+    async fn write(&self, mut event: Event) -> sse::Event {
+        if let Some(format) = self.inline {
+            self.embed(&mut event.data, format).await;
+        }
+        let frame = sse::Event::default().id(event.seq.to_string()).event(event.data.kind());
+        frame.json_data(&event.data).unwrap_or_else(|error| {
+            tracing::error!(%error, "an event does not serialise");
+            sse::Event::default().comment("an event was lost")
+        })
+    }
+
+    /// Puts the picture itself into the event, where it exists in that format.
+    async fn embed(&self, data: &mut EventData, format: PictureFormat) {
+        let pictures = match data {
+            EventData::Snapshot(event) => &mut event.pictures,
+            EventData::State(event) => &mut event.pictures,
+            EventData::Progress(_) => return,
+        };
+        for picture in pictures.iter_mut().filter(|picture| picture.format == format) {
+            match self.app.artifacts.picture(self.job, &picture.sha256, format).await {
+                Ok(bytes) => {
+                    let engine = base64::engine::general_purpose::STANDARD;
+                    picture.base64 = Some(engine.encode(bytes));
+                }
+                Err(error) => tracing::warn!(%error, job = %self.job, "no picture to embed"),
+            }
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! Pictures of a job: the newest one, and each by its content.
+
+use super::App;
+use super::jobs::find;
+use super::problem::{Problem, documented};
+use super::read::{JobId, prefers};
+use crate::api::jobs::{Picture, PictureFormat};
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use uuid::Uuid;
+
+/// The newest picture, PNG or, where `Accept` prefers image/x-exr, EXR.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/image", tag = "results",
+    params(("id" = Uuid, Path, description = "The job's id.")),
+    responses(
+        (status = 200, description = "The picture.", content((Vec<u8> = "image/png"), (Vec<u8> = "image/x-exr")), headers(("etag" = String, description = "Names the content."))),
+        (status = 304, description = "The client's copy is the newest."),
+        documented::BadRequest,
+        documented::NotFound,
+    )
+)]
+pub async fn newest_image(
+    State(app): State<App>,
+    JobId(id): JobId,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let wants_exr = prefers(&headers, PictureFormat::Exr.media_type(), "image/png");
+    let format = if wants_exr { PictureFormat::Exr } else { PictureFormat::Png };
+    let mut response = newest(&app, id, format, &headers).await?;
+    response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
+    Ok(response)
+}
+
+/// The newest picture, PNG.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/image.png", tag = "results",
+    params(("id" = Uuid, Path, description = "The job's id.")),
+    responses(
+        (status = 200, description = "The picture.", body = Vec<u8>, content_type = "image/png", headers(("etag" = String, description = "Names the content."))),
+        (status = 304, description = "The client's copy is the newest."),
+        documented::BadRequest,
+        documented::NotFound,
+    )
+)]
+pub async fn newest_png(
+    State(app): State<App>,
+    JobId(id): JobId,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    newest(&app, id, PictureFormat::Png, &headers).await
+}
+
+/// The newest picture, EXR.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/image.exr", tag = "results",
+    params(("id" = Uuid, Path, description = "The job's id.")),
+    responses(
+        (status = 200, description = "The picture.", body = Vec<u8>, content_type = "image/x-exr", headers(("etag" = String, description = "Names the content."))),
+        (status = 304, description = "The client's copy is the newest."),
+        documented::BadRequest,
+        documented::NotFound,
+    )
+)]
+pub async fn newest_exr(
+    State(app): State<App>,
+    JobId(id): JobId,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    newest(&app, id, PictureFormat::Exr, &headers).await
+}
+
+/// A picture by its content; never changes.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/snapshots/{file}", tag = "results",
+    params(
+        ("id" = Uuid, Path, description = "The job's id."),
+        ("file" = String, Path, pattern = "^[0-9a-f]{64}\\.(png|exr)$", description = "SHA-256 of the file, a dot, and png or exr."),
+    ),
+    responses(
+        (status = 200, description = "The picture.", content((Vec<u8> = "image/png"), (Vec<u8> = "image/x-exr")), headers(("etag" = String, description = "Names the content."))),
+        (status = 304, description = "The client's copy is good."),
+        documented::BadRequest,
+        documented::NotFound,
+    )
+)]
+pub async fn snapshot(
+    State(app): State<App>,
+    Path((id, file)): Path<(String, String)>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let unknown = || Problem::not_found("there is no such picture");
+    let id: Uuid = id.parse().map_err(|_| unknown())?;
+    let (sha256, suffix) = file.split_once('.').ok_or_else(unknown)?;
+    let format = PictureFormat::parse(suffix).ok_or_else(unknown)?;
+    let picture = app.store.picture(id, sha256, format).await?.ok_or_else(unknown)?;
+    let cache = "public, max-age=31536000, immutable";
+    send(&app, id, &picture, &headers, cache).await
+}
+
+async fn newest(
+    app: &App,
+    id: Uuid,
+    format: PictureFormat,
+    headers: &HeaderMap,
+) -> Result<Response, Problem> {
+    let Some(picture) = app.store.newest_picture(id, format).await? else {
+        find(app, id).await?;
+        let detail = format!(
+            "the job has no {} picture yet; snapshots and the final picture appear here",
+            format.suffix()
+        );
+        return Err(Problem::not_found(detail));
+    };
+    send(app, id, &picture, headers, "no-cache").await
+}
+
+async fn send(
+    app: &App,
+    job: Uuid,
+    picture: &Picture,
+    headers: &HeaderMap,
+    cache: &'static str,
+) -> Result<Response, Problem> {
+    let etag = format!("\"{}\"", picture.sha256);
+    let tags = [
+        (header::ETAG, etag.clone()),
+        (header::CACHE_CONTROL, cache.to_owned()),
+        (header::CONTENT_TYPE, picture.format.media_type().to_owned()),
+    ];
+    let held = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok());
+    if held.is_some_and(|held| {
+        held.trim() == "*" || held.split(',').any(|tag| tag.trim().trim_start_matches("W/") == etag)
+    }) {
+        let mut response = (StatusCode::NOT_MODIFIED, tags).into_response();
+        response.headers_mut().remove(header::CONTENT_TYPE);
+        return Ok(response);
+    }
+    let bytes = app.artifacts.picture(job, &picture.sha256, picture.format).await?;
+    Ok((tags, bytes).into_response())
+}

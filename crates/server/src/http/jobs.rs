@@ -1,0 +1,357 @@
+//! `/v1/jobs`.
+
+use super::App;
+use super::problem::{Problem, documented};
+use super::read::{self, JobId, MAX_JSON_BYTES, Query, in_range, media_type, prefers};
+use super::upload;
+use crate::api::FieldError;
+use crate::api::jobs::{Job, JobPage, JobRequest, Trace, TracePoint};
+use crate::api::scenes::Scene;
+use crate::artifacts::sha256_hex;
+use crate::builtin;
+use crate::job_state::JobState;
+use crate::store::{Accepted, JobFilter, NewJob};
+use crate::worker;
+use axum::Json;
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use std::fmt::Write;
+use std::time::Duration;
+use utoipa::{IntoParams, ToSchema};
+use uuid::Uuid;
+
+/// A job and its scene in one request.
+#[derive(ToSchema)]
+#[allow(dead_code, reason = "stands for the request in the API's description")]
+pub struct JobWithScene {
+    /// A JobRequest as JSON, without `scene`.
+    #[schema(value_type = String, content_media_type = "application/json", example = r#"{"width": 64, "height": 64, "time_budget_s": 1}"#)]
+    job: String,
+    /// The .gltf or .glb file. Further parts are its resources, named by the relative URIs that
+    /// the scene uses.
+    #[schema(value_type = String, format = Binary, content_media_type = "application/octet-stream")]
+    scene: Vec<u8>,
+}
+
+/// Ask for a picture.
+///
+/// The answer comes as soon as the job is safely stored; it survives a restart of the server.
+/// Under an `Idempotency-Key`, sending the same request again answers with the same job.
+#[utoipa::path(
+    post, path = "/v1/jobs", tag = "jobs",
+    params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "Makes repeating the request safe.")),
+    request_body(
+        description = "The job; in a multipart form with its scene.",
+        content((JobRequest = "application/json"), (JobWithScene = "multipart/form-data"))
+    ),
+    responses(
+        (status = 202, description = "Accepted.", body = Job, headers(("location" = String, description = "The job's path."))),
+        documented::BadRequest,
+        documented::NotFound,
+        documented::TooSlow,
+        documented::Conflict,
+        documented::TooLarge,
+        documented::UnsupportedMedia,
+        documented::Invalid,
+        documented::QueueFull,
+    )
+)]
+pub async fn create_job(State(app): State<App>, request: Request) -> Result<Response, Problem> {
+    let idempotency_key = idempotency_key(request.headers())?;
+    let (mut job, scene) = match media_type(request.headers()).as_str() {
+        "application/json" => {
+            let body = axum::body::to_bytes(request.into_body(), MAX_JSON_BYTES);
+            let body = body.await.map_err(|_| {
+                Problem::too_large(format!("a job may have at most {MAX_JSON_BYTES} bytes"))
+            })?;
+            let job: JobRequest = read::json(&body)?;
+            check(&app, &job)?;
+            let scene = named_scene(&app, &job).await?;
+            (job, scene)
+        }
+        "multipart/form-data" => {
+            let mut parts = upload::parts(&app, request, true).await?;
+            let job: JobRequest = match parts.job.take() {
+                Some(json) => read::json(&json)?,
+                None => read::json(b"{}")?,
+            };
+            check(&app, &job)?;
+            let scene = match (parts.has_scene(), &job.scene) {
+                (true, None) => parts.store(&app).await?.0,
+                (false, _) => named_scene(&app, &job).await?,
+                (true, Some(_)) => {
+                    let twice = "given both as a part and by id";
+                    return Err(Problem::invalid(vec![FieldError::new("scene", twice)]));
+                }
+            };
+            (job, scene)
+        }
+        other => {
+            let detail = format!("send application/json or multipart/form-data, not {other:?}");
+            return Err(Problem::unsupported_media(detail));
+        }
+    };
+    if let Some(detail) = job.camera_problem(&scene.cameras) {
+        return Err(Problem::invalid(vec![FieldError::new("camera", detail)]));
+    }
+    job.scene = Some(scene.id.clone());
+    let canonical = serde_json::to_vec(&job).map_err(|e| Problem::internal(e.to_string()))?;
+    let new = NewJob {
+        id: Uuid::now_v7(),
+        scene_id: scene.id,
+        request: job,
+        idempotency_key,
+        request_hash: sha256_hex(&canonical),
+    };
+    match app.store.accept(new, app.config.max_queued).await? {
+        Accepted::New(job) => {
+            app.queue.wake();
+            app.bell.ring(job.id);
+            Ok(accepted(*job, false))
+        }
+        Accepted::Again(job) => Ok(accepted(*job, true)),
+        Accepted::KeyConflict => Err(Problem::key_conflict(
+            "this Idempotency-Key was used for another request; use a new key for a new job",
+        )),
+        Accepted::QueueFull => Err(Problem::queue_full(5)),
+    }
+}
+
+fn accepted(job: Job, again: bool) -> Response {
+    let location = [(header::LOCATION, format!("/v1/jobs/{}", job.id))];
+    let mut response = (StatusCode::ACCEPTED, location, Json(job)).into_response();
+    if again {
+        let value = header::HeaderValue::from_static("true");
+        response.headers_mut().insert("idempotency-replayed", value);
+    }
+    response
+}
+
+fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
+    let Some(key) = headers.get("idempotency-key") else { return Ok(None) };
+    let key = key.to_str().unwrap_or("");
+    if key.is_empty() || key.len() > 255 || !key.bytes().all(|byte| byte.is_ascii_graphic()) {
+        let rule = "must be 1 to 255 visible ASCII characters";
+        return Err(Problem::unreadable(format!("Idempotency-Key {rule}"))
+            .with_error(FieldError::new("Idempotency-Key", rule)));
+    }
+    Ok(Some(key.to_owned()))
+}
+
+fn check(app: &App, job: &JobRequest) -> Result<(), Problem> {
+    let mut errors = job.problems(&app.config.job_limits(), &app.vocabulary);
+    if errors.is_empty() {
+        errors.extend(worker::setting_problem(&job.options));
+    }
+    if errors.is_empty() { Ok(()) } else { Err(Problem::invalid(errors)) }
+}
+
+/// The scene that a job names: a stored one, or a built-in one, which is stored on first use.
+async fn named_scene(app: &App, job: &JobRequest) -> Result<Scene, Problem> {
+    let Some(name) = &job.scene else {
+        let rule = "required: the id of a stored scene, or the name of a built-in one";
+        return Err(Problem::invalid(vec![FieldError::new("scene", rule)]));
+    };
+    if let Some(bytes) = builtin::scene(name) {
+        let format = crate::api::scenes::SceneFormat::Gltf;
+        return Ok(upload::store_scene(app, sha256_hex(bytes), format, bytes.into()).await?.0);
+    }
+    app.store.scene(name).await?.ok_or_else(|| {
+        let detail = format!(
+            "no stored scene has this id; POST it to /v1/scenes first, or name one of {:?}",
+            builtin::names()
+        );
+        Problem::not_found(detail.clone()).with_error(FieldError::new("scene", detail))
+    })
+}
+
+/// Which jobs to list.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct ListQuery {
+    /// How many, at most.
+    #[param(minimum = 1, maximum = 200, default = 50)]
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    #[param(value_type = Option<Uuid>)]
+    cursor: Option<String>,
+    /// Only jobs in this state.
+    #[param(inline)]
+    state: Option<JobState>,
+    /// Only jobs with this label, `key:value`.
+    #[param(pattern = "^[^:]+:", example = "project:atrium")]
+    label: Option<String>,
+}
+
+/// List jobs, newest first.
+#[utoipa::path(
+    get, path = "/v1/jobs", tag = "jobs",
+    params(ListQuery),
+    responses(
+        (status = 200, description = "One page of jobs.", body = JobPage),
+        documented::BadRequest,
+    )
+)]
+pub async fn list_jobs(
+    State(app): State<App>,
+    Query(query): Query<ListQuery>,
+) -> Result<Json<JobPage>, Problem> {
+    let limit = in_range("limit", query.limit.unwrap_or(50), 1..=200)?;
+    let label = match query.label.as_deref().map(|label| label.split_once(':')) {
+        None => None,
+        Some(Some((key, value))) if !key.is_empty() => Some((key.to_owned(), value.to_owned())),
+        Some(_) => return Err(Problem::unreadable("label must read key:value")),
+    };
+    let before = query.cursor.map(|cursor| cursor.parse::<Uuid>()).transpose();
+    let before = before.map_err(|_| Problem::unreadable("cursor must be a next_cursor"))?;
+    let filter = JobFilter { state: query.state, label, before, limit: limit + 1 };
+    let mut jobs = app.store.jobs(&filter).await?;
+    let more = jobs.len() > limit as usize;
+    jobs.truncate(limit as usize);
+    let next_cursor = jobs.last().filter(|_| more).map(|job| job.id.to_string());
+    Ok(Json(JobPage { jobs, next_cursor }))
+}
+
+/// How long to wait.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct WaitQuery {
+    /// Answer when the job has ended, or after so many seconds.
+    #[param(minimum = 0.0, maximum = 60.0)]
+    wait: Option<f64>,
+}
+
+/// Get a job.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}", tag = "jobs",
+    params(("id" = Uuid, Path, description = "The job's id."), WaitQuery),
+    responses(
+        (status = 200, description = "The job.", body = Job),
+        documented::BadRequest,
+        documented::NotFound,
+    )
+)]
+pub async fn get_job(
+    State(app): State<App>,
+    JobId(id): JobId,
+    Query(query): Query<WaitQuery>,
+) -> Result<Json<Job>, Problem> {
+    let wait = in_range("wait", query.wait.unwrap_or(0.0), 0.0..=60.0)?;
+    let deadline = tokio::time::Instant::now() + Duration::from_secs_f64(wait);
+    let mut listener = app.bell.listen();
+    loop {
+        let job = find(&app, id).await?;
+        if job.state.is_terminal() || tokio::time::Instant::now() >= deadline {
+            return Ok(Json(job));
+        }
+        tokio::select! {
+            () = listener.news_of(id) => {}
+            () = tokio::time::sleep_until(deadline) => {}
+            () = app.shutdown.cancelled() => return Ok(Json(job)),
+        }
+    }
+}
+
+/// The job of that id, or a 404.
+pub async fn find(app: &App, id: Uuid) -> Result<Job, Problem> {
+    app.store.job(id).await?.ok_or_else(|| Problem::not_found("there is no such job"))
+}
+
+/// Ask a job to end.
+///
+/// A queued job ends at once; a running one soon, keeping the picture so far; an ended one stays
+/// as it is.
+#[utoipa::path(
+    post, path = "/v1/jobs/{id}/cancel", tag = "jobs",
+    params(("id" = Uuid, Path, description = "The job's id.")),
+    responses(
+        (status = 200, description = "The job as it is now.", body = Job),
+        documented::BadRequest,
+        documented::NotFound,
+    )
+)]
+pub async fn cancel_job(State(app): State<App>, JobId(id): JobId) -> Result<Json<Job>, Problem> {
+    let job = app.store.cancel(id).await?;
+    app.bell.ring(id);
+    job.map(Json).ok_or_else(|| Problem::not_found("there is no such job"))
+}
+
+/// Remove a job and its pictures, ending it first.
+///
+/// Answers 204 whether or not the job was there, so that it can be repeated safely.
+#[utoipa::path(
+    delete, path = "/v1/jobs/{id}", tag = "jobs",
+    params(("id" = Uuid, Path, description = "The job's id.")),
+    responses(
+        (status = 204, description = "The job is not there any more."),
+        documented::BadRequest,
+        documented::NotFound,
+    )
+)]
+pub async fn delete_job(State(app): State<App>, JobId(id): JobId) -> Result<StatusCode, Problem> {
+    app.store.delete(id).await?;
+    app.bell.ring(id);
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// How a job's figures moved, as JSON, or as CSV where `Accept` prefers text/csv.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/trace", tag = "results",
+    params(("id" = Uuid, Path, description = "The job's id.")),
+    responses(
+        (status = 200, description = "The figures.", content((Trace = "application/json"), (String = "text/csv"))),
+        documented::BadRequest,
+        documented::NotFound,
+    )
+)]
+pub async fn trace_json(
+    State(app): State<App>,
+    JobId(id): JobId,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let trace = read_trace(&app, id).await?;
+    if prefers(&headers, "text/csv", "application/json") {
+        return Ok(as_csv(&trace));
+    }
+    Ok(Json(trace).into_response())
+}
+
+/// How a job's figures moved, as CSV.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/trace.csv", tag = "results",
+    params(("id" = Uuid, Path, description = "The job's id.")),
+    responses(
+        (status = 200, description = "The figures.", body = String, content_type = "text/csv"),
+        documented::BadRequest,
+        documented::NotFound,
+    )
+)]
+pub async fn trace_csv(State(app): State<App>, JobId(id): JobId) -> Result<Response, Problem> {
+    Ok(as_csv(&read_trace(&app, id).await?))
+}
+
+async fn read_trace(app: &App, id: Uuid) -> Result<Trace, Problem> {
+    find(app, id).await?;
+    let points = app.store.trace(id).await?.into_iter().map(|progress| TracePoint {
+        seconds: progress.seconds,
+        iterations: progress.iterations,
+        shots: progress.shots,
+        light_source_selection_ratio: progress.light_source_selection_ratio,
+        estimated_error: progress.estimated_error,
+    });
+    Ok(Trace { job: id, points: points.collect() })
+}
+
+fn as_csv(trace: &Trace) -> Response {
+    let mut text =
+        String::from("seconds,iterations,shots,light_source_selection_ratio,estimated_error\n");
+    for point in &trace.points {
+        let error = point.estimated_error.map(|error| error.to_string()).unwrap_or_default();
+        let TracePoint { seconds, iterations, shots, light_source_selection_ratio, .. } = point;
+        let _ =
+            writeln!(text, "{seconds},{iterations},{shots},{light_source_selection_ratio},{error}");
+    }
+    ([(header::CONTENT_TYPE, "text/csv; charset=utf-8")], text).into_response()
+}

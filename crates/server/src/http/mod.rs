@@ -1,0 +1,65 @@
+//! The HTTP side of the service.
+
+mod dashboard;
+mod docs;
+mod events;
+mod guard;
+mod images;
+mod jobs;
+pub mod openapi;
+mod probes;
+pub mod problem;
+mod read;
+mod scenes;
+mod upload;
+
+use crate::service::Service;
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::middleware::from_fn;
+use axum::middleware::from_fn_with_state;
+use std::sync::Arc;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::compression::CompressionLayer;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// What handlers share.
+pub type App = Arc<Service>;
+
+/// The documented routes.
+fn api() -> OpenApiRouter<App> {
+    OpenApiRouter::with_openapi(openapi::base())
+        .routes(routes!(scenes::create_scene, scenes::list_scenes))
+        .routes(routes!(scenes::get_scene))
+        .routes(routes!(jobs::create_job, jobs::list_jobs))
+        .routes(routes!(jobs::get_job, jobs::delete_job))
+        .routes(routes!(jobs::cancel_job))
+        .routes(routes!(events::stream_events))
+        .routes(routes!(images::newest_image))
+        .routes(routes!(images::newest_png))
+        .routes(routes!(images::newest_exr))
+        .routes(routes!(images::snapshot))
+        .routes(routes!(jobs::trace_json))
+        .routes(routes!(jobs::trace_csv))
+        .routes(routes!(probes::list_devices))
+        .routes(routes!(probes::livez))
+        .routes(routes!(probes::readyz))
+        .routes(routes!(probes::metrics))
+        .routes(routes!(docs::openapi_yaml))
+}
+
+/// The whole application.
+pub fn router(app: App) -> Router {
+    let (api, _) = api().split_for_parts();
+    api.merge(docs::swagger_ui())
+        .merge(dashboard::pages())
+        .layer(CompressionLayer::new())
+        // Uploads count their own bytes; everything else is small.
+        .layer(DefaultBodyLimit::disable())
+        .layer(CatchPanicLayer::custom(problem::from_panic))
+        .layer(from_fn_with_state(app.clone(), guard::refuse_foreign_pages))
+        .layer(from_fn(problem::write_problems))
+        .layer(from_fn_with_state(app.clone(), probes::count_requests))
+        .with_state(app)
+}

@@ -1,0 +1,148 @@
+//! The API's description, written from the handlers themselves.
+
+use super::problem::{MEDIA_TYPE, ProblemDocument};
+use crate::api::events::{ProgressEvent, SnapshotEvent, StateEvent};
+use crate::api::jobs::{ExplicitCamera, OptionValue};
+use crate::worker;
+use serde_json::json;
+use utoipa::OpenApi;
+use utoipa::openapi::schema::{AdditionalProperties, Schema};
+use utoipa::openapi::{Ref, RefOr, Response};
+
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "Hemilux",
+        description = "Global illumination as a service: post a glTF scene, ask for a picture, watch it converge.\n\nEvery error is a problem document (RFC 9457).",
+        license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
+    ),
+    servers((url = "/")),
+    tags(
+        (name = "scenes", description = "What there is to light."),
+        (name = "jobs", description = "Pictures to compute."),
+        (name = "results", description = "Pictures and figures."),
+        (name = "operations", description = "Running the service."),
+    ),
+    components(schemas(ProblemDocument, ExplicitCamera, OptionValue, StateEvent, ProgressEvent, SnapshotEvent))
+)]
+struct Base;
+
+/// Everything but the paths.
+pub fn base() -> utoipa::openapi::OpenApi {
+    Base::openapi()
+}
+
+/// The whole description.
+pub fn document() -> utoipa::openapi::OpenApi {
+    let (_, mut document) = super::api().split_for_parts();
+    for item in document.paths.paths.values_mut() {
+        let operations = [&mut item.get, &mut item.post, &mut item.delete]
+            .into_iter()
+            .filter_map(Option::as_mut);
+        for operation in operations {
+            let responses = &mut operation.responses.responses;
+            for (status, text) in [
+                ("403", "A page of another site sent the request, or the Host header is foreign."),
+                ("500", "A fault of the server; its log has more."),
+                ("503", "Not now; see Retry-After."),
+            ] {
+                responses.insert(status.into(), RefOr::T(problem(text)));
+            }
+            for (status, response) in responses.iter_mut() {
+                if let RefOr::T(response) = response {
+                    add_example(status, response);
+                }
+            }
+        }
+    }
+    name_the_vocabulary(&mut document);
+    document
+}
+
+/// The description as YAML.
+pub fn yaml() -> String {
+    document().to_yaml().expect("the API's description serialises")
+}
+
+fn problem(text: &str) -> Response {
+    let schema = RefOr::Ref(Ref::from_schema_name("ProblemDocument"));
+    utoipa::openapi::ResponseBuilder::new()
+        .description(text)
+        .content(MEDIA_TYPE, utoipa::openapi::ContentBuilder::new().schema(Some(schema)).build())
+        .build()
+}
+
+/// Shows what each problem looks like.
+fn add_example(status: &str, response: &mut Response) {
+    let (kind, title, detail) = match status {
+        "400" => {
+            ("unreadable", "The request cannot be read", "limit must be between 1 and 200, is 0")
+        }
+        "403" => {
+            ("forbidden", "The request is not allowed", "a page of another site sent this request")
+        }
+        "404" => ("not-found", "There is no such thing", "there is no such job"),
+        "408" => {
+            ("too-slow", "The request took too long to arrive", "nothing arrived for 30 seconds")
+        }
+        "409" => (
+            "key-conflict",
+            "The idempotency key belongs to another request",
+            "this Idempotency-Key was used for another request; use a new key for a new job",
+        ),
+        "413" => ("too-large", "The request is too large", "uploads may have at most 256 MiB"),
+        "415" => (
+            "unsupported-media-type",
+            "The content type is not supported",
+            "send application/json or multipart/form-data, not \"text/plain\"",
+        ),
+        "422" => (
+            "invalid-request",
+            "The request cannot be met as asked",
+            "width: must be between 1 and 8192, is 0",
+        ),
+        "429" => {
+            ("queue-full", "The queue is full", "too many jobs are waiting; try again in 5 seconds")
+        }
+        "500" => {
+            ("internal", "The server failed", "an unexpected fault; the server's log has more")
+        }
+        "503" => ("unavailable", "The server cannot do this now", "the server is shutting down"),
+        _ => return,
+    };
+    let Some(RefOr::T(content)) = response.content.get_mut(MEDIA_TYPE) else { return };
+    let mut example = json!({
+        "type": format!("urn:hemilux:problem:{kind}"),
+        "title": title,
+        "status": status.parse::<u16>().unwrap_or(500),
+        "detail": detail,
+        "instance": "/v1/jobs",
+    });
+    if status == "422" {
+        let errors = json!([{"field": "width", "detail": "must be between 1 and 8192, is 0"}]);
+        example["errors"] = errors;
+    }
+    content.example = Some(example);
+}
+
+/// Lists the engine's methods and options where jobs name them.
+fn name_the_vocabulary(document: &mut utoipa::openapi::OpenApi) {
+    let vocabulary = worker::vocabulary();
+    let schemas = document.components.as_mut().map(|components| &mut components.schemas);
+    let Some(RefOr::T(Schema::Object(job))) = schemas.and_then(|all| all.get_mut("JobRequest"))
+    else {
+        return;
+    };
+    if let Some(RefOr::T(Schema::Object(method))) = job.properties.get_mut("method") {
+        method.enum_values =
+            Some(vocabulary.methods.iter().map(|name| (*name).to_owned().into()).collect());
+    }
+    if let Some(RefOr::T(Schema::Object(options))) = job.properties.get_mut("options") {
+        for option in vocabulary.options {
+            let mut value = Ref::from_schema_name("OptionValue");
+            value.description = format!("{}; {} by default", option.meaning, option.default);
+            options.properties.insert(option.name.to_owned(), RefOr::Ref(value));
+        }
+        options.additional_properties = Some(Box::new(AdditionalProperties::FreeForm(false)));
+    }
+}

@@ -1,0 +1,80 @@
+//! Health, metrics and the pool.
+
+use super::App;
+use super::problem::Problem;
+use crate::api::{DeviceList, DeviceStatus};
+use crate::metrics;
+use axum::Json;
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::header;
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// A probe's answer.
+#[derive(Serialize, ToSchema)]
+pub struct Healthy {
+    /// Always `ok`; anything else is a problem document.
+    #[schema(example = "ok")]
+    status: &'static str,
+}
+
+/// Whether the process answers.
+#[utoipa::path(
+    get, path = "/livez", tag = "operations",
+    responses((status = 200, description = "It does.", body = Healthy))
+)]
+pub async fn livez() -> Json<Healthy> {
+    Json(Healthy { status: "ok" })
+}
+
+/// Whether the service can take and run jobs: the database can be written and a device works.
+#[utoipa::path(
+    get, path = "/readyz", tag = "operations",
+    responses((status = 200, description = "It can.", body = Healthy))
+)]
+pub async fn readyz(State(app): State<App>) -> Result<Json<Healthy>, Problem> {
+    if app.shutdown.is_cancelled() {
+        return Err(Problem::unavailable("the server is shutting down"));
+    }
+    app.store.ping().await?;
+    let mut statuses = app.pool.devices().into_iter().filter_map(|device| device.status);
+    if !statuses.any(|status| matches!(status, DeviceStatus::Idle | DeviceStatus::Busy)) {
+        return Err(Problem::unavailable("no device of the pool is ready"));
+    }
+    Ok(Json(Healthy { status: "ok" }))
+}
+
+/// Metrics in the OpenMetrics text format.
+#[utoipa::path(
+    get, path = "/metrics", tag = "operations",
+    responses((status = 200, description = "The metrics.", body = String, content_type = "application/openmetrics-text"))
+)]
+pub async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
+    let counts = app.store.counts().await?;
+    let text = app.metrics.encode(&counts).map_err(|error| Problem::internal(error.to_string()))?;
+    Ok(([(header::CONTENT_TYPE, metrics::MEDIA_TYPE)], text).into_response())
+}
+
+/// The devices of this machine, and what those of the pool do.
+#[utoipa::path(
+    get, path = "/v1/devices", tag = "operations",
+    responses((status = 200, description = "The devices.", body = DeviceList))
+)]
+pub async fn list_devices(State(app): State<App>) -> Json<DeviceList> {
+    Json(DeviceList { devices: app.pool.devices() })
+}
+
+/// Middleware: counts requests by method, route and status.
+pub async fn count_requests(State(app): State<App>, request: Request, next: Next) -> Response {
+    let method = request.method().clone();
+    // The route, not the path: a metric per job id would never stop growing.
+    let route = request
+        .extensions()
+        .get::<MatchedPath>()
+        .map_or_else(|| "none".to_owned(), |path| path.as_str().to_owned());
+    let response = next.run(request).await;
+    app.metrics.count_request(&method, route, response.status());
+    response
+}

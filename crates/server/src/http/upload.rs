@@ -1,0 +1,245 @@
+//! Taking uploads in: bytes go to an unnamed temporary file while they are counted and hashed, so
+//! a sender that never ends costs disk up to the limit and no memory.
+
+use super::App;
+use super::problem::Problem;
+use crate::api::FieldError;
+use crate::api::scenes::{Scene, SceneFormat};
+use crate::artifacts::{hex, sha256_hex};
+use crate::bundle;
+use crate::worker::scenes::{SceneRefusal, describe};
+use axum::body::Body;
+use axum::extract::{FromRequest, Multipart, Request};
+use bytes::Bytes;
+use futures_util::{Stream, StreamExt};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncSeekExt, AsyncWriteExt};
+
+/// Longest silence in the middle of an upload.
+const IDLE: Duration = Duration::from_secs(30);
+/// Most parts of a multipart upload.
+const MAX_PARTS: usize = 1024;
+/// Longest name of a part.
+const MAX_NAME_BYTES: usize = 1024;
+
+/// Bytes on disk.
+struct Spooled {
+    file: tokio::fs::File,
+    size: u64,
+    sha256: String,
+}
+
+impl Spooled {
+    async fn read(mut self) -> Result<Vec<u8>, Problem> {
+        let mut bytes = Vec::with_capacity(usize::try_from(self.size).unwrap_or(0));
+        self.file.rewind().await.map_err(disk_trouble)?;
+        self.file.read_to_end(&mut bytes).await.map_err(disk_trouble)?;
+        Ok(bytes)
+    }
+}
+
+fn disk_trouble(error: std::io::Error) -> Problem {
+    tracing::error!(%error, "cannot keep an upload");
+    Problem::unavailable("the upload could not be kept; the disk may be full")
+}
+
+/// Counts the bytes of a request against the server's limit.
+struct Allowance {
+    left: u64,
+    limit_mb: u64,
+}
+
+impl Allowance {
+    fn new(app: &App) -> Self {
+        Self { left: app.config.max_upload_bytes(), limit_mb: app.config.max_upload_mb }
+    }
+
+    fn take(&mut self, bytes: usize) -> Result<(), Problem> {
+        match self.left.checked_sub(bytes as u64) {
+            Some(left) => self.left = left,
+            None => {
+                let limit = self.limit_mb;
+                return Err(Problem::too_large(format!("uploads may have at most {limit} MiB")));
+            }
+        }
+        Ok(())
+    }
+}
+
+async fn spool<E>(
+    app: &App,
+    mut chunks: impl Stream<Item = Result<Bytes, E>> + Unpin,
+    allowance: &mut Allowance,
+    refuse: impl Fn(E) -> Problem,
+) -> Result<Spooled, Problem> {
+    let folder = app.config.data_dir.join("tmp");
+    let file = tokio::task::spawn_blocking(move || tempfile::tempfile_in(folder))
+        .await
+        .map_err(|error| Problem::internal(error.to_string()))?
+        .map_err(disk_trouble)?;
+    let mut spooled =
+        Spooled { file: tokio::fs::File::from_std(file), size: 0, sha256: String::new() };
+    let mut hash = Sha256::new();
+    loop {
+        let next = tokio::time::timeout(IDLE, chunks.next()).await;
+        let Some(chunk) = next.map_err(|_| {
+            Problem::too_slow(format!("nothing arrived for {} seconds", IDLE.as_secs()))
+        })?
+        else {
+            break;
+        };
+        let chunk = chunk.map_err(&refuse)?;
+        allowance.take(chunk.len())?;
+        spooled.size += chunk.len() as u64;
+        hash.update(&chunk);
+        spooled.file.write_all(&chunk).await.map_err(disk_trouble)?;
+    }
+    spooled.file.flush().await.map_err(disk_trouble)?;
+    spooled.sha256 = hex(&hash.finalize());
+    Ok(spooled)
+}
+
+/// Stores a scene that is the whole body.
+pub async fn scene_from_body(app: &App, body: Body) -> Result<(Scene, bool), Problem> {
+    let cut = |error: axum::Error| Problem::unreadable(format!("the upload broke off: {error}"));
+    let spooled = spool(app, body.into_data_stream(), &mut Allowance::new(app), cut).await?;
+    if spooled.size == 0 {
+        return Err(Problem::bad_scene("the body is empty; send a .glb or .gltf file"));
+    }
+    if let Some(scene) = app.store.scene(&spooled.sha256).await? {
+        return Ok((scene, false));
+    }
+    let id = spooled.sha256.clone();
+    let _turn =
+        app.imports.acquire().await.map_err(|error| Problem::internal(error.to_string()))?;
+    let bytes = Bytes::from(spooled.read().await?);
+    store_scene(app, id, SceneFormat::Gltf, bytes).await
+}
+
+/// A multipart request, taken apart.
+pub struct Parts {
+    /// The part named `job`, where one is expected.
+    pub job: Option<Vec<u8>>,
+    scene: Option<Spooled>,
+    resources: BTreeMap<String, Spooled>,
+}
+
+/// Takes a multipart request in. The scene is the part named `scene`, or the one whose name or
+/// file name ends in .gltf or .glb; other parts are resources, their names the relative URIs that
+/// the scene uses.
+pub async fn parts(app: &App, request: Request, with_job: bool) -> Result<Parts, Problem> {
+    let mut multipart = Multipart::from_request(request, &())
+        .await
+        .map_err(|rejection| Problem::unreadable(rejection.body_text()))?;
+    let mut allowance = Allowance::new(app);
+    let mut parts = Parts { job: None, scene: None, resources: BTreeMap::new() };
+    let refuse = |error: axum::extract::multipart::MultipartError| {
+        Problem::unreadable(format!("broken multipart body: {}", error.body_text()))
+    };
+    let mut count = 0;
+    loop {
+        let next = tokio::time::timeout(IDLE, multipart.next_field()).await;
+        let next = next.map_err(|_| Problem::too_slow("nothing arrived for 30 seconds"))?;
+        let Some(mut field) = next.map_err(refuse)? else { break };
+        count += 1;
+        let name = field.name().unwrap_or("").to_owned();
+        let file_name = field.file_name().unwrap_or("").to_owned();
+        if count > MAX_PARTS {
+            return Err(Problem::too_large(format!("at most {MAX_PARTS} parts")));
+        }
+        if name.is_empty() || name.len() > MAX_NAME_BYTES {
+            let rule = format!("every part needs a name of at most {MAX_NAME_BYTES} bytes");
+            return Err(Problem::unreadable(rule));
+        }
+        if with_job && name == "job" {
+            let mut json = Vec::new();
+            while let Some(chunk) = field.chunk().await.map_err(refuse)? {
+                allowance.take(chunk.len())?;
+                json.extend_from_slice(&chunk);
+                if json.len() > super::read::MAX_JSON_BYTES {
+                    return Err(Problem::too_large("the part `job` is too long"));
+                }
+            }
+            if parts.job.replace(json).is_some() {
+                return Err(Problem::unreadable("there are two parts named job"));
+            }
+            continue;
+        }
+        let spooled = spool(app, &mut field, &mut allowance, refuse).await?;
+        let is_scene = name == "scene" || is_gltf(&name) || is_gltf(&file_name);
+        if is_scene && parts.scene.is_none() {
+            parts.scene = Some(spooled);
+        } else if is_scene {
+            return Err(Problem::unreadable("there are two scenes in one request"));
+        } else if parts.resources.insert(name.clone(), spooled).is_some() {
+            return Err(Problem::unreadable(format!("there are two parts named {name:?}")));
+        }
+    }
+    Ok(parts)
+}
+
+fn is_gltf(name: &str) -> bool {
+    let name = name.to_ascii_lowercase();
+    name.ends_with(".gltf") || name.ends_with(".glb")
+}
+
+impl Parts {
+    /// Whether there is a scene among them.
+    pub fn has_scene(&self) -> bool {
+        self.scene.is_some()
+    }
+
+    /// Stores the scene with its resources.
+    pub async fn store(self, app: &App) -> Result<(Scene, bool), Problem> {
+        let Some(scene) = self.scene else {
+            let rule = "send the scene as a part named scene, or ending in .gltf or .glb";
+            return Err(Problem::invalid(vec![FieldError::new("scene", rule)]));
+        };
+        let _turn =
+            app.imports.acquire().await.map_err(|error| Problem::internal(error.to_string()))?;
+        if self.resources.is_empty() {
+            let id = scene.sha256.clone();
+            return store_scene(app, id, SceneFormat::Gltf, scene.read().await?.into()).await;
+        }
+        let main = scene.read().await?;
+        let mut resources = BTreeMap::new();
+        for (uri, file) in self.resources {
+            resources.insert(uri, file.read().await?);
+        }
+        let packed = bundle::pack(&main, &resources);
+        store_scene(app, sha256_hex(&packed), SceneFormat::Bundle, packed.into()).await
+    }
+}
+
+/// Checks a scene by importing it, then keeps it; whether it is new. What cannot be imported is
+/// not kept.
+pub async fn store_scene(
+    app: &App,
+    id: String,
+    format: SceneFormat,
+    bytes: Bytes,
+) -> Result<(Scene, bool), Problem> {
+    if let Some(scene) = app.store.scene(&id).await? {
+        return Ok((scene, false));
+    }
+    let max_triangles = app.config.max_triangles;
+    let (import_id, import_bytes) = (id.clone(), bytes.clone());
+    let described = tokio::task::spawn_blocking(move || {
+        describe(import_id, format, &import_bytes, max_triangles)
+    })
+    .await
+    .map_err(|error| Problem::internal(error.to_string()))?;
+    let scene = described.map_err(scene_problem)?;
+    app.artifacts.put_scene(&id, bytes).await?;
+    let is_new = app.store.put_scene(&scene).await?;
+    Ok((scene, is_new))
+}
+
+fn scene_problem(refusal: SceneRefusal) -> Problem {
+    let SceneRefusal { at, what, fix, too_large } = refusal;
+    let detail = format!("{at}: {what}; {fix}");
+    let problem = if too_large { Problem::too_large(detail) } else { Problem::bad_scene(detail) };
+    problem.with_error(FieldError::new(at, format!("{what}; {fix}")))
+}

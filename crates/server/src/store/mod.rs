@@ -1,0 +1,190 @@
+//! Where scenes, jobs and events are kept. One interface; the embedded implementation is
+//! [`sqlite`]. Everything that a client was promised is on disk when a call returns.
+
+pub mod sqlite;
+
+use crate::api::Warning;
+use crate::api::events::{Event, EventData};
+use crate::api::jobs::{Job, JobError, JobRequest, Picture, PictureFormat, Plan, Progress, Stats};
+use crate::api::scenes::Scene;
+use crate::job_state::JobState;
+use async_trait::async_trait;
+use uuid::Uuid;
+
+/// Why the store could not do it.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// The database refused or is unreachable.
+    #[error("database: {0}")]
+    Database(#[from] sqlx::Error),
+    /// The database could not be brought to this version's tables.
+    #[error("database migration: {0}")]
+    Migration(#[from] sqlx::migrate::MigrateError),
+    /// A stored record does not read back.
+    #[error("stored {what} does not read back: {reason}")]
+    Corrupt {
+        /// Which record.
+        what: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The writer's claim on the job is over: it was deleted, or another worker has it.
+    #[error("the claim on job {0} is over")]
+    ClaimLost(Uuid),
+}
+
+/// A job to be accepted.
+#[derive(Clone, Debug)]
+pub struct NewJob {
+    /// Its id, a fresh UUIDv7.
+    pub id: Uuid,
+    /// Its scene, already stored.
+    pub scene_id: String,
+    /// What was asked for.
+    pub request: JobRequest,
+    /// The client's `Idempotency-Key`.
+    pub idempotency_key: Option<String>,
+    /// Hash of the request, to tell a repetition from another request under the same key.
+    pub request_hash: String,
+}
+
+/// What became of a [`NewJob`].
+#[derive(Clone, Debug)]
+pub enum Accepted {
+    /// It is queued.
+    New(Box<Job>),
+    /// The same request came before under the same key; this is its job.
+    Again(Box<Job>),
+    /// Another request came before under the same key.
+    KeyConflict,
+    /// The queue is full.
+    QueueFull,
+}
+
+/// A worker's claim on a job. Writes under an outdated claim fail with
+/// [`StoreError::ClaimLost`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Claim {
+    /// The job.
+    pub job: Uuid,
+    /// The fencing token: grows with every claim of the job.
+    pub fence: u64,
+}
+
+/// What a running worker has to say. All of it is optional.
+#[derive(Clone, Debug, Default)]
+pub struct Report {
+    /// What the engine decided, with the warnings.
+    pub plan: Option<(Plan, Vec<Warning>)>,
+    /// Progress events, oldest first.
+    pub progress: Vec<Progress>,
+    /// Snapshots whose files are stored.
+    pub snapshots: Vec<(Vec<Picture>, Progress)>,
+}
+
+/// How a job ended.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// A terminal state.
+    pub state: JobState,
+    /// Figures.
+    pub stats: Option<Stats>,
+    /// The final picture's files, already stored.
+    pub pictures: Vec<Picture>,
+    /// Why it failed.
+    pub error: Option<JobError>,
+    /// Last figures.
+    pub progress: Option<Progress>,
+}
+
+/// Which jobs a list holds.
+#[derive(Clone, Debug, Default)]
+pub struct JobFilter {
+    /// Only this state.
+    pub state: Option<JobState>,
+    /// Only jobs with this label.
+    pub label: Option<(String, String)>,
+    /// Only jobs older than this one.
+    pub before: Option<Uuid>,
+    /// At most so many.
+    pub limit: u32,
+}
+
+/// Jobs by state, for metrics and back-pressure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct JobCounts {
+    /// In the order of [`JobState::ALL`].
+    pub by_state: [u64; 5],
+}
+
+/// The store of one service.
+#[async_trait]
+pub trait Store: Send + Sync {
+    /// Stores a scene; false where it was there already.
+    async fn put_scene(&self, scene: &Scene) -> Result<bool, StoreError>;
+    /// The scene of that id.
+    async fn scene(&self, id: &str) -> Result<Option<Scene>, StoreError>;
+    /// Scenes, newest first; `before` is the id of the last one of the page before.
+    async fn scenes(&self, before: Option<&str>, limit: u32) -> Result<Vec<Scene>, StoreError>;
+
+    /// Queues a job unless `max_queued` are waiting. Durable on return.
+    async fn accept(&self, job: NewJob, max_queued: u64) -> Result<Accepted, StoreError>;
+    /// The job of that id.
+    async fn job(&self, id: Uuid) -> Result<Option<Job>, StoreError>;
+    /// Jobs, newest first.
+    async fn jobs(&self, filter: &JobFilter) -> Result<Vec<Job>, StoreError>;
+    /// How many there are.
+    async fn counts(&self) -> Result<JobCounts, StoreError>;
+    /// Asks a job to end; terminal jobs stay as they are. `None` where there is no such job.
+    async fn cancel(&self, id: Uuid) -> Result<Option<Job>, StoreError>;
+    /// Hides a job for good, ending it first if it has not; true where there was one.
+    async fn delete(&self, id: Uuid) -> Result<bool, StoreError>;
+    /// Forgets jobs hidden for `older_than_ms` and longer; their ids.
+    async fn purge(&self, older_than_ms: i64) -> Result<Vec<Uuid>, StoreError>;
+
+    /// Takes the next queued job for `device`.
+    async fn claim(&self, device: &str) -> Result<Option<(Claim, Job)>, StoreError>;
+    /// Writes what a worker has to say; whether the job is asked to end.
+    async fn report(&self, claim: Claim, report: Report) -> Result<bool, StoreError>;
+    /// Ends a job; state and terminal event in one transaction.
+    async fn finish(&self, claim: Claim, outcome: Outcome) -> Result<(), StoreError>;
+    /// Puts a claimed job back; `counted` says whether the attempt counts towards giving up.
+    async fn release(&self, claim: Claim, counted: bool, reason: &str) -> Result<(), StoreError>;
+    /// Puts back every job that this process still holds, uncounted; how many there were.
+    async fn release_all(&self) -> Result<u64, StoreError>;
+    /// Puts back, or gives up, the jobs of workers that died with an earlier process.
+    async fn recover(&self) -> Result<Vec<Uuid>, StoreError>;
+
+    /// Events of a job with numbers above `after`, oldest first.
+    async fn events(&self, job: Uuid, after: u64, limit: u32) -> Result<Vec<Event>, StoreError>;
+    /// Progress events of a job's latest claim, oldest first.
+    async fn trace(&self, job: Uuid) -> Result<Vec<Progress>, StoreError>;
+    /// The newest picture of that format.
+    async fn newest_picture(
+        &self,
+        job: Uuid,
+        format: PictureFormat,
+    ) -> Result<Option<Picture>, StoreError>;
+    /// The picture of that content.
+    async fn picture(
+        &self,
+        job: Uuid,
+        sha256: &str,
+        format: PictureFormat,
+    ) -> Result<Option<Picture>, StoreError>;
+    /// Whether the store answers and can be written.
+    async fn ping(&self) -> Result<(), StoreError>;
+    /// Flushes and closes.
+    async fn close(&self);
+}
+
+impl EventData {
+    /// Reads an event back from its stored kind and JSON.
+    fn from_stored(kind: &str, data: &str) -> Result<Self, serde_json::Error> {
+        Ok(match kind {
+            "progress" => Self::Progress(serde_json::from_str(data)?),
+            "snapshot" => Self::Snapshot(serde_json::from_str(data)?),
+            _ => Self::State(serde_json::from_str(data)?),
+        })
+    }
+}

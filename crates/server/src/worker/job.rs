@@ -1,0 +1,257 @@
+//! One attempt at one job.
+
+use super::scenes;
+use super::watch::{Stop, Watcher, keep_picture};
+use crate::api;
+use crate::api::jobs::{CameraRequest, Job, JobError, PictureFormat};
+use crate::job_state::JobState;
+use crate::service::Service;
+use crate::store::{Claim, Outcome, StoreError};
+use hemilux_engine::device::{Device, DeviceError};
+use hemilux_engine::render::{
+    CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest, Rendered, Stats, StopReason,
+    render,
+};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::runtime::Handle;
+
+/// Why an attempt came to nothing.
+struct Failure {
+    code: &'static str,
+    detail: String,
+    /// Whether another attempt may succeed.
+    retry: bool,
+    /// Whether the device can go on.
+    device_is_sound: bool,
+}
+
+impl Failure {
+    fn new(code: &'static str, detail: impl Into<String>) -> Self {
+        Self { code, detail: detail.into(), retry: false, device_is_sound: true }
+    }
+}
+
+/// Runs a claimed job to its end and records it; false where the device must be opened again.
+pub fn run(
+    service: &Arc<Service>,
+    runtime: &Handle,
+    device: &mut dyn Device,
+    claim: Claim,
+    job: &Job,
+) -> bool {
+    let started = Instant::now();
+    tracing::info!(job = %job.id, attempt = job.attempts, "starts");
+    let (mut watcher, scribe) = Watcher::start(service, runtime, claim, job);
+    let attempted =
+        catch_unwind(AssertUnwindSafe(|| attempt(service, runtime, device, job, &mut watcher)))
+            .unwrap_or_else(|panic| {
+                let text = crate::panic_text(&*panic);
+                tracing::error!(job = %job.id, panic = text, "the render panicked");
+                let failure = Failure::new("panic", format!("an unexpected fault: {text}"));
+                Err(Failure { device_is_sound: false, ..failure })
+            });
+    let (stop, latest) = (watcher.stop(), watcher.latest());
+    drop(watcher);
+    runtime.block_on(async {
+        if let Err(error) = scribe.await {
+            tracing::error!(job = %job.id, %error, "the recording task failed");
+        }
+    });
+    let device_is_sound = attempted.as_ref().err().is_none_or(|failure| failure.device_is_sound);
+
+    let ending = match attempted {
+        _ if stop == Stop::ClaimLost => Ending::Dropped,
+        Ok(rendered) => match (rendered.stats.stopped, stop) {
+            (StopReason::Cancelled, Stop::No) => {
+                Ending::PutBack { counted: false, why: "the server shut down".into() }
+            }
+            (StopReason::Cancelled, _) => Ending::Done(JobState::Cancelled, Box::new(rendered)),
+            _ => Ending::Done(JobState::Succeeded, Box::new(rendered)),
+        },
+        Err(failure) if failure.retry => Ending::PutBack { counted: true, why: failure.detail },
+        Err(failure) => Ending::Failed(failure),
+    };
+    record(service, runtime, claim, ending, latest, started);
+    device_is_sound
+}
+
+enum Ending {
+    Done(JobState, Box<Rendered>),
+    Failed(Failure),
+    PutBack { counted: bool, why: String },
+    Dropped,
+}
+
+/// Renders; everything that can go wrong on the way is a [`Failure`].
+fn attempt(
+    service: &Arc<Service>,
+    runtime: &Handle,
+    device: &mut dyn Device,
+    job: &Job,
+    watcher: &mut Watcher,
+) -> Result<Rendered, Failure> {
+    let stored = runtime.block_on(async {
+        let record = service.store.scene(&job.scene).await.map_err(|e| e.to_string())?;
+        let record = record.ok_or_else(|| format!("scene {} is not there any more", job.scene))?;
+        let bytes = service.artifacts.scene(&job.scene).await.map_err(|e| e.to_string())?;
+        Ok::<_, String>((record.format, bytes))
+    });
+    let (format, bytes) = stored.map_err(|detail| Failure::new("storage", detail))?;
+    let scene = scenes::load(format, &bytes, service.config.max_triangles)
+        .map_err(|refusal| Failure::new("scene", refusal.to_string()))?;
+    drop(bytes);
+    let request = RenderRequest {
+        scene: Arc::new(scene),
+        camera: camera(job.request.camera.as_ref()),
+        width: job.request.width,
+        height: job.request.height,
+        method: job.request.method.clone(),
+        limits: limits(job, service.config.max_seconds),
+        seed: job.request.seed,
+        options: job.request.options.iter().map(|(k, v)| (k.clone(), v.to_string())).collect(),
+    };
+    render(device, &request, watcher).map_err(|error| match error {
+        RenderError::Parameter { parameter, what } => {
+            Failure::new("parameter", format!("{parameter}: {what}"))
+        }
+        RenderError::Device(error) => {
+            let lost = matches!(error, DeviceError::Lost { .. });
+            let failure = Failure::new("device", error.to_string());
+            Failure { retry: lost, device_is_sound: !lost, ..failure }
+        }
+    })
+}
+
+fn camera(request: Option<&CameraRequest>) -> CameraChoice {
+    match request {
+        None => CameraChoice::First,
+        Some(CameraRequest::Index(index)) => CameraChoice::Index(*index),
+        Some(CameraRequest::Name(name)) => CameraChoice::Name(name.clone()),
+        Some(CameraRequest::Explicit(camera)) => {
+            let api::jobs::ExplicitCamera { eye, target, up, yfov_degrees } = *camera;
+            CameraChoice::Explicit(ExplicitCamera { eye, target, up, yfov_degrees })
+        }
+    }
+}
+
+/// The job's limits. One that names only iterations or an accuracy it may never reach still ends:
+/// after the longest time budget of the server.
+fn limits(job: &Job, max_seconds: f64) -> Limits {
+    let request = &job.request;
+    let names_another = request.max_iterations.is_some() || request.target_error.is_some();
+    let default =
+        if names_another { max_seconds } else { Limits::DEFAULT_SECONDS.min(max_seconds) };
+    Limits {
+        seconds: Some(request.time_budget_s.unwrap_or(default)),
+        iterations: request.max_iterations,
+        target_error: request.target_error,
+    }
+}
+
+/// Stores how the attempt ended, trying again for a while where the store does not answer: the
+/// work is done, and a passing trouble should not waste it.
+fn record(
+    service: &Arc<Service>,
+    runtime: &Handle,
+    claim: Claim,
+    ending: Ending,
+    latest: Option<api::jobs::Progress>,
+    started: Instant,
+) {
+    let outcome = match ending {
+        Ending::Done(state, rendered) => {
+            let Rendered { picture, stats } = *rendered;
+            let formats = vec![PictureFormat::Png, PictureFormat::Exr];
+            match runtime.block_on(keep_picture(service, claim, picture, formats)) {
+                Ok(pictures) => {
+                    let stats = to_stats(&stats, started.elapsed().as_secs_f64());
+                    let progress = Some(final_progress(&stats));
+                    Ok(Outcome { state, stats: Some(stats), pictures, error: None, progress })
+                }
+                Err(error) => {
+                    tracing::error!(job = %claim.job, %error, "cannot keep the picture");
+                    Ok(failed("storage", format!("the picture could not be kept: {error}"), latest))
+                }
+            }
+        }
+        Ending::Failed(failure) => Ok(failed(failure.code, failure.detail, latest)),
+        Ending::PutBack { counted, why } => Err((counted, why)),
+        Ending::Dropped => {
+            tracing::info!(job = %claim.job, "was taken away");
+            let removed = runtime.block_on(async {
+                match service.store.job(claim.job).await {
+                    Ok(None) => service.artifacts.remove_job(claim.job).await,
+                    _ => Ok(()),
+                }
+            });
+            if let Err(error) = removed {
+                tracing::warn!(job = %claim.job, %error, "cannot remove files");
+            }
+            return;
+        }
+    };
+    for pause_s in [0, 1, 2, 4, 8] {
+        let written = runtime.block_on(async {
+            tokio::time::sleep(Duration::from_secs(pause_s)).await;
+            match &outcome {
+                Ok(outcome) => service.store.finish(claim, outcome.clone()).await,
+                Err((counted, why)) => service.store.release(claim, *counted, why).await,
+            }
+        });
+        match written {
+            Ok(()) => break,
+            Err(StoreError::ClaimLost(_)) => {
+                tracing::warn!(job = %claim.job, "was taken away before it could be recorded");
+                break;
+            }
+            // Left as running: the next start of the service puts it back.
+            Err(error) => tracing::error!(job = %claim.job, %error, "cannot record the end"),
+        }
+    }
+    match outcome {
+        Ok(outcome) => {
+            let (iterations, shots) =
+                outcome.progress.as_ref().map_or((0, 0), |p| (p.iterations, p.shots));
+            let seconds = started.elapsed().as_secs_f64();
+            tracing::info!(job = %claim.job, state = outcome.state.as_str(), seconds, iterations, "ended");
+            service.metrics.count_job(outcome.state, seconds, iterations, shots);
+        }
+        Err((_, why)) => tracing::info!(job = %claim.job, why, "went back to the queue"),
+    }
+}
+
+fn failed(code: &str, detail: String, progress: Option<api::jobs::Progress>) -> Outcome {
+    let error = Some(JobError { code: code.into(), detail });
+    Outcome { state: JobState::Failed, stats: None, pictures: Vec::new(), error, progress }
+}
+
+fn to_stats(stats: &Stats, seconds_total: f64) -> api::jobs::Stats {
+    let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
+    let stopped = serde_json::to_value(stats.stopped).ok();
+    api::jobs::Stats {
+        method: stats.method.clone(),
+        stopped: stopped.and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default(),
+        iterations: stats.iterations,
+        shots: stats.shots,
+        light_source_selection_ratio: finite(stats.light_source_selection_ratio),
+        estimated_error: stats.estimated_error.filter(|error| error.is_finite()),
+        seconds_solve: finite(stats.seconds_solve),
+        seconds_total,
+        patches: stats.patches,
+        triangles: stats.triangles,
+    }
+}
+
+fn final_progress(stats: &api::jobs::Stats) -> api::jobs::Progress {
+    api::jobs::Progress {
+        iterations: stats.iterations,
+        shots: stats.shots,
+        light_source_selection_ratio: stats.light_source_selection_ratio,
+        estimated_error: stats.estimated_error,
+        seconds: stats.seconds_solve,
+        seconds_remaining: Some(0.0),
+        fraction: 1.0,
+    }
+}

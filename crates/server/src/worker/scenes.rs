@@ -1,0 +1,126 @@
+//! Scene files to scenes.
+
+use crate::api::Warning;
+use crate::api::scenes::{Bounds, CameraName, Scene, SceneFormat};
+use crate::bundle;
+use hemilux_engine::scene;
+use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// Why a scene cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SceneRefusal {
+    /// Where in the file.
+    pub at: String,
+    /// What is wrong.
+    pub what: String,
+    /// What the sender can do.
+    pub fix: String,
+    /// Whether a limit is the reason.
+    pub too_large: bool,
+}
+
+impl std::fmt::Display for SceneRefusal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: {}; {}", self.at, self.what, self.fix)
+    }
+}
+
+impl SceneRefusal {
+    fn damaged(what: impl Into<String>, fix: &str) -> Self {
+        Self { at: "file".into(), what: what.into(), fix: fix.into(), too_large: false }
+    }
+}
+
+/// Imports a file with the resources that came with it, under the default limits.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_file(main: &[u8], resources: &Resources) -> Result<scene::Scene, SceneRefusal> {
+    guarded(|| import(main, resources, &ImportLimits::default()).map_err(refusal))
+}
+
+/// Relative URIs that a .gltf file names, as written; none where it is a .glb or no JSON.
+pub fn resource_names(main: &[u8]) -> Vec<String> {
+    let Ok(document) = serde_json::from_slice::<serde_json::Value>(main) else { return Vec::new() };
+    ["buffers", "images"]
+        .iter()
+        .filter_map(|list| document.get(list)?.as_array())
+        .flatten()
+        .filter_map(|entry| entry.get("uri")?.as_str())
+        .filter(|uri| !uri.contains(':'))
+        .map(str::to_owned)
+        .collect()
+}
+
+/// Imports a scene. The importer reads hostile input: should it ever panic, that refuses the
+/// scene and nothing else.
+///
+/// # Errors
+/// [`SceneRefusal`] says where, what and what to do.
+pub fn load(
+    format: SceneFormat,
+    bytes: &[u8],
+    max_triangles: usize,
+) -> Result<scene::Scene, SceneRefusal> {
+    let limits = ImportLimits { max_triangles, ..ImportLimits::default() };
+    guarded(|| match format {
+        SceneFormat::Gltf => import(bytes, &Resources::new(), &limits).map_err(refusal),
+        SceneFormat::Bundle => match bundle::unpack(bytes) {
+            Some((main, resources)) => import(main, &resources, &limits).map_err(refusal),
+            None => Err(SceneRefusal::damaged("the stored bundle is damaged", "send it again")),
+        },
+    })
+}
+
+fn guarded(
+    import: impl FnOnce() -> Result<scene::Scene, SceneRefusal>,
+) -> Result<scene::Scene, SceneRefusal> {
+    catch_unwind(AssertUnwindSafe(import)).unwrap_or_else(|panic| {
+        let text = crate::panic_text(&*panic);
+        tracing::error!(panic = text, "the importer panicked");
+        let fix = "the file is probably damaged; check it with a glTF validator";
+        Err(SceneRefusal::damaged(format!("the importer failed: {text}"), fix))
+    })
+}
+
+fn refusal(error: scene::SceneError) -> SceneRefusal {
+    let scene::SceneError { at, what, fix, too_large } = error;
+    SceneRefusal { at, what, fix, too_large }
+}
+
+/// Imports a scene and says what it holds.
+///
+/// # Errors
+/// As [`load`].
+pub fn describe(
+    id: String,
+    format: SceneFormat,
+    bytes: &[u8],
+    max_triangles: usize,
+) -> Result<Scene, SceneRefusal> {
+    let scene = load(format, bytes, max_triangles)?;
+    let cameras = scene.cameras.iter().zip(0..);
+    let bounds = scene.bounds();
+    Ok(Scene {
+        id,
+        format,
+        size: bytes.len() as u64,
+        created_at: jiff::Timestamp::now(),
+        triangles: scene.triangles.len() as u64,
+        vertices: scene.vertices.len() as u64,
+        materials: scene.materials.len() as u64,
+        textures: scene.textures.len() as u64,
+        lights: scene.emissive_triangles() as u64,
+        bounds: bounds.map(|(min, max)| Bounds { min: min.to_array(), max: max.to_array() }),
+        cameras: cameras
+            .map(|(camera, index)| CameraName { index, name: camera.name.clone() })
+            .collect(),
+        warnings: scene.warnings.iter().map(warning).collect(),
+    })
+}
+
+/// An engine's warning in the API's words.
+pub fn warning(warning: &scene::Warning) -> Warning {
+    Warning { at: warning.at.clone(), what: warning.what.clone() }
+}
