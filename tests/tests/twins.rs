@@ -36,7 +36,16 @@ fn settings(resolution: u32, shots_per_iteration: u32, seed: u64) -> ShootingSet
 }
 
 fn trace(device: &mut dyn Device, scene: &Arc<PatchedScene>, shots: &[Shot]) -> Vec<ShotTrace> {
-    let settings = settings(256, 8, 1);
+    trace_at(256, device, scene, shots)
+}
+
+fn trace_at(
+    resolution: u32,
+    device: &mut dyn Device,
+    scene: &Arc<PatchedScene>,
+    shots: &[Shot],
+) -> Vec<ShotTrace> {
+    let settings = settings(resolution, 8, 1);
     let mut shooting = device.begin(scene.clone(), &settings).expect("begins");
     shooting.trace(shots).expect("traces")
 }
@@ -114,6 +123,29 @@ fn shots_half_a_millimetre_from_a_wall_agree() {
 fn two_sided_and_closed_bodies_agree() {
     let scene = screens(2000);
     compare("screens", &scene, &random_shots(&scene, 20, 4));
+}
+
+#[test]
+fn every_resolution_agrees() {
+    let Some(mut gpu) = adapter() else { return };
+    let mut cpu = CpuDevice::new(None).expect("threads");
+    let scene = blocks(500);
+    // Not multiples of a run of pixels or of the alignment of rows in transfers.
+    for resolution in [8, 50, 134, 600] {
+        let shots = random_shots(&scene, 11, u64::from(resolution));
+        let on_gpu = trace_at(resolution, &mut gpu, &scene, &shots);
+        let on_cpu = trace_at(resolution, &mut cpu, &scene, &shots);
+        for (a, b) in on_gpu.iter().zip(&on_cpu) {
+            let items = different_items(&a.items, &b.items);
+            assert!(items <= MAX_DIFFERENT_ITEMS, "R = {resolution}: {items}");
+            // A pixel at an edge may go to either neighbour.
+            let pixel = 4.0 / (std::f32::consts::PI * (resolution * resolution) as f32);
+            let difference = |(a, b): (&f32, &f32)| (a - b).abs();
+            let worst = a.form_factor.iter().zip(&b.form_factor).map(difference);
+            let worst = worst.fold(0.0, f32::max);
+            assert!(worst < 2.0 * pixel + 1e-5, "R = {resolution}: {worst}");
+        }
+    }
 }
 
 #[test]

@@ -175,8 +175,7 @@ impl<'device> WgpuShooting<'device> {
         }
     }
 
-    /// Submits the passes of whole iterations, two submissions ahead at most, and learns how many
-    /// passes make a submission of the right length.
+    /// Submits the passes of whole iterations, one submission ahead of the one that runs.
     fn submit_passes(&mut self, count: u64) -> Result<(), DeviceError> {
         let mut done = 0;
         let mut running: Option<(wgpu::SubmissionIndex, u64)> = None;
@@ -190,17 +189,29 @@ impl<'device> WgpuShooting<'device> {
             done += batch;
             let submission = self.gpu.submit(encoder)?;
             if let Some((earlier, passes)) = running.replace((submission, batch)) {
-                self.gpu.wait(earlier)?;
-                let rate = passes as f64 / since.elapsed().as_secs_f64().max(1e-6);
-                since = Instant::now();
-                let fitting = (rate * SUBMISSION.as_secs_f64()) as u64;
-                self.batch = fitting.clamp(1, 2 * passes);
+                since = self.finish(earlier, passes, since)?;
             }
         }
-        if let Some((last, _)) = running {
-            self.gpu.wait(last)?;
+        if let Some((last, passes)) = running {
+            self.finish(last, passes, since)?;
         }
         Ok(())
+    }
+
+    /// Waits for a submission that has run since about `since`, learns from it how many passes
+    /// make one of the right length, and says when it was done.
+    fn finish(
+        &mut self,
+        submission: wgpu::SubmissionIndex,
+        passes: u64,
+        since: Instant,
+    ) -> Result<Instant, DeviceError> {
+        self.gpu.wait(submission)?;
+        let now = Instant::now();
+        let rate = passes as f64 / (now - since).as_secs_f64().max(1e-6);
+        let fitting = (rate * SUBMISSION.as_secs_f64()) as u64;
+        self.batch = fitting.clamp(1, 2 * self.batch);
+        Ok(now)
     }
 
     /// Traces at most as many shots as share a render pass.
