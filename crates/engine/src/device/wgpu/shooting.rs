@@ -44,6 +44,16 @@ impl<'device> WgpuShooting<'device> {
     ) -> Result<Self, DeviceError> {
         gpu.check()?;
         let plan = Plan::new(gpu, &scene, settings)?;
+        Self::planned(gpu, pipelines, scene, settings, plan)
+    }
+
+    fn planned(
+        gpu: &'device Gpu,
+        pipelines: &'device Pipelines,
+        scene: Arc<PatchedScene>,
+        settings: &ShootingSettings,
+        plan: Plan,
+    ) -> Result<Self, DeviceError> {
         let buffers = Buffers::new(gpu, pipelines, &plan, &scene, settings)?;
         let tally_staging = gpu.staging(4 * TALLY_WORDS)?;
         let settings = settings.clone();
@@ -348,13 +358,12 @@ impl Shooting for WgpuShooting<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use crate::device::Device;
     use crate::device::wgpu::{WgpuDevice, list};
-    use crate::device::{Device, DeviceError, ShootingSettings};
-    use crate::patches::PatchedScene;
-    use crate::radiometry::Rgb;
+    use crate::hemicube::frame;
     use crate::scene::{Material, Scene, Triangle, Vertex};
     use glam::{Vec2, Vec3};
-    use std::sync::Arc;
 
     /// `None` where the environment says to do without an adapter.
     fn open() -> Option<WgpuDevice> {
@@ -367,16 +376,23 @@ mod tests {
         Some(WgpuDevice::open(first.id.parse().expect("an index")).expect("the adapter opens"))
     }
 
+    /// A shining triangle and one that faces it.
     fn lamp() -> Arc<PatchedScene> {
         let corner =
             |position| Vertex { position, normal: Vec3::Z, uv: [Vec2::ZERO; 2], color: Rgb::ONE };
+        let up = [Vec3::ZERO, Vec3::X, Vec3::Y];
+        let down = [Vec3::ZERO, Vec3::Y, Vec3::X].map(|position| position + Vec3::Z);
+        let shining = Material { emission: Rgb::ONE, ..Material::default() };
         let scene = Scene {
-            vertices: [Vec3::ZERO, Vec3::X, Vec3::Y].map(corner).into(),
-            triangles: vec![Triangle { vertices: [0, 1, 2], material: 0 }],
-            materials: vec![Material { emission: Rgb::ONE, ..Material::default() }],
+            vertices: up.into_iter().chain(down).map(corner).collect(),
+            triangles: vec![
+                Triangle { vertices: [0, 1, 2], material: 0 },
+                Triangle { vertices: [3, 4, 5], material: 1 },
+            ],
+            materials: vec![shining, Material::default()],
             ..Scene::default()
         };
-        Arc::new(PatchedScene::new(Arc::new(scene), 10))
+        Arc::new(PatchedScene::new(Arc::new(scene), 100))
     }
 
     fn settings() -> ShootingSettings {
@@ -387,6 +403,51 @@ mod tests {
             random_azimuth: true,
             jitter: true,
             viewpoint: None,
+        }
+    }
+
+    #[test]
+    fn shots_that_share_a_pass_do_not_change_the_result() {
+        let Some(device) = open() else { return };
+        let settings = ShootingSettings { shots_per_iteration: 7, ..settings() };
+        let scene = lamp();
+        let shots: Vec<_> = (0..7)
+            .map(|k| {
+                let (tangent, bitangent) = frame(Vec3::Z, k as f32);
+                Shot {
+                    patch: k,
+                    position: scene.patches.centroid[k as usize],
+                    tangent,
+                    bitangent,
+                    normal: Vec3::Z,
+                    jitter: Vec2::splat(0.1 * k as f32 - 0.4),
+                    face_weights: [1.0; FACES],
+                    diffuse: Rgb::ONE,
+                    lobe: Rgb::ONE,
+                    lobe_axis: Vec3::Z,
+                    exponent: 3.0,
+                    scale: 1.0,
+                }
+            })
+            .collect();
+        let run = |pass_shots, columns| {
+            let plan = Plan::new(&device.gpu, &scene, &settings).expect("fits");
+            let plan = Plan { pass_shots, columns, ..plan };
+            let (gpu, pipelines) = (&device.gpu, &device.pipelines);
+            let shooting = WgpuShooting::planned(gpu, pipelines, scene.clone(), &settings, plan);
+            let mut shooting = shooting.expect("begins");
+            shooting.iterate(6).expect("iterates");
+            let sums = shooting.drain().expect("drains").irradiance;
+            let traces = shooting.trace(&shots).expect("traces");
+            let traces: Vec<_> =
+                traces.into_iter().map(|t| (t.items, t.form_factor, t.lobe_factor)).collect();
+            (sums, traces)
+        };
+        let alone = run(1, 1);
+        assert!(alone.0.iter().any(|e| e.x > 0.0));
+        assert!(alone.1.iter().all(|trace| trace.2.iter().any(|sum| *sum > 0.0)));
+        for (pass_shots, columns) in [(7, 7), (5, 2), (3, 1)] {
+            assert!(alone == run(pass_shots, columns), "{pass_shots} in {columns} columns");
         }
     }
 
