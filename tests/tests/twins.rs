@@ -6,6 +6,8 @@ use hemilux_engine::device::wgpu::{self, WgpuDevice};
 use hemilux_engine::device::{Device, ShootingSettings, ShotTrace, Sums, Viewpoint};
 use hemilux_engine::hemicube::{Shot, item};
 use hemilux_engine::patches::PatchedScene;
+use hemilux_engine::radiometry::Rgb;
+use hemilux_engine::scene::Material;
 use hemilux_tests::twins::*;
 use std::sync::Arc;
 
@@ -34,7 +36,16 @@ fn settings(resolution: u32, shots_per_iteration: u32, seed: u64) -> ShootingSet
 }
 
 fn trace(device: &mut dyn Device, scene: &Arc<PatchedScene>, shots: &[Shot]) -> Vec<ShotTrace> {
-    let settings = settings(256, 8, 1);
+    trace_at(256, device, scene, shots)
+}
+
+fn trace_at(
+    resolution: u32,
+    device: &mut dyn Device,
+    scene: &Arc<PatchedScene>,
+    shots: &[Shot],
+) -> Vec<ShotTrace> {
+    let settings = settings(resolution, 8, 1);
     let mut shooting = device.begin(scene.clone(), &settings).expect("begins");
     shooting.trace(shots).expect("traces")
 }
@@ -112,6 +123,29 @@ fn shots_half_a_millimetre_from_a_wall_agree() {
 fn two_sided_and_closed_bodies_agree() {
     let scene = screens(2000);
     compare("screens", &scene, &random_shots(&scene, 20, 4));
+}
+
+#[test]
+fn every_resolution_agrees() {
+    let Some(mut gpu) = adapter() else { return };
+    let mut cpu = CpuDevice::new(None).expect("threads");
+    let scene = blocks(500);
+    // Not multiples of a run of pixels or of the alignment of rows in transfers.
+    for resolution in [8, 50, 134, 600] {
+        let shots = random_shots(&scene, 11, u64::from(resolution));
+        let on_gpu = trace_at(resolution, &mut gpu, &scene, &shots);
+        let on_cpu = trace_at(resolution, &mut cpu, &scene, &shots);
+        for (a, b) in on_gpu.iter().zip(&on_cpu) {
+            let items = different_items(&a.items, &b.items);
+            assert!(items <= MAX_DIFFERENT_ITEMS, "R = {resolution}: {items}");
+            // A pixel at an edge may go to either neighbour.
+            let pixel = 4.0 / (std::f32::consts::PI * (resolution * resolution) as f32);
+            let difference = |(a, b): (&f32, &f32)| (a - b).abs();
+            let worst = a.form_factor.iter().zip(&b.form_factor).map(difference);
+            let worst = worst.fold(0.0, f32::max);
+            assert!(worst < 2.0 * pixel + 1e-5, "R = {resolution}: {worst}");
+        }
+    }
 }
 
 #[test]
@@ -301,6 +335,29 @@ fn averages_agree_but_for_chance() {
         } else {
             assert!(on_cpu.irradiance.mean(0) > 0.0);
         }
+    }
+}
+
+#[test]
+fn scenes_without_light_or_surface_agree() {
+    let Some(mut gpu) = adapter() else { return };
+    let mut cpu = CpuDevice::new(None).expect("threads");
+    let mut dark = Builder::default();
+    let grey = dark.material(Material::lambertian("grey", Rgb::splat(0.5)));
+    dark.block(Vec3::ZERO, Vec3::ONE, 0.0, grey);
+    for scene in [dark.cut(50), Builder::default().cut(50)] {
+        let settings = settings(32, 3, 1);
+        let run = |device: &mut dyn Device| {
+            let mut shooting = device.begin(scene.clone(), &settings).expect("begins");
+            let tally = shooting.iterate(2).expect("iterates");
+            let sums = shooting.drain().expect("drains");
+            let shot = shot_at(Vec3::splat(3.0), Vec3::NEG_ONE.normalize(), 0.0, Vec2::ZERO);
+            let traces = shooting.trace(&[shot]).expect("traces");
+            (tally, sums.iterations, sums.irradiance, sums.glossy, traces[0].items.len())
+        };
+        let on_cpu = run(&mut cpu);
+        assert_eq!((on_cpu.0.shots, on_cpu.0.iterations), (0, 2));
+        assert_eq!(on_cpu, run(&mut gpu));
     }
 }
 

@@ -53,21 +53,65 @@ fn largest(v: vec3<f32>) -> f32 {
     return max(max(abs(v.x), abs(v.y)), abs(v.z));
 }
 
-fn outside(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>, plane: vec3<f32>) -> bool {
-    return dot(a, plane) < 0.0 && dot(b, plane) < 0.0 && dot(c, plane) < 0.0;
+// Bits of a corner's place in the hemicube frame.
+const BELOW = 1u;
+const X_LESS_Y = 2u;
+const X_LESS_MINUS_Y = 4u;
+const Z_LESS_X = 8u;
+const Z_LESS_MINUS_X = 16u;
+const Z_LESS_Y = 32u;
+const Z_LESS_MINUS_Y = 64u;
+
+fn place_of(v: vec3<f32>) -> u32 {
+    return select(0u, BELOW, v.z < 0.0)
+        | select(0u, X_LESS_Y, v.x < v.y)
+        | select(0u, X_LESS_MINUS_Y, v.x < -v.y)
+        | select(0u, Z_LESS_X, v.z < v.x)
+        | select(0u, Z_LESS_MINUS_X, v.z < -v.x)
+        | select(0u, Z_LESS_Y, v.z < v.y)
+        | select(0u, Z_LESS_MINUS_Y, v.z < -v.y);
 }
 
-fn mark_of(facet: Facet, shot: Shot, slot: u32) -> u32 {
-    let a = facet.corner - shot.position;
-    let b = a + facet.edge_1;
-    let c = a + facet.edge_2;
-    if outside(a, b, c, shot.normal) {
+// Bit `face` where a facet has no corner on the inner side of one of the planes between faces.
+// `all` is what the places of its corners share, `none` what none of them has. Jitter stays
+// inside the pixel, so the rays stay inside these planes.
+fn faces_outside(all: u32, none: u32) -> u32 {
+    let outside_top = (all & (Z_LESS_X | Z_LESS_MINUS_X | Z_LESS_Y | Z_LESS_MINUS_Y)) != 0u;
+    let outside_plus_t = (all & (X_LESS_Y | X_LESS_MINUS_Y)) != 0u || (none & Z_LESS_X) != 0u;
+    let outside_minus_t = (none & (X_LESS_Y | X_LESS_MINUS_Y | Z_LESS_MINUS_X)) != 0u;
+    let outside_plus_b =
+        (all & X_LESS_MINUS_Y) != 0u || (none & (X_LESS_Y | Z_LESS_Y)) != 0u;
+    let outside_minus_b =
+        (all & X_LESS_Y) != 0u || (none & (X_LESS_MINUS_Y | Z_LESS_MINUS_Y)) != 0u;
+    return select(0u, 1u, outside_top) | select(0u, 2u, outside_plus_t)
+        | select(0u, 4u, outside_minus_t) | select(0u, 8u, outside_plus_b)
+        | select(0u, 16u, outside_minus_b);
+}
+
+// Bit `face` of every face that is drawn at all.
+fn drawn_faces(shot: Shot) -> u32 {
+    let w = shot.face_weights;
+    return select(0u, 1u, w.x > 0.0) | select(0u, 2u, w.y > 0.0) | select(0u, 4u, w.z > 0.0)
+        | select(0u, 8u, w.w > 0.0) | select(0u, 16u, shot.last_face_weight.x > 0.0);
+}
+
+fn to_frame(shot: Shot, v: vec3<f32>) -> vec3<f32> {
+    return vec3(dot(shot.tangent, v), dot(shot.bitangent, v), dot(shot.normal, v));
+}
+
+fn mark_of(facet: Facet, shot: Shot, drawn: u32) -> u32 {
+    let relative = facet.corner - shot.position;
+    let a = to_frame(shot, relative);
+    let b = to_frame(shot, relative + facet.edge_1);
+    let c = to_frame(shot, relative + facet.edge_2);
+    let places = vec3(place_of(a), place_of(b), place_of(c));
+    let all_corners = places.x & places.y & places.z;
+    if (all_corners & BELOW) != 0u {
         return 0u;
     }
-    let to_frame = transpose(mat3x3(shot.tangent, shot.bitangent, shot.normal));
     let plane = cross(facet.edge_1, facet.edge_2);
-    let volume = dot(a, plane);
-    let noise = PLANE_NOISE * (largest(shot.position) + largest(to_frame * a));
+    let volume = dot(relative, plane);
+    let noise = PLANE_NOISE * (largest(shot.position) + largest(a));
     if volume * volume <= noise * noise * dot(plane, plane) {
         return 0u;
     }
@@ -75,18 +119,7 @@ fn mark_of(facet: Facet, shot: Shot, slot: u32) -> u32 {
     if back_seen && facet.back == CULLED_BACK {
         return 0u;
     }
-    var mark = 0u;
-    for (var face = 0u; face < FACES; face++) {
-        let view = views[slot * FACES + face];
-        if view.weight > 0.0
-            && !outside(a, b, c, view.clip_w)
-            && !outside(a, b, c, view.clip_w - view.clip_x)
-            && !outside(a, b, c, view.clip_w + view.clip_x)
-            && !outside(a, b, c, view.clip_w - view.clip_y)
-            && !outside(a, b, c, view.clip_w + view.clip_y) {
-            mark |= 1u << face;
-        }
-    }
+    let mark = drawn & ~faces_outside(all_corners, ~(places.x | places.y | places.z));
     return select(0u, mark | select(0u, BACK_SEEN, back_seen), mark != 0u);
 }
 
@@ -98,6 +131,7 @@ fn mark_facets(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let shot = shots[group.first + slot];
+    let drawn = drawn_faces(shot);
     var seen = array<u32, 5>();
     for (var word = 0u; word < RUN_WORDS; word++) {
         var packed = 0u;
@@ -106,7 +140,7 @@ fn mark_facets(@builtin(global_invocation_id) id: vec3<u32>) {
             if facet >= settings.facets {
                 break;
             }
-            let mark = mark_of(facets[facet], shot, slot);
+            let mark = mark_of(facets[facet], shot, drawn);
             packed |= mark << (8u * byte);
             for (var face = 0u; face < FACES; face++) {
                 seen[face] += (mark >> face) & 1u;

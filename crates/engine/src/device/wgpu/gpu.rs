@@ -115,10 +115,7 @@ impl Gpu {
         device.on_uncaptured_error(Arc::new(move |error| handler.report(error.to_string())));
         let handler = fault.clone();
         device.set_device_lost_callback(move |reason, message| {
-            // Dropping the device reports itself too.
-            if !(reason == wgpu::DeviceLostReason::Destroyed && message.is_empty()) {
-                handler.report(format!("{reason:?}: {message}"));
-            }
+            handler.report(format!("{reason:?}: {message}"));
         });
         let software = adapter.get_info().device_type == wgpu::DeviceType::Cpu;
         Ok(Self { device, queue, description, software, fault })
@@ -141,11 +138,11 @@ impl Gpu {
         let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let created = create();
         let errors = [pollster::block_on(validation.pop()), pollster::block_on(internal.pop())];
-        for error in errors.into_iter().flatten() {
-            self.fault.report(error.to_string());
+        // What was not created harms nothing else: the device stays usable.
+        match errors.into_iter().flatten().next() {
+            Some(error) => Err(self.lost(error.to_string())),
+            None => self.check().map(|()| created),
         }
-        self.check()?;
-        Ok(created)
     }
 
     /// Runs something that allocates; `Ok(None)` where the memory does not suffice.

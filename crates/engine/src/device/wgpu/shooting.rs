@@ -1,6 +1,6 @@
 //! The iteration under way: encodes passes, keeps submissions short, reads back.
 
-use super::buffers::{Buffers, DRAW_BYTES, Plan, TALLY_WORDS};
+use super::buffers::{Buffers, DRAW_BYTES, Plan, TALLY_WORDS, THREADS};
 use super::gpu::Gpu;
 use super::layout::{FACET_RUN, GpuPass, GpuShot, PIXEL_RUN, SPAN, triples};
 use super::pipelines::{Pipelines, UNIFORM_STRIDE};
@@ -18,7 +18,6 @@ pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
 /// A submission can't be cancelled, so it should take about this long.
 const SUBMISSION: Duration = Duration::from_millis(50);
-const THREADS: u32 = 64;
 
 /// An iteration under way.
 pub struct WgpuShooting<'device> {
@@ -45,6 +44,16 @@ impl<'device> WgpuShooting<'device> {
     ) -> Result<Self, DeviceError> {
         gpu.check()?;
         let plan = Plan::new(gpu, &scene, settings)?;
+        Self::planned(gpu, pipelines, scene, settings, plan)
+    }
+
+    fn planned(
+        gpu: &'device Gpu,
+        pipelines: &'device Pipelines,
+        scene: Arc<PatchedScene>,
+        settings: &ShootingSettings,
+        plan: Plan,
+    ) -> Result<Self, DeviceError> {
         let buffers = Buffers::new(gpu, pipelines, &plan, &scene, settings)?;
         let tally_staging = gpu.staging(4 * TALLY_WORDS)?;
         let settings = settings.clone();
@@ -176,8 +185,7 @@ impl<'device> WgpuShooting<'device> {
         }
     }
 
-    /// Submits the passes of whole iterations, two submissions ahead at most, and learns how many
-    /// passes make a submission of the right length.
+    /// Submits the passes of whole iterations, one submission ahead of the one that runs.
     fn submit_passes(&mut self, count: u64) -> Result<(), DeviceError> {
         let mut done = 0;
         let mut running: Option<(wgpu::SubmissionIndex, u64)> = None;
@@ -191,17 +199,29 @@ impl<'device> WgpuShooting<'device> {
             done += batch;
             let submission = self.gpu.submit(encoder)?;
             if let Some((earlier, passes)) = running.replace((submission, batch)) {
-                self.gpu.wait(earlier)?;
-                let rate = passes as f64 / since.elapsed().as_secs_f64().max(1e-6);
-                since = Instant::now();
-                let fitting = (rate * SUBMISSION.as_secs_f64()) as u64;
-                self.batch = fitting.clamp(1, 2 * passes);
+                since = self.finish(earlier, passes, since)?;
             }
         }
-        if let Some((last, _)) = running {
-            self.gpu.wait(last)?;
+        if let Some((last, passes)) = running {
+            self.finish(last, passes, since)?;
         }
         Ok(())
+    }
+
+    /// Waits for a submission that has run since about `since`, learns from it how many passes
+    /// make one of the right length, and says when it was done.
+    fn finish(
+        &mut self,
+        submission: wgpu::SubmissionIndex,
+        passes: u64,
+        since: Instant,
+    ) -> Result<Instant, DeviceError> {
+        self.gpu.wait(submission)?;
+        let now = Instant::now();
+        let rate = passes as f64 / (now - since).as_secs_f64().max(1e-6);
+        let fitting = (rate * SUBMISSION.as_secs_f64()) as u64;
+        self.batch = fitting.clamp(1, 2 * self.batch);
+        Ok(now)
     }
 
     /// Traces at most as many shots as share a render pass.
@@ -333,5 +353,163 @@ impl Shooting for WgpuShooting<'_> {
             traces.extend(self.trace_some(some)?);
         }
         Ok(traces)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::Device;
+    use crate::device::wgpu::{WgpuDevice, list};
+    use crate::hemicube::frame;
+    use crate::scene::{Material, Scene, Triangle, Vertex};
+    use glam::{Vec2, Vec3};
+
+    /// `None` where the environment says to do without an adapter.
+    fn open() -> Option<WgpuDevice> {
+        if std::env::var_os("HEMILUX_NO_WGPU").is_some_and(|value| value == "1") {
+            println!("skipped: HEMILUX_NO_WGPU=1");
+            return None;
+        }
+        let adapters = list();
+        let first = adapters.first().expect("a wgpu adapter, or HEMILUX_NO_WGPU=1 to skip");
+        Some(WgpuDevice::open(first.id.parse().expect("an index")).expect("the adapter opens"))
+    }
+
+    /// A shining triangle and one that faces it.
+    fn lamp() -> Arc<PatchedScene> {
+        let corner =
+            |position| Vertex { position, normal: Vec3::Z, uv: [Vec2::ZERO; 2], color: Rgb::ONE };
+        let up = [Vec3::ZERO, Vec3::X, Vec3::Y];
+        let down = [Vec3::ZERO, Vec3::Y, Vec3::X].map(|position| position + Vec3::Z);
+        let shining = Material { emission: Rgb::ONE, ..Material::default() };
+        let scene = Scene {
+            vertices: up.into_iter().chain(down).map(corner).collect(),
+            triangles: vec![
+                Triangle { vertices: [0, 1, 2], material: 0 },
+                Triangle { vertices: [3, 4, 5], material: 1 },
+            ],
+            materials: vec![shining, Material::default()],
+            ..Scene::default()
+        };
+        Arc::new(PatchedScene::new(Arc::new(scene), 100))
+    }
+
+    fn settings() -> ShootingSettings {
+        ShootingSettings {
+            resolution: 32,
+            shots_per_iteration: 2,
+            seed: 1,
+            random_azimuth: true,
+            jitter: true,
+            viewpoint: None,
+        }
+    }
+
+    #[test]
+    fn shots_that_share_a_pass_do_not_change_the_result() {
+        let Some(device) = open() else { return };
+        let settings = ShootingSettings { shots_per_iteration: 7, ..settings() };
+        let scene = lamp();
+        let shots: Vec<_> = (0..7)
+            .map(|k| {
+                let (tangent, bitangent) = frame(Vec3::Z, k as f32);
+                Shot {
+                    patch: k,
+                    position: scene.patches.centroid[k as usize],
+                    tangent,
+                    bitangent,
+                    normal: Vec3::Z,
+                    jitter: Vec2::splat(0.1 * k as f32 - 0.4),
+                    face_weights: [1.0; FACES],
+                    diffuse: Rgb::ONE,
+                    lobe: Rgb::ONE,
+                    lobe_axis: Vec3::Z,
+                    exponent: 3.0,
+                    scale: 1.0,
+                }
+            })
+            .collect();
+        let run = |pass_shots, columns| {
+            let plan = Plan::new(&device.gpu, &scene, &settings).expect("fits");
+            let plan = Plan { pass_shots, columns, ..plan };
+            let (gpu, pipelines) = (&device.gpu, &device.pipelines);
+            let shooting = WgpuShooting::planned(gpu, pipelines, scene.clone(), &settings, plan);
+            let mut shooting = shooting.expect("begins");
+            shooting.iterate(6).expect("iterates");
+            let sums = shooting.drain().expect("drains").irradiance;
+            let traces = shooting.trace(&shots).expect("traces");
+            let traces: Vec<_> =
+                traces.into_iter().map(|t| (t.items, t.form_factor, t.lobe_factor)).collect();
+            (sums, traces)
+        };
+        let alone = run(1, 1);
+        assert!(alone.0.iter().any(|e| e.x > 0.0));
+        assert!(alone.1.iter().all(|trace| trace.2.iter().any(|sum| *sum > 0.0)));
+        for (pass_shots, columns) in [(7, 7), (5, 2), (3, 1)] {
+            assert!(alone == run(pass_shots, columns), "{pass_shots} in {columns} columns");
+        }
+    }
+
+    #[test]
+    fn a_lost_device_says_so_and_stays_lost() {
+        let Some(mut device) = open() else { return };
+        let native = device.gpu.device.clone();
+        let mut shooting = device.begin(lamp(), &settings()).expect("begins");
+        shooting.iterate(2).expect("iterates");
+        native.destroy();
+        for _ in 0..2 {
+            let lost = shooting.iterate(2).expect_err("there is no device");
+            assert!(matches!(lost, DeviceError::Lost { .. }), "{lost}");
+        }
+        assert!(matches!(shooting.drain(), Err(DeviceError::Lost { .. })));
+        assert!(matches!(shooting.trace(&[]), Err(DeviceError::Lost { .. })));
+        drop(shooting);
+        let again = device.begin(lamp(), &settings()).err().expect("it stays lost");
+        assert!(matches!(again, DeviceError::Lost { .. }), "{again}");
+    }
+
+    #[test]
+    fn an_invalid_command_is_reported_not_a_panic() {
+        let Some(mut device) = open() else { return };
+        let native = device.gpu.device.clone();
+        let invalid = || {
+            native.create_buffer(&wgpu::BufferDescriptor {
+                label: None,
+                size: 4,
+                usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::STORAGE,
+                mapped_at_creation: false,
+            })
+        };
+        assert!(device.gpu.guarded(invalid).is_err());
+        let mut shooting = device.begin(lamp(), &settings()).expect("a caught error harms nothing");
+        shooting.iterate(1).expect("iterates");
+        let _uncaught = invalid();
+        let lost = shooting.iterate(1).expect_err("the error is seen");
+        assert!(lost.to_string().contains("usage"), "{lost}");
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_before_it_is_allocated() {
+        let Some(mut device) = open() else { return };
+        for (resolution, shots_per_iteration) in [(u32::MAX - 1, 1), (1 << 20, 1), (32, u32::MAX)] {
+            let settings = ShootingSettings { resolution, shots_per_iteration, ..settings() };
+            match device.begin(lamp(), &settings).err() {
+                Some(DeviceError::OutOfMemory { needed_bytes, available_bytes, .. }) => {
+                    assert!(needed_bytes > available_bytes);
+                }
+                other => panic!("{other:?}"),
+            }
+        }
+        device
+            .begin(lamp(), &settings())
+            .expect("the device still works")
+            .iterate(1)
+            .expect("runs");
+    }
+
+    #[test]
+    fn an_unknown_adapter_is_refused() {
+        assert!(matches!(WgpuDevice::open(1000), Err(DeviceError::Unknown(_))));
     }
 }
