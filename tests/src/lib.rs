@@ -1,1 +1,4 @@
-//! Test helpers.
+//! Helpers of the tests across the whole product.
+
+pub mod comparison;
+pub mod scenes;

@@ -1,7 +1,13 @@
 //! Scenes that come with the program.
 
 /// Names and files.
-const SCENES: &[(&str, &[u8])] = &[];
+const SCENES: &[(&str, &[u8])] = &[
+    ("cornell", include_bytes!("../../../scenes/cornell.glb")),
+    ("cornell_phong", include_bytes!("../../../scenes/cornell_phong.glb")),
+    ("corridor", include_bytes!("../../../scenes/corridor.glb")),
+    ("furnace", include_bytes!("../../../scenes/furnace.glb")),
+    ("office", include_bytes!("../../../scenes/office.glb")),
+];
 
 /// The `.glb` file of that built-in scene.
 pub fn scene(name: &str) -> Option<&'static [u8]> {

@@ -109,10 +109,12 @@ impl Measurement {
 
     /// The picture of a solution: box-filtered radiance in the unit of the scene's emission.
     pub fn picture(&self, solution: &Solution) -> Picture {
-        let light = shading::VertexLight {
+        let mut light = shading::VertexLight {
             irradiance: self.reconstruction.apply(&solution.irradiance),
             glossy: self.reconstruction.apply(&solution.glossy),
         };
+        // Before the first iteration only the lights themselves shine.
+        light.irradiance.resize(self.reconstruction.vertices(), Rgb::ZERO);
         let (width, height) = (self.view.width, self.view.height);
         let mut picture = Picture::black(width, height);
         let share = 1.0 / self.samples.len() as f32;

@@ -229,7 +229,11 @@ impl std::fmt::Display for OptionValue {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Switch(value) => value.fmt(f),
-            Self::Number(value) => value.fmt(f),
+            // 1e3 counts as 1000.
+            Self::Number(value) => match value.as_f64() {
+                Some(x) if x.fract() == 0.0 && x.abs() < 1e15 => (x as i64).fmt(f),
+                _ => value.fmt(f),
+            },
             Self::Word(value) => value.fmt(f),
         }
     }

@@ -33,8 +33,19 @@ pub struct JobLimits {
 pub struct Vocabulary {
     /// Methods, `auto` among them.
     pub methods: Vec<&'static str>,
-    /// Option names.
-    pub options: Vec<&'static str>,
+    /// Settings of the methods.
+    pub options: Vec<OptionWord>,
+}
+
+/// A setting of the methods.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OptionWord {
+    /// Its name.
+    pub name: &'static str,
+    /// Its default value.
+    pub default: &'static str,
+    /// What it does, with unit and range.
+    pub meaning: &'static str,
 }
 
 impl JobRequest {
@@ -120,8 +131,9 @@ impl JobRequest {
     ) {
         for (name, value) in &self.options {
             let field = format!("options.{}", shorten(name));
-            if !vocabulary.options.contains(&name.as_str()) {
-                wrong(&field, format!("no such option; there are {:?}", vocabulary.options));
+            if !vocabulary.options.iter().any(|option| option.name == name) {
+                let known: Vec<_> = vocabulary.options.iter().map(|option| option.name).collect();
+                wrong(&field, format!("no such option; there are {known:?}"));
             } else if matches!(value, OptionValue::Word(w) if w.chars().count() > MAX_OPTION_CHARS)
             {
                 wrong(&field, format!("at most {MAX_OPTION_CHARS} characters"));
@@ -179,7 +191,10 @@ mod tests {
 
     fn fields(json: serde_json::Value) -> Vec<String> {
         let request: JobRequest = serde_json::from_value(json).unwrap();
-        let vocabulary = Vocabulary { methods: vec!["auto"], options: vec!["patches"] };
+        let vocabulary = Vocabulary {
+            methods: vec!["auto"],
+            options: vec![OptionWord { name: "patches", default: "", meaning: "" }],
+        };
         request.problems(&limits(), &vocabulary).into_iter().map(|e| e.field).collect()
     }
 

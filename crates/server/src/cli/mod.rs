@@ -6,7 +6,7 @@ mod serve;
 
 use crate::config::Config;
 use clap::{Parser, Subcommand};
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
@@ -35,7 +35,11 @@ pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let default = if matches!(arguments.command, Command::Serve(_)) { "info" } else { "warn" };
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .init();
     let done = match arguments.command {
         Command::Serve(config) => serve::run(*config),
         Command::Render(arguments) => render::run(&arguments),

@@ -138,12 +138,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut device = devices::open(&device_id).map_err(Failure::failed)?;
     let mut console = Console::new(arguments.quiet);
     let rendered =
-        catch_unwind(AssertUnwindSafe(|| render(device.as_mut(), &request, &mut console)))
-            .unwrap_or_else(|panic| {
-                Err(RenderError::parameter("render", format!("failed: {}", panic_text(&*panic))))
-            });
+        catch_unwind(AssertUnwindSafe(|| render(device.as_mut(), &request, &mut console))).map_err(
+            |panic| {
+                Failure::failed(format!(
+                    "unexpected fault in the renderer: {}",
+                    panic_text(&*panic)
+                ))
+            },
+        );
     console.finish();
-    let Rendered { picture, mut stats } = rendered.map_err(|error| match error {
+    let Rendered { picture, mut stats } = rendered?.map_err(|error| match error {
         RenderError::Parameter { .. } => Failure::usage(error),
         RenderError::Device(_) => Failure::failed(error),
     })?;

@@ -11,6 +11,7 @@ use crate::artifacts::sha256_hex;
 use crate::builtin;
 use crate::job_state::JobState;
 use crate::store::{Accepted, JobFilter, NewJob};
+use crate::worker;
 use axum::Json;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, StatusCode, header};
@@ -140,7 +141,10 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
 }
 
 fn check(app: &App, job: &JobRequest) -> Result<(), Problem> {
-    let errors = job.problems(&app.config.job_limits(), &app.vocabulary);
+    let mut errors = job.problems(&app.config.job_limits(), &app.vocabulary);
+    if errors.is_empty() {
+        errors.extend(worker::setting_problem(&job.options));
+    }
     if errors.is_empty() { Ok(()) } else { Err(Problem::invalid(errors)) }
 }
 

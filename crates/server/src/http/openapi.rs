@@ -138,9 +138,11 @@ fn name_the_vocabulary(document: &mut utoipa::openapi::OpenApi) {
             Some(vocabulary.methods.iter().map(|name| (*name).to_owned().into()).collect());
     }
     if let Some(RefOr::T(Schema::Object(options))) = job.properties.get_mut("options") {
-        let value = RefOr::Ref(Ref::from_schema_name("OptionValue"));
-        options.properties =
-            vocabulary.options.iter().map(|name| ((*name).to_owned(), value.clone())).collect();
+        for option in vocabulary.options {
+            let mut value = Ref::from_schema_name("OptionValue");
+            value.description = format!("{}; {} by default", option.meaning, option.default);
+            options.properties.insert(option.name.to_owned(), RefOr::Ref(value));
+        }
         options.additional_properties = Some(Box::new(AdditionalProperties::FreeForm(false)));
     }
 }

@@ -6,11 +6,15 @@ mod job;
 pub mod scenes;
 mod watch;
 
-use crate::api::limits::Vocabulary;
-use crate::api::{DeviceStatus, DeviceView};
+use crate::api::jobs::OptionValue;
+use crate::api::limits::{OptionWord, Vocabulary};
+use crate::api::{DeviceStatus, DeviceView, FieldError};
 use crate::service::Service;
 use hemilux_engine::device::Device;
+use hemilux_engine::render::RenderError;
+use hemilux_engine::transport::options::Settings;
 use hemilux_engine::transport::{METHODS, OPTIONS};
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use uuid::Uuid;
@@ -22,7 +26,23 @@ const MAX_BACKOFF: Duration = Duration::from_secs(30);
 pub fn vocabulary() -> Vocabulary {
     Vocabulary {
         methods: METHODS.to_vec(),
-        options: OPTIONS.iter().map(|option| option.name).collect(),
+        options: OPTIONS
+            .iter()
+            .map(|option| OptionWord {
+                name: option.name,
+                default: option.default,
+                meaning: option.meaning,
+            })
+            .collect(),
+    }
+}
+
+/// What is wrong with a job's settings of the method, if anything.
+pub fn setting_problem(options: &BTreeMap<String, OptionValue>) -> Option<FieldError> {
+    let options = options.iter().map(|(name, value)| (name.clone(), value.to_string())).collect();
+    match Settings::new(&options).err()? {
+        RenderError::Parameter { parameter, what } => Some(FieldError::new(parameter, what)),
+        RenderError::Device(error) => Some(FieldError::new("options", error.to_string())),
     }
 }
 

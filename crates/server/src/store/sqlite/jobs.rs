@@ -375,16 +375,23 @@ async fn set_state(
             reason: format!("{:?} may not become {next:?}", job.state),
         });
     }
-    sqlx::query(
-        "UPDATE jobs SET state = ?, lease_owner = NULL, finished_ms = ?,
+    let changed = sqlx::query(
+        "UPDATE jobs SET state = ?1, lease_owner = NULL, finished_ms = ?2,
              started_ms = CASE WHEN ?1 = 'queued' THEN NULL ELSE started_ms END
-         WHERE id = ?",
+         WHERE id = ?3 AND state = ?4",
     )
     .bind(next.as_str())
     .bind(next.is_terminal().then(now_ms))
     .bind(job.id.to_string())
+    .bind(job.state.as_str())
     .execute(connection)
     .await?;
+    if changed.rows_affected() != 1 {
+        return Err(StoreError::Corrupt {
+            what: format!("job {}", job.id),
+            reason: format!("it is not {:?} any more", job.state),
+        });
+    }
     Ok(())
 }
 

@@ -1,0 +1,202 @@
+//! Pictures of the whole engine: orientation, flatness, accuracy, repeatability, honest errors.
+
+use glam::Vec3;
+use hemilux_engine::device::cpu::CpuDevice;
+use hemilux_engine::image::Picture;
+use hemilux_engine::radiometry::Rgb;
+use hemilux_engine::render::{
+    CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest, Rendered, StopReason,
+    Unobserved, render,
+};
+use hemilux_engine::scene::{Scene, made};
+use hemilux_tests::comparison::{mean_ratio, relative_rmse};
+use hemilux_tests::scenes::{Builder, imported, shared};
+use std::sync::Arc;
+
+fn request(scene: Arc<Scene>, side: u32, iterations: u64) -> RenderRequest {
+    RenderRequest {
+        scene,
+        camera: CameraChoice::First,
+        width: side,
+        height: side,
+        method: "stochastic".into(),
+        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        seed: 1,
+        options: Default::default(),
+    }
+}
+
+fn run(threads: Option<usize>, request: &RenderRequest) -> Rendered {
+    let mut device = CpuDevice::new(threads).unwrap();
+    render(&mut device, request, &mut Unobserved).expect("the request is good")
+}
+
+fn from(eye: [f32; 3], target: [f32; 3], yfov_degrees: f32) -> CameraChoice {
+    let up = [0.0, 1.0, 0.0];
+    CameraChoice::Explicit(ExplicitCamera { eye, target, up, yfov_degrees })
+}
+
+/// Red left, green right, blue top, white bottom, seen down −Z: nothing is mirrored or flipped,
+/// and emitters read their own radiance.
+#[test]
+fn pictures_are_the_right_way_round() {
+    let mut builder = Builder::default();
+    for (x, y, color) in
+        [(-1.0, 0.0, Rgb::X), (1.0, 0.0, Rgb::Y), (0.0, 1.0, Rgb::Z), (0.0, -1.0, Rgb::ONE)]
+    {
+        let light = builder.light(Rgb::ZERO, color * 17.0);
+        builder.quad(Vec3::new(x - 0.2, y - 0.2, -4.0), Vec3::X * 0.4, Vec3::Y * 0.4, light);
+    }
+    let camera = from([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 40.0);
+    let picture = run(None, &RenderRequest { camera, ..request(builder.build(), 81, 1) }).picture;
+    let at = |x: f32, y: f32| {
+        let half = 4.0 * 20f32.to_radians().tan();
+        let pixel = |v: f32| ((v / half * 0.5 + 0.5) * 81.0) as usize;
+        picture.pixels[pixel(-y) * 81 + pixel(x)]
+    };
+    assert_eq!(at(-1.0, 0.0), Rgb::X * 17.0);
+    assert_eq!(at(1.0, 0.0), Rgb::Y * 17.0);
+    assert_eq!(at(0.0, 1.0), Rgb::Z * 17.0);
+    assert_eq!(at(0.0, -1.0), Rgb::splat(17.0));
+    assert_eq!(at(0.0, 0.0), Rgb::ZERO);
+}
+
+/// From inside a furnace every pixel reads E/(1 − a): no seams, corners, blotches.
+#[test]
+fn a_furnace_looks_flat() {
+    let scene = imported(&made::furnace(Rgb::splat(0.5), Rgb::ONE));
+    let camera = from([0.3, 0.4, 0.2], [0.9, 0.1, 0.95], 80.0);
+    let mut request = RenderRequest { camera, ..request(scene, 64, 1500) };
+    request.options.insert("patches".into(), "300".into());
+    request.options.insert("hemicube_resolution".into(), "64".into());
+    request.options.insert("shots_per_iteration".into(), "64".into());
+    let picture = run(None, &request).picture;
+    let worst = picture.pixels.iter().map(|p| (p.x / 2.0 - 1.0).abs()).fold(0f32, f32::max);
+    println!("worst pixel deviates by {worst:.4}");
+    assert!(worst < 0.03, "{worst}");
+    assert!((picture.mean() / 2.0 - 1.0).abs() < 3e-3, "{}", picture.mean());
+}
+
+/// A fixed number of iterations is within the noise that it should have of the path-traced
+/// reference, and the estimated error says so.
+#[test]
+fn cornell_box_matches_the_reference() {
+    let (Some(glb), Some(reference)) =
+        (shared("scenes/cornell.glb"), shared("reference/cornell.exr"))
+    else {
+        return;
+    };
+    let reference = Picture::from_exr(&reference).unwrap();
+    let rendered = run(None, &request(imported(&glb), 500, 1200));
+    let emitter = |index: usize| reference.pixels[index].x > 5.0;
+    let error = relative_rmse(&rendered.picture, &reference, |index| !emitter(index));
+    let ratio = mean_ratio(&rendered.picture, &reference, |index| !emitter(index));
+    let estimated = rendered.stats.estimated_error.unwrap();
+    println!("rRMSE {error:.4}, estimated {estimated:.4}, mean ratio {ratio:.4}");
+    assert!(error < 0.15, "rRMSE {error}");
+    assert!((ratio - 1.0).abs() < 0.02, "mean ratio {ratio}");
+    assert!((0.5..2.0).contains(&(estimated / error)), "estimated {estimated}, actual {error}");
+}
+
+/// Same seed, same device, same iterations: same bits, however many threads; another seed differs.
+#[test]
+fn pictures_repeat_bit_for_bit() {
+    let request = request(imported(&made::phong_cornell()), 48, 37);
+    let first = run(Some(1), &request).picture;
+    assert_eq!(first, run(Some(1), &request).picture);
+    assert_eq!(first, run(Some(2), &request).picture);
+    assert_eq!(first, run(Some(3), &request).picture);
+    assert_ne!(first, run(Some(1), &RenderRequest { seed: 2, ..request }).picture);
+}
+
+/// The estimated error predicts the scatter between independent runs.
+#[test]
+fn estimated_error_is_honest() {
+    let request = request(imported(&made::cornell()), 64, 400);
+    let runs: Vec<Rendered> =
+        (0..6).map(|seed| run(None, &RenderRequest { seed, ..request.clone() })).collect();
+    let mean = Picture {
+        pixels: (0..64 * 64)
+            .map(|i| runs.iter().map(|r| r.picture.pixels[i]).sum::<Rgb>() / runs.len() as f32)
+            .collect(),
+        ..runs[0].picture.clone()
+    };
+    let off_emitter = |index: usize| mean.pixels[index].x < 5.0;
+    let unbiased = (runs.len() as f64 / (runs.len() - 1) as f64).sqrt();
+    let (mut actual, mut predicted) = (0.0, 0.0);
+    for run in &runs {
+        actual += relative_rmse(&run.picture, &mean, off_emitter).powi(2);
+        predicted += run.stats.estimated_error.unwrap().powi(2);
+    }
+    let ratio = predicted.sqrt() / (actual.sqrt() * unbiased);
+    println!("predicted/actual = {ratio:.3}");
+    assert!((0.7..1.5).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn a_scene_without_light_is_black_and_says_so() {
+    let mut builder = Builder::default();
+    let wall = builder.lambertian(Rgb::ONE * 0.5);
+    builder.cuboid(Vec3::ZERO, Vec3::ONE, true, wall);
+    let rendered = run(None, &request(builder.build(), 8, 10));
+    assert_eq!(rendered.picture, Picture::black(8, 8));
+    assert_eq!(rendered.stats.stopped, StopReason::NoLight);
+    assert!(rendered.stats.warnings.iter().any(|w| w.what.contains("nothing emits")));
+    assert!(rendered.stats.warnings.iter().any(|w| w.at == "camera"));
+}
+
+#[test]
+fn an_empty_scene_is_black_and_says_so() {
+    let rendered = run(None, &request(Arc::new(Scene::default()), 8, 10));
+    assert_eq!(rendered.picture, Picture::black(8, 8));
+    assert!(rendered.stats.warnings.iter().any(|w| w.what.contains("no surface")));
+}
+
+#[test]
+fn limits_are_kept() {
+    let scene = imported(&made::cornell());
+    let mut timed = request(scene.clone(), 64, 1);
+    timed.limits = Limits { seconds: Some(1.5), ..Limits::default() };
+    let rendered = run(None, &timed);
+    assert_eq!(rendered.stats.stopped, StopReason::TimeBudget);
+    assert!((1.2..2.5).contains(&rendered.stats.seconds_solve), "{}", rendered.stats.seconds_solve);
+
+    let counted = run(None, &request(scene.clone(), 16, 123));
+    assert_eq!((counted.stats.iterations, counted.stats.shots), (123, 984));
+
+    let mut accurate = request(scene, 64, 1);
+    accurate.limits = Limits { target_error: Some(0.2), seconds: Some(30.0), iterations: None };
+    let rendered = run(None, &accurate);
+    assert_eq!(rendered.stats.stopped, StopReason::TargetError);
+    assert!(rendered.stats.estimated_error.unwrap() <= 0.2);
+}
+
+#[test]
+fn requests_out_of_range_name_the_parameter() {
+    let scene = imported(&made::cornell());
+    let good = request(scene, 8, 1);
+    let limits = |seconds, iterations, target_error| Limits { seconds, iterations, target_error };
+    let bad = [
+        ("width", RenderRequest { width: 0, ..good.clone() }),
+        ("height", RenderRequest { height: 100_000, ..good.clone() }),
+        ("width", RenderRequest { width: 16_000, height: 16_000, ..good.clone() }),
+        ("method", RenderRequest { method: "magic".into(), ..good.clone() }),
+        ("camera", RenderRequest { camera: CameraChoice::Index(7), ..good.clone() }),
+        ("camera", RenderRequest { camera: CameraChoice::Name("x".into()), ..good.clone() }),
+        (
+            "camera.yfov_degrees",
+            RenderRequest { camera: from([0.0; 3], [1.0; 3], 180.0), ..good.clone() },
+        ),
+        ("camera", RenderRequest { camera: from([1.0; 3], [1.0; 3], 40.0), ..good.clone() }),
+        ("seconds", RenderRequest { limits: limits(Some(f64::NAN), None, None), ..good.clone() }),
+        ("iterations", RenderRequest { limits: limits(None, Some(0), None), ..good.clone() }),
+        ("target_error", RenderRequest { limits: limits(None, None, Some(1.0)), ..good.clone() }),
+    ];
+    let mut device = CpuDevice::new(Some(1)).unwrap();
+    for (name, request) in bad {
+        match render(&mut device, &request, &mut Unobserved) {
+            Err(RenderError::Parameter { parameter, .. }) => assert_eq!(parameter, name),
+            other => panic!("{name}: {other:?}"),
+        }
+    }
+}
