@@ -1,4 +1,6 @@
 //! Helpers of the tests across the whole product.
 
 pub mod comparison;
+pub mod malformed;
 pub mod scenes;
+pub mod twins;

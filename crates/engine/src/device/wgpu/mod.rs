@@ -1,33 +1,63 @@
-//! The wgpu device.
+//! The wgpu device: the CPU device's iteration as WGSL kernels, all of it on the adapter.
+//!
+//! One iteration is `select.wgsl` (pick K shooters, make [`Shot`](crate::hemicube::Shot)s), then
+//! per group of shots that share a render pass `cull.wgsl` (which facets does each face draw),
+//! `raster.wgsl` (item buffers, side by side in one texture), `deposit.wgsl` (sums per patch) and
+//! `update.wgsl` (incoming light, next powers). The host only submits and, now and then, reads
+//! counts and sums back.
+
+mod buffers;
+mod gpu;
+mod layout;
+mod pipelines;
+mod shooting;
 
 use super::{Device, DeviceDescription, DeviceError, Shooting, ShootingSettings};
 use crate::patches::PatchedScene;
+use gpu::Gpu;
+use pipelines::Pipelines;
 use std::sync::Arc;
 
-/// Adapters.
+/// Adapters of this machine that can shoot; empty where there is no driver. The id of each is
+/// its index, for [`WgpuDevice::open`].
 pub fn list() -> Vec<DeviceDescription> {
-    Vec::new()
+    gpu::adapters()
+        .iter()
+        .enumerate()
+        .filter(|(_, adapter)| gpu::missing(adapter).is_none())
+        .map(|(index, adapter)| gpu::describe(index, adapter))
+        .collect()
 }
 
 /// A wgpu adapter as a device.
-pub struct WgpuDevice {}
+pub struct WgpuDevice {
+    gpu: Gpu,
+    pipelines: Pipelines,
+}
 
 impl WgpuDevice {
-    /// Opens an adapter.
+    /// Opens the adapter that [`list`] names by this index and compiles the kernels for it.
+    ///
+    /// # Errors
+    /// [`DeviceError::Unknown`] where there is no such adapter or it lacks what the kernels need,
+    /// [`DeviceError::Lost`] where the driver refuses.
     pub fn open(index: usize) -> Result<Self, DeviceError> {
-        Err(DeviceError::Unknown(index.to_string()))
+        let gpu = Gpu::open(index)?;
+        let pipelines = gpu.guarded(|| Pipelines::new(&gpu))?;
+        Ok(Self { gpu, pipelines })
     }
 }
 
 impl Device for WgpuDevice {
     fn description(&self) -> DeviceDescription {
-        unreachable!()
+        self.gpu.description.clone()
     }
+
     fn begin<'device>(
         &'device mut self,
-        _scene: Arc<PatchedScene>,
-        _settings: &ShootingSettings,
+        scene: Arc<PatchedScene>,
+        settings: &ShootingSettings,
     ) -> Result<Box<dyn Shooting + 'device>, DeviceError> {
-        unreachable!()
+        Ok(Box::new(shooting::WgpuShooting::new(&self.gpu, &self.pipelines, scene, settings)?))
     }
 }

@@ -16,6 +16,9 @@ const MIN_AREA: f64 = 1e-16;
 /// height is lost in the rounding of its corners.
 const MIN_AREA_RATIO: f64 = 1e-9;
 
+/// Least cosine between a shading normal and its triangle's own.
+const MIN_NORMAL_COSINE: f32 = 1e-3;
+
 /// How vertices join to triangles.
 #[derive(Clone, Copy, PartialEq)]
 enum Mode {
@@ -86,11 +89,11 @@ pub(super) fn build(
         .iter()
         .map(|mesh| primitives(mesh, accessors, scene.materials.len(), warnings))
         .collect::<Result<Vec<_>, _>>()?;
-    let mut total = 0u64;
-    for instance in instances {
-        let triangles: u64 = meshes[instance.mesh].iter().map(|p| p.triangles as u64).sum();
-        total = total.saturating_add(triangles);
-    }
+    // Summed by mesh first: a mesh of many primitives may have many instances.
+    let triangles: Vec<u64> =
+        meshes.iter().map(|mesh| mesh.iter().map(|p| p.triangles as u64).sum()).collect();
+    let total: u64 =
+        instances.iter().fold(0, |sum, instance| sum.saturating_add(triangles[instance.mesh]));
     let most = (limits.max_triangles as u64).min(u64::from(u32::MAX) / 3);
     if total > most {
         return Err(SceneError::too_large(
@@ -406,7 +409,7 @@ fn emit(
                 index
             };
             // Also false for a NaN or zero normal.
-            if normal.dot(flat) > 0.0 {
+            if normal.dot(flat) > MIN_NORMAL_COSINE {
                 return *shared[corner as usize].get_or_insert_with(|| push(normal));
             }
             turned += 1;

@@ -80,7 +80,9 @@ impl<'a, 'i> Textures<'a, 'i> {
             };
             let (offset, scale) = (pair("offset", 0.0)?, pair("scale", 1.0)?);
             let (sin, cos) = (transform.number("rotation")?.unwrap_or(0.0) as f32).sin_cos();
-            // Rotation as in the extension's text: v points down, so the signs look swapped.
+            // Translation · rotation · scale; counter-clockwise as seen on the image, where v
+            // points down. The listing in the extension's text turns the other way, its tests and
+            // implementations do not.
             let linear =
                 Mat2::from_cols(Vec2::new(cos, -sin) * scale.x, Vec2::new(sin, cos) * scale.y);
             if !(linear.is_finite() && offset.is_finite()) {

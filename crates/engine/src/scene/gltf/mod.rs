@@ -1,9 +1,9 @@
 //! glTF 2.0 / GLB import. The input is hostile: every index, offset and length is checked, no
 //! URI leaves the upload, and memory is bounded by the size of the file and [`ImportLimits`].
 //!
-//! The light path of the bytes: [`container`] (chunks, buffers, URIs) → [`json`] (members with
-//! their paths) → [`accessor`] (typed reads) → [`node`] (what stands where), [`material`] and
-//! [`picture`] (surfaces) → [`geometry`] (world-space triangles).
+//! The way of the bytes: `container` (chunks, buffers, URIs) → `json` (members with
+//! their paths) → `accessor` (typed reads) → `node` (what stands where), `material` and
+//! `picture` (surfaces) → `geometry` (world-space triangles).
 
 mod accessor;
 mod container;
@@ -146,6 +146,8 @@ pub fn import(
     }
     if scene.triangles.is_empty() {
         warnings.push("meshes", "there is no triangle to be seen; pictures will be black");
+    } else if scene.emissive_triangles() == 0 {
+        warnings.push("materials", "no surface emits light; pictures will be black without a sky");
     }
     scene.warnings = warnings.finish();
     Ok(scene)
@@ -155,10 +157,11 @@ fn check_version(root: &Object<'_>) -> Result<(), SceneError> {
     let asset = root.object("asset")?.ok_or_else(|| root.missing("asset"))?;
     let version = asset.string("version")?.ok_or_else(|| asset.missing("version"))?;
     let needed = asset.string("minVersion")?.unwrap_or("2.0");
-    if !version.starts_with("2.") || needed != "2.0" {
+    let unsupported = if version.starts_with("2.") { needed } else { version };
+    if unsupported != "2.0" {
         return Err(SceneError::malformed(
             asset.path("version"),
-            format!("glTF {} is not supported", clip(version.max(needed))),
+            format!("glTF {} is not supported", clip(unsupported)),
             "export the scene as glTF 2.0",
         ));
     }

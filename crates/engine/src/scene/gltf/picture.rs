@@ -11,6 +11,9 @@ use std::io::Cursor;
 /// What a sender can do about an image that cannot be read.
 const FIX_IMAGE: &str = "embed a valid PNG, JPEG or WebP image";
 
+/// What a sender can do about an image over a limit.
+const FIX_SIZE: &str = "send smaller images";
+
 /// Bytes that a decoder may hold for each texel: 16-bit RGBA, twice.
 const DECODER_BYTES_PER_TEXEL: u64 = 16;
 
@@ -103,8 +106,11 @@ impl<'a> Images<'a> {
             Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) => format,
             _ => return Err(refused("is not a PNG, JPEG or WebP image".into())),
         };
-        let broken = |error: image::ImageError| {
-            refused(format!("cannot be decoded: {}", clip(&error.to_string())))
+        let broken = |error: image::ImageError| match error {
+            image::ImageError::Limits(_) => {
+                SceneError::too_large(at, "is too large to decode", FIX_SIZE)
+            }
+            error => refused(format!("cannot be decoded: {}", clip(&error.to_string()))),
         };
         let (width, height) = ImageReader::with_format(Cursor::new(bytes), format)
             .into_dimensions()
@@ -120,7 +126,7 @@ impl<'a> Images<'a> {
                 format!(
                     "has {width} × {height} texels; {one} are allowed for one image, {total} for all"
                 ),
-                "send smaller images",
+                FIX_SIZE,
             ));
         }
         self.texels += texels;

@@ -26,7 +26,7 @@ pub(super) fn parquet() -> Vec<u8> {
             let shift = hash(row, 1) % SIDE;
             let along = (x + shift) % SIDE;
             let plank = row * 2 + along / (SIDE / 2);
-            let joint = y % PLANK == 0 || along % (SIDE / 2) == 0;
+            let joint = y % PLANK == 0 || along.is_multiple_of(SIDE / 2);
             let tone = 88 + hash(plank, 2) % 25;
             let grain = hash(plank * SIDE + y, 3) % 9 + hash(along / 8 + plank * SIDE, y) % 5;
             let level = if joint { tone * 5 / 9 } else { tone + grain };

@@ -1,0 +1,394 @@
+//! What a scene and its shooting take on the adapter: sizes first, then the buffers.
+
+use super::gpu::Gpu;
+use super::layout::{
+    FACET_RUN, GpuCorner, GpuFacet, GpuPass, GpuPatch, GpuSettings, GpuShot, SPAN, emitted_power,
+};
+use super::pipelines::{Pipelines, UNIFORM_STRIDE};
+use super::shooting::{DEPTH_FORMAT, ITEM_FORMAT};
+use crate::device::{DeviceError, ShootingSettings};
+use crate::hemicube::{DeltaFormFactors, FACES};
+use crate::patches::PatchedScene;
+use bytemuck::Zeroable;
+use wgpu::BufferUsages;
+
+/// Most shots that share a render pass. More no longer raise the throughput, and each costs an
+/// item and a depth buffer.
+const SHOTS_PER_PASS: u64 = 32;
+/// On an adapter that runs on the processor, where item buffers should stay in its caches.
+const SOFTWARE_SHOTS_PER_PASS: u64 = 8;
+/// Bytes that more than one shot a pass may take.
+const PASS_BYTES: u64 = 512 << 20;
+/// Bytes of a draw's arguments.
+pub const DRAW_BYTES: u64 = 20;
+/// Bytes of [`Buffers::control`] before the sources.
+pub const CONTROL_HEADER: u64 = 32;
+/// Words of [`Buffers::control`] that count since the last look.
+pub const TALLY_WORDS: u64 = 4;
+
+/// Counts that determine all sizes.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan {
+    /// R.
+    pub resolution: u64,
+    /// Patches.
+    pub patches: u64,
+    /// Patches with a lobe.
+    pub glossy: u64,
+    /// Facets.
+    pub facets: u64,
+    /// K.
+    pub shots: u64,
+    /// Shots that share a render pass.
+    pub pass_shots: u64,
+    /// Hemicubes side by side in the atlas.
+    pub columns: u64,
+}
+
+impl Plan {
+    /// Plans within the adapter's limits.
+    pub fn new(
+        gpu: &Gpu,
+        scene: &PatchedScene,
+        settings: &ShootingSettings,
+    ) -> Result<Self, DeviceError> {
+        let patches = &scene.patches;
+        let mut plan = Self {
+            resolution: u64::from(settings.resolution),
+            patches: patches.len() as u64,
+            glossy: (0..patches.len()).filter(|i| patches.is_glossy(*i)).count() as u64,
+            facets: scene.facets.len() as u64,
+            shots: u64::from(settings.shots_per_iteration),
+            pass_shots: 1,
+            columns: 1,
+        };
+        let limits = gpu.device.limits();
+        let side = u64::from(limits.max_texture_dimension_2d);
+        if 3 * plan.resolution > side {
+            return Err(gpu.out_of_memory(plan.total_bytes(), 24 * side * side / 9));
+        }
+        let binding = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        let largest = plan.largest_buffer();
+        if largest > binding {
+            return Err(gpu.out_of_memory(largest, binding));
+        }
+        let available = if gpu.software { host_memory() / 2 } else { u64::MAX };
+        if plan.total_bytes() > available {
+            return Err(gpu.out_of_memory(plan.total_bytes(), available));
+        }
+        let preferred = if gpu.software { SOFTWARE_SHOTS_PER_PASS } else { SHOTS_PER_PASS };
+        let tiles = (side / plan.resolution) * (side / (3 * plan.resolution));
+        for pass_shots in 2..=preferred.min(plan.shots).min(tiles) {
+            let more = Self { pass_shots, ..plan };
+            let fits = more.largest_buffer() <= binding
+                && more.pass_bytes() <= PASS_BYTES
+                && more.total_bytes() <= available;
+            if fits {
+                plan.pass_shots = pass_shots;
+            }
+        }
+        plan.columns = plan.pass_shots.min(side / plan.resolution);
+        Ok(plan)
+    }
+
+    /// Planes of the form-factor sums: with and without the lobe's weight.
+    pub fn planes(&self) -> u64 {
+        if self.glossy > 0 { 2 } else { 1 }
+    }
+
+    /// Pixels of one hemicube.
+    pub fn pixels(&self) -> u64 {
+        3 * self.resolution * self.resolution
+    }
+
+    /// Render passes of an iteration.
+    pub fn passes(&self) -> u64 {
+        self.shots.div_ceil(self.pass_shots)
+    }
+
+    /// Bytes of the form-factor sums of one shot.
+    pub fn sums_bytes(&self) -> u64 {
+        4 * self.planes() * self.patches
+    }
+
+    /// Width and height of the atlas of item buffers.
+    pub fn atlas_size(&self) -> wgpu::Extent3d {
+        let rows = self.pass_shots.div_ceil(self.columns);
+        wgpu::Extent3d {
+            width: (self.columns * self.resolution) as u32,
+            height: (rows * 3 * self.resolution) as u32,
+            depth_or_array_layers: 1,
+        }
+    }
+
+    /// Left upper pixel of a hemicube in the atlas.
+    pub fn tile(&self, slot: u64) -> (u32, u32) {
+        let (column, row) = (slot % self.columns, slot / self.columns);
+        ((column * self.resolution) as u32, (row * 3 * self.resolution) as u32)
+    }
+
+    fn power_entries(&self) -> u64 {
+        let runs = self.patches.div_ceil(u64::from(SPAN));
+        self.patches + runs + runs.div_ceil(u64::from(SPAN))
+    }
+
+    fn facet_runs(&self) -> u64 {
+        self.facets.div_ceil(u64::from(FACET_RUN))
+    }
+
+    fn index_bytes(&self) -> u64 {
+        12 * FACES as u64 * self.facets * self.pass_shots
+    }
+
+    /// Bytes of what grows with the shots per pass.
+    fn pass_bytes(&self) -> u64 {
+        let lists = (4 * FACES as u64 + u64::from(FACET_RUN)) * self.facet_runs();
+        let buffers = 8 * self.pixels() + self.sums_bytes() + lists;
+        self.pass_shots * buffers + self.index_bytes()
+    }
+
+    fn largest_buffer(&self) -> u64 {
+        let sizes = [
+            GpuPatch::SIZE * self.patches,
+            16 * (self.shots + 1) * self.glossy,
+            GpuFacet::SIZE * self.facets,
+            GpuCorner::SIZE * GpuCorner::PER_FACET * self.facets,
+            self.index_bytes(),
+            self.sums_bytes() * self.pass_shots,
+            GpuShot::SIZE * self.shots,
+        ];
+        sizes.into_iter().max().unwrap_or(0)
+    }
+
+    /// Bytes of everything, with the largest transfer to and from the host.
+    pub fn total_bytes(&self) -> u64 {
+        let corners = GpuCorner::SIZE * GpuCorner::PER_FACET;
+        let per_patch = GpuPatch::SIZE + 32 + 8;
+        let scene = per_patch * self.patches
+            + (GpuFacet::SIZE + corners) * self.facets
+            + 16 * (self.shots + 1) * self.glossy
+            + 2 * self.pixels()
+            + (GpuShot::SIZE + 16 + UNIFORM_STRIDE) * self.shots;
+        let transfer = (16 * (self.patches + self.glossy))
+            .max(corners * self.facets)
+            .max(GpuPatch::SIZE * self.patches);
+        scene + self.pass_bytes() + transfer
+    }
+}
+
+/// Memory of the machine that is free, bytes; 4 GiB where the system doesn't say.
+fn host_memory() -> u64 {
+    const UNKNOWN: u64 = 4 << 30;
+    let Ok(text) = std::fs::read_to_string("/proc/meminfo") else { return UNKNOWN };
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
+    let kib = line.and_then(|rest| rest.trim().trim_end_matches(" kB").parse::<u64>().ok());
+    kib.map_or(UNKNOWN, |kib| kib * 1024)
+}
+
+/// Buffers, item textures and the bindings that name them. The names are those in the kernels.
+pub struct Buffers {
+    pub control: wgpu::Buffer,
+    pub passes: wgpu::Buffer,
+    pub irradiance: wgpu::Buffer,
+    pub incoming: wgpu::Buffer,
+    pub shots: wgpu::Buffer,
+    pub sums: wgpu::Buffer,
+    pub corners: wgpu::Buffer,
+    pub indices: wgpu::Buffer,
+    pub draws: wgpu::Buffer,
+    pub atlas: wgpu::Texture,
+    pub atlas_view: wgpu::TextureView,
+    pub depth_view: wgpu::TextureView,
+    pub select: wgpu::BindGroup,
+    pub cull: wgpu::BindGroup,
+    pub raster: wgpu::BindGroup,
+    pub deposit: wgpu::BindGroup,
+    pub update: wgpu::BindGroup,
+}
+
+impl Buffers {
+    /// Allocates and fills everything for a plan.
+    pub fn new(
+        gpu: &Gpu,
+        pipelines: &Pipelines,
+        plan: &Plan,
+        scene: &PatchedScene,
+        settings: &ShootingSettings,
+    ) -> Result<Self, DeviceError> {
+        let buffers = gpu.allocating(|| Self::allocate(gpu, pipelines, plan, scene, settings))?;
+        // What the driver still had is unknown; it was less than was asked for.
+        buffers.ok_or_else(|| gpu.out_of_memory(plan.total_bytes(), plan.total_bytes() / 2))
+    }
+
+    fn allocate(
+        gpu: &Gpu,
+        pipelines: &Pipelines,
+        plan: &Plan,
+        scene: &PatchedScene,
+        settings: &ShootingSettings,
+    ) -> Self {
+        let make = |label: &str, size: u64, usage: BufferUsages| {
+            gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                // Empty scenes have empty arrays, bindings must not be.
+                size: size.max(UNIFORM_STRIDE).next_multiple_of(16),
+                usage: usage | BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        };
+        let filled = |label: &str, bytes: &[u8], usage: BufferUsages| {
+            let buffer = make(label, bytes.len() as u64, usage);
+            gpu.queue.write_buffer(&buffer, 0, bytes);
+            buffer
+        };
+        let storage = BufferUsages::STORAGE;
+        let readable = storage | BufferUsages::COPY_SRC;
+        let lists = FACES as u64 * plan.pass_shots;
+
+        let constants = GpuSettings::new(scene, settings, plan.glossy as u32, plan.columns as u32);
+        let constants = filled("settings", bytemuck::bytes_of(&constants), BufferUsages::UNIFORM);
+        let passes = filled("passes", &pass_uniforms(plan), BufferUsages::UNIFORM);
+        let control = make("control", CONTROL_HEADER + 16 * plan.shots, readable);
+        let power = make("power", 4 * plan.power_entries(), storage);
+        gpu.queue.write_buffer(&power, 0, bytemuck::cast_slice(&emitted_power(scene)));
+        let patches = filled("patches", bytemuck::cast_slice(&GpuPatch::all(scene)), storage);
+        let facets = filled("facets", bytemuck::cast_slice(&GpuFacet::all(scene)), storage);
+        let corners = GpuCorner::all(scene);
+        let corners = filled("corners", bytemuck::cast_slice(&corners), BufferUsages::VERTEX);
+        let irradiance = make("irradiance", 32 * plan.patches, readable);
+        let incoming = make("incoming", 16 * (plan.shots + 1) * plan.glossy, readable);
+        let shots = make("shots", GpuShot::SIZE * plan.shots, storage);
+        let sums = make("sums", plan.sums_bytes() * plan.pass_shots, readable);
+        let views = make("views", UNIFORM_STRIDE * lists, storage | BufferUsages::UNIFORM);
+        let marks =
+            make("marks", u64::from(FACET_RUN) * plan.facet_runs() * plan.pass_shots, storage);
+        let counts = make("counts", 4 * lists * plan.facet_runs(), storage);
+        let indices = make("indices", plan.index_bytes(), storage | BufferUsages::INDEX);
+        let draws = make("draws", DRAW_BYTES * lists, storage | BufferUsages::INDIRECT);
+        let delta = DeltaFormFactors::new(settings.resolution);
+        let delta = &delta.values[..delta.values.len() / 2];
+        let delta = filled("delta form factors", bytemuck::cast_slice(delta), storage);
+
+        let texture = |label, format, usage| {
+            gpu.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: plan.atlas_size(),
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage,
+                view_formats: &[],
+            })
+        };
+        let target = wgpu::TextureUsages::RENDER_ATTACHMENT;
+        let atlas = texture(
+            "items",
+            ITEM_FORMAT,
+            target | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC,
+        );
+        let depth = texture("depth", DEPTH_FORMAT, target);
+        let atlas_view = atlas.create_view(&wgpu::TextureViewDescriptor::default());
+        let depth_view = depth.create_view(&wgpu::TextureViewDescriptor::default());
+
+        let whole = wgpu::Buffer::as_entire_binding;
+        let dynamic = |buffer, size| {
+            wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                buffer,
+                offset: 0,
+                size: wgpu::BufferSize::new(size),
+            })
+        };
+        let pass = || dynamic(&passes, size_of::<GpuPass>() as u64);
+        let bind = |layout: &wgpu::BindGroupLayout, resources: Vec<wgpu::BindingResource>| {
+            let entries: Vec<_> = resources
+                .into_iter()
+                .zip(0..)
+                .map(|(resource, binding)| wgpu::BindGroupEntry { binding, resource })
+                .collect();
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: None,
+                layout,
+                entries: &entries,
+            })
+        };
+        Self {
+            select: bind(
+                &pipelines.select,
+                [&constants, &control, &power, &patches, &irradiance, &incoming, &facets, &shots]
+                    .map(whole)
+                    .into(),
+            ),
+            cull: bind(
+                &pipelines.cull,
+                vec![
+                    whole(&constants),
+                    pass(),
+                    whole(&shots),
+                    whole(&views),
+                    whole(&facets),
+                    whole(&marks),
+                    whole(&counts),
+                    whole(&indices),
+                    whole(&draws),
+                ],
+            ),
+            raster: bind(&pipelines.raster, vec![dynamic(&views, UNIFORM_STRIDE)]),
+            deposit: bind(
+                &pipelines.deposit,
+                vec![
+                    whole(&constants),
+                    pass(),
+                    whole(&shots),
+                    whole(&facets),
+                    whole(&delta),
+                    whole(&sums),
+                    wgpu::BindingResource::TextureView(&atlas_view),
+                ],
+            ),
+            update: bind(
+                &pipelines.update,
+                vec![
+                    whole(&constants),
+                    pass(),
+                    whole(&control),
+                    whole(&power),
+                    whole(&patches),
+                    whole(&irradiance),
+                    whole(&incoming),
+                    whole(&shots),
+                    whole(&sums),
+                ],
+            ),
+            control,
+            passes,
+            irradiance,
+            incoming,
+            shots,
+            sums,
+            corners,
+            indices,
+            draws,
+            atlas,
+            atlas_view,
+            depth_view,
+        }
+    }
+}
+
+/// `Pass` of every render pass of an iteration, and room for one more for traced shots.
+fn pass_uniforms(plan: &Plan) -> Vec<u8> {
+    let mut bytes = vec![0; ((plan.passes() + 1) * UNIFORM_STRIDE) as usize];
+    for (index, slot) in bytes.chunks_exact_mut(UNIFORM_STRIDE as usize).enumerate() {
+        let first = index as u64 * plan.pass_shots;
+        let mut pass = GpuPass::zeroed();
+        if first < plan.shots {
+            pass.first = first as u32;
+            pass.count = plan.pass_shots.min(plan.shots - first) as u32;
+            pass.opens = u32::from(first == 0);
+            pass.closes = u32::from(first + u64::from(pass.count) == plan.shots);
+        }
+        slot[..size_of::<GpuPass>()].copy_from_slice(bytemuck::bytes_of(&pass));
+    }
+    bytes
+}

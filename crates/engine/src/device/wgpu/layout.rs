@@ -1,0 +1,299 @@
+//! Scene, settings and shots in the layout of the structures in `common.wgsl`.
+
+use crate::device::{ShootingSettings, Viewpoint};
+use crate::hemicube::Shot;
+use crate::patches::{NO_PATCH, PatchedScene};
+use crate::radiometry::{LOBE_COLUMNS, LOBE_ROWS, LobeAlbedo, importance};
+use bytemuck::{Pod, Zeroable};
+use glam::{Vec3, Vec4};
+use std::f32::consts::PI;
+
+/// Patches per run and runs per group of the prefix sum in `select.wgsl`.
+pub const SPAN: u32 = 64;
+/// Facets per run in `cull.wgsl`.
+pub const FACET_RUN: u32 = 32;
+/// Pixels per run in `deposit.wgsl`.
+pub const PIXEL_RUN: u32 = 16;
+/// Fixed-point units per form factor of 1 in the sums: those of one hemicube stay below 2³².
+pub const FIXED_SCALE: f32 = (1u32 << 31) as f32;
+
+/// `Facet.back` of a facet that is skipped when its back is seen.
+const CULLED_BACK: u32 = u32::MAX - 1;
+const NOT_GLOSSY: u32 = u32::MAX;
+/// Near value of the depth buffer relative to the size of the scene.
+const NEAR: f32 = 1e-8;
+
+mod flag {
+    pub const RANDOM_AZIMUTH: u32 = 1;
+    pub const JITTER: u32 = 2;
+    pub const VIEWER_IS_POINT: u32 = 4;
+    pub const VIEWER_IS_DIRECTION: u32 = 8;
+    pub const LOBES: u32 = 16;
+}
+
+const TABLE: usize = (LOBE_ROWS * LOBE_COLUMNS).div_ceil(4);
+
+/// `Settings`.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub struct GpuSettings {
+    pub seed: [u32; 2],
+    pub flags: u32,
+    pub resolution: u32,
+    pub patches: u32,
+    pub facets: u32,
+    pub glossy: u32,
+    pub shots: u32,
+    pub runs: u32,
+    pub groups: u32,
+    pub facet_runs: u32,
+    pub columns: u32,
+    pub viewer: Vec3,
+    pub near: f32,
+    pub lobe_albedo: [[f32; 4]; TABLE],
+}
+
+impl GpuSettings {
+    /// Settings of shooting in a scene with `glossy` glossy patches.
+    pub fn new(
+        scene: &PatchedScene,
+        settings: &ShootingSettings,
+        glossy: u32,
+        columns: u32,
+    ) -> Self {
+        let mut flags = 0;
+        let mut set = |condition: bool, flag: u32| flags |= if condition { flag } else { 0 };
+        set(settings.random_azimuth, flag::RANDOM_AZIMUTH);
+        set(settings.jitter, flag::JITTER);
+        set(glossy > 0, flag::LOBES);
+        let viewer = match settings.viewpoint {
+            Some(Viewpoint::Eye(eye)) => {
+                set(true, flag::VIEWER_IS_POINT);
+                eye
+            }
+            Some(Viewpoint::Direction(direction)) => {
+                set(true, flag::VIEWER_IS_DIRECTION);
+                direction
+            }
+            None => Vec3::ZERO,
+        };
+        let mut lobe_albedo = [[0.0; 4]; TABLE];
+        let cells = lobe_albedo.as_flattened_mut().iter_mut();
+        cells.zip(&LobeAlbedo::shared().table).for_each(|(cell, value)| *cell = *value);
+        let patches = scene.patches.len() as u32;
+        let facets = scene.facets.len() as u32;
+        let runs = patches.div_ceil(SPAN);
+        Self {
+            seed: [settings.seed as u32, (settings.seed >> 32) as u32],
+            flags,
+            resolution: settings.resolution,
+            patches,
+            facets,
+            glossy,
+            shots: settings.shots_per_iteration,
+            runs,
+            groups: runs.div_ceil(SPAN),
+            facet_runs: facets.div_ceil(FACET_RUN),
+            columns,
+            viewer,
+            near: near_value(&scene.positions),
+            lobe_albedo,
+        }
+    }
+}
+
+fn near_value(positions: &[Vec3]) -> f32 {
+    let low = positions.iter().copied().reduce(Vec3::min).unwrap_or(Vec3::ZERO);
+    let high = positions.iter().copied().reduce(Vec3::max).unwrap_or(Vec3::ONE);
+    ((high - low).max_element() * NEAR).max(f32::MIN_POSITIVE)
+}
+
+/// `Pass`.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub struct GpuPass {
+    pub first: u32,
+    pub count: u32,
+    pub opens: u32,
+    pub closes: u32,
+}
+
+/// `Shot`.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub struct GpuShot {
+    position: Vec3,
+    patch: u32,
+    tangent: Vec3,
+    exponent: f32,
+    bitangent: Vec3,
+    scale: f32,
+    normal: Vec3,
+    has_lobe: u32,
+    diffuse: Vec3,
+    fixed_scale: f32,
+    lobe: Vec3,
+    jitter_x: f32,
+    lobe_axis: Vec3,
+    jitter_y: f32,
+    face_weights: [f32; 8],
+}
+
+impl GpuShot {
+    /// Bytes of one shot.
+    pub const SIZE: u64 = size_of::<Self>() as u64;
+
+    /// A shot, and the form factor of one fixed-point unit in its sums.
+    pub fn new(shot: &Shot) -> (Self, f32) {
+        let heaviest = shot.face_weights.iter().fold(1f32, |a, b| a.max(*b));
+        let fixed_scale = FIXED_SCALE / heaviest.log2().ceil().exp2();
+        let mut face_weights = [0.0; 8];
+        face_weights[..shot.face_weights.len()].copy_from_slice(&shot.face_weights);
+        let packed = Self {
+            position: shot.position,
+            patch: shot.patch,
+            tangent: shot.tangent,
+            exponent: shot.exponent,
+            bitangent: shot.bitangent,
+            scale: shot.scale,
+            normal: shot.normal,
+            has_lobe: u32::from(shot.has_lobe()),
+            diffuse: shot.diffuse,
+            fixed_scale,
+            lobe: shot.lobe,
+            jitter_x: shot.jitter.x,
+            lobe_axis: shot.lobe_axis,
+            jitter_y: shot.jitter.y,
+            face_weights,
+        };
+        (packed, fixed_scale.recip())
+    }
+}
+
+/// `Patch`.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub struct GpuPatch {
+    centroid: Vec3,
+    area: f32,
+    normal: Vec3,
+    exponent: f32,
+    shading_normal: Vec3,
+    facet: u32,
+    diffuse: Vec3,
+    glossy: u32,
+    specular: Vec3,
+    spare_a: f32,
+    emission: Vec3,
+    spare_b: f32,
+}
+
+impl GpuPatch {
+    /// Bytes of one patch.
+    pub const SIZE: u64 = size_of::<Self>() as u64;
+
+    /// All patches of a scene; glossy ones are numbered in order.
+    pub fn all(scene: &PatchedScene) -> Vec<Self> {
+        let patches = &scene.patches;
+        let mut glossy_count = 0;
+        (0..patches.len())
+            .map(|i| {
+                let mut glossy = NOT_GLOSSY;
+                if patches.is_glossy(i) {
+                    glossy = glossy_count;
+                    glossy_count += 1;
+                }
+                Self {
+                    centroid: patches.centroid[i],
+                    area: patches.area[i],
+                    normal: patches.normal[i],
+                    exponent: patches.exponent[i],
+                    shading_normal: patches.shading_normal[i],
+                    facet: patches.facet[i],
+                    diffuse: patches.diffuse[i],
+                    glossy,
+                    specular: patches.specular[i],
+                    spare_a: 0.0,
+                    emission: patches.emission[i],
+                    spare_b: 0.0,
+                }
+            })
+            .collect()
+    }
+}
+
+/// `Facet`.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub struct GpuFacet {
+    corner: Vec3,
+    divisions: u32,
+    edge_1: Vec3,
+    front: u32,
+    edge_2: Vec3,
+    back: u32,
+}
+
+impl GpuFacet {
+    /// Bytes of one facet.
+    pub const SIZE: u64 = size_of::<Self>() as u64;
+
+    /// All facets of a scene.
+    pub fn all(scene: &PatchedScene) -> Vec<Self> {
+        let facets = scene.facets.iter().map(|facet| {
+            let [a, b, c] = facet.corners.map(|corner| scene.positions[corner as usize]);
+            let culled = facet.cull_back && facet.back == NO_PATCH;
+            Self {
+                corner: a,
+                divisions: facet.divisions,
+                edge_1: b - a,
+                front: facet.front,
+                edge_2: c - a,
+                back: if culled { CULLED_BACK } else { facet.back },
+            }
+        });
+        facets.collect()
+    }
+}
+
+/// A corner of a facet as the rasteriser takes it.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub struct GpuCorner {
+    position: Vec3,
+    item: u32,
+}
+
+impl GpuCorner {
+    /// Bytes of one corner.
+    pub const SIZE: u64 = size_of::<Self>() as u64;
+    /// Corners of one facet: three with the item code of its front, three with its back's.
+    pub const PER_FACET: u64 = 6;
+
+    /// All corners of a scene.
+    pub fn all(scene: &PatchedScene) -> Vec<Self> {
+        let corners = scene.facets.iter().zip(0..).flat_map(|(facet, index)| {
+            [false, true].into_iter().flat_map(move |back| {
+                let item = crate::hemicube::item::encode(index, back);
+                facet
+                    .corners
+                    .map(|corner| Self { position: scene.positions[corner as usize], item })
+            })
+        });
+        corners.collect()
+    }
+}
+
+/// Powers at the start: of the emission alone.
+pub fn emitted_power(scene: &PatchedScene) -> Vec<f32> {
+    let patches = &scene.patches;
+    let light = patches.area.iter().zip(&patches.emission);
+    light.map(|(area, emission)| importance(PI * *area * *emission)).collect()
+}
+
+/// Three components of each vector.
+pub fn triples(words: &[u32]) -> impl Iterator<Item = Vec3> + '_ {
+    words
+        .chunks_exact(4)
+        .map(|v| Vec4::from_array([v[0], v[1], v[2], v[3]].map(f32::from_bits)).truncate())
+}
