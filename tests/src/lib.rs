@@ -3,4 +3,5 @@
 pub mod comparison;
 pub mod malformed;
 pub mod scenes;
+pub mod server;
 pub mod twins;

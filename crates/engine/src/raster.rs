@@ -63,7 +63,8 @@ pub struct Target<'a> {
 pub fn fill(target: &mut Target<'_>, triangle: &PixelTriangle) {
     let width = target.width;
     let rows = (target.items.len() / width as usize) as u32;
-    let slopes = triangle.edges.map(|edge| -edge.per_column.recip());
+    let [e0, e1, e2] = &triangle.edges;
+    let slopes = [-e0.per_column.recip(), -e1.per_column.recip(), -e2.per_column.recip()];
     let first = triangle.rows.0.max(target.first_row);
     let end = triangle.rows.1.min(target.first_row + rows);
     for row in first..end {
@@ -105,13 +106,13 @@ fn fill_span(items: &mut [u32], depth: &mut [f32], first: f32, step: f32, code: 
     }
 }
 
-/// Rows that can see corners at the given row coordinates (pixel centres are whole numbers), with
-/// half a row of slack either way: the spans decide.
+/// Pixel centres (whole numbers below `count`) that can lie between three coordinates, as a
+/// half-open range, with a little slack for rounding: the edge functions decide.
 #[inline(always)]
-pub fn row_range(coordinates: [f32; 3], rows: u32) -> (u32, u32) {
-    let [a, b, c] = coordinates;
+pub fn centre_range([a, b, c]: [f32; 3], count: u32) -> (u32, u32) {
+    const SLACK: f32 = 0.05;
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-    let first = (low - 0.5).ceil().clamp(0.0, rows as f32);
-    let end = ((high + 0.5).floor() + 1.0).clamp(0.0, rows as f32);
+    let first = (low - SLACK).ceil().clamp(0.0, count as f32);
+    let end = ((high + SLACK).floor() + 1.0).clamp(0.0, count as f32);
     (first as u32, end as u32)
 }

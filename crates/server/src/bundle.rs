@@ -14,8 +14,11 @@ struct Manifest {
     resources: BTreeMap<String, usize>,
 }
 
+/// Files by the relative URI that the main file names them with.
+pub type Resources = BTreeMap<String, Vec<u8>>;
+
 /// Packs a main file and its resources by relative URI.
-pub fn pack(main: &[u8], resources: &BTreeMap<String, Vec<u8>>) -> Vec<u8> {
+pub fn pack(main: &[u8], resources: &Resources) -> Vec<u8> {
     let manifest = Manifest {
         main_size: main.len(),
         resources: resources.iter().map(|(uri, bytes)| (uri.clone(), bytes.len())).collect(),
@@ -32,7 +35,7 @@ pub fn pack(main: &[u8], resources: &BTreeMap<String, Vec<u8>>) -> Vec<u8> {
 }
 
 /// The main file and the resources of a packed bundle; `None` where it is damaged.
-pub fn unpack(packed: &[u8]) -> Option<(&[u8], BTreeMap<String, Vec<u8>>)> {
+pub fn unpack(packed: &[u8]) -> Option<(&[u8], Resources)> {
     let rest = packed.strip_prefix(MAGIC)?;
     let (length, rest) = rest.split_first_chunk::<4>()?;
     let (manifest, rest) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;

@@ -2,7 +2,7 @@
 
 use crate::hemicube::item;
 use crate::patches::{NO_PATCH, PatchedScene};
-use crate::raster::{PixelPlane, PixelTriangle, edge_planes, row_range};
+use crate::raster::{PixelPlane, PixelTriangle, centre_range, edge_planes};
 use crate::scene::{Camera, Projection};
 use glam::{Vec2, Vec3};
 
@@ -158,7 +158,7 @@ impl View {
             return (0, self.height);
         }
         let row = |c: Vec3| (1.0 - c.y / c.z) * 0.5 * self.height as f32 - 0.5;
-        let (first, end) = row_range(corners.map(row), self.height);
+        let (first, end) = centre_range(corners.map(row), self.height);
         (first.saturating_sub(1), (end + 1).min(self.height))
     }
 }

@@ -37,8 +37,8 @@ impl Solution {
 
     /// The averages of sums; zero where nothing was summed.
     pub fn mean(sums: &Sums) -> Self {
-        let scale = 1.0 / sums.iterations.max(1) as f32;
-        let mean = |values: &[Rgb]| values.iter().map(|v| *v * scale).collect();
+        let count = sums.iterations.max(1) as f32;
+        let mean = |values: &[Rgb]| values.iter().map(|v| *v / count).collect();
         Self { irradiance: mean(&sums.irradiance), glossy: mean(&sums.glossy) }
     }
 }

@@ -10,6 +10,7 @@ use hemilux_engine::render::{
 };
 use hemilux_engine::scene::{Scene, Warning};
 use indicatif::{ProgressBar, ProgressStyle};
+use percent_encoding::percent_decode_str;
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -18,7 +19,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Most resources bytes that a .gltf may draw in, the server's default upload limit.
+/// Largest file that is read, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 30;
 
 /// Arguments of `hemilux render`.
@@ -196,13 +197,14 @@ fn read_scene(name: &str) -> Result<Scene, Failure> {
         };
         Failure::failed(format!("cannot read {name}: {error}{hint}"))
     })?;
-    let folder = path.parent().unwrap_or(Path::new("."));
+    let folder = path.parent().unwrap_or(Path::new(".")).join(".");
     let resources = scenes::resource_names(&bytes)
         .into_iter()
         .filter_map(|uri| {
             // Only files beside or below the scene; the importer names those that are missing.
-            let inside = folder.join(&uri).canonicalize().ok()?;
-            let folder = folder.join(".").canonicalize().ok()?;
+            let name = percent_decode_str(&uri).decode_utf8().ok()?;
+            let inside = folder.join(&*name).canonicalize().ok()?;
+            let folder = folder.canonicalize().ok()?;
             let bytes = inside.starts_with(folder).then(|| read_file(&inside).ok())??;
             Some((uri, bytes))
         })

@@ -74,7 +74,7 @@ pub async fn create_job(State(app): State<App>, request: Request) -> Result<Resp
         "multipart/form-data" => {
             let mut parts = upload::parts(&app, request, true).await?;
             let job: JobRequest = match parts.job.take() {
-                Some(json) => read::json(&json)?,
+                Some(json) => read::json_part("job", &json)?,
                 None => read::json(b"{}")?,
             };
             check(&app, &job)?;

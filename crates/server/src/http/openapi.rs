@@ -6,7 +6,10 @@ use crate::api::jobs::{ExplicitCamera, OptionValue};
 use crate::worker;
 use serde_json::json;
 use utoipa::OpenApi;
-use utoipa::openapi::schema::{AdditionalProperties, Schema};
+use utoipa::openapi::path::Parameter;
+use utoipa::openapi::schema::{
+    AdditionalProperties, KnownFormat, ObjectBuilder, Schema, SchemaFormat, SchemaType, Type,
+};
 use utoipa::openapi::{Ref, RefOr, Response};
 
 #[derive(OpenApi)]
@@ -40,6 +43,7 @@ pub fn document() -> utoipa::openapi::OpenApi {
             .into_iter()
             .filter_map(Option::as_mut);
         for operation in operations {
+            operation.parameters.iter_mut().flatten().for_each(leave_out_rather_than_null);
             let responses = &mut operation.responses.responses;
             for (status, text) in [
                 ("403", "A page of another site sent the request, or the Host header is foreign."),
@@ -55,6 +59,8 @@ pub fn document() -> utoipa::openapi::OpenApi {
             }
         }
     }
+    describe_resources(&mut document, "SceneFiles");
+    describe_resources(&mut document, "JobWithScene");
     name_the_vocabulary(&mut document);
     document
 }
@@ -123,6 +129,36 @@ fn add_example(status: &str, response: &mut Response) {
         example["errors"] = errors;
     }
     content.example = Some(example);
+}
+
+/// A query or a header has no null: an optional parameter is left out.
+fn leave_out_rather_than_null(parameter: &mut RefOr<Parameter>) {
+    if let RefOr::T(parameter) = parameter
+        && let Some(RefOr::T(Schema::Object(schema))) = &mut parameter.schema
+        && let SchemaType::Array(types) = &mut schema.schema_type
+    {
+        types.retain(|kind| *kind != Type::Null);
+        if let [only] = types.as_slice() {
+            schema.schema_type = SchemaType::Type(only.clone());
+        }
+    }
+}
+
+/// Says of a multipart form what its further parts are.
+fn describe_resources(document: &mut utoipa::openapi::OpenApi, form: &str) {
+    let schemas = document.components.as_mut().map(|components| &mut components.schemas);
+    let Some(RefOr::T(Schema::Object(form))) = schemas.and_then(|all| all.get_mut(form)) else {
+        return;
+    };
+    let name = ObjectBuilder::new()
+        .schema_type(Type::String)
+        .pattern(Some("^[A-Za-z0-9._/%-]{1,200}$"))
+        .description(Some("A relative URI that the scene names, as it stands there."));
+    let file = ObjectBuilder::new()
+        .schema_type(Type::String)
+        .format(Some(SchemaFormat::KnownFormat(KnownFormat::Binary)));
+    form.property_names = Some(Box::new(name.build().into()));
+    form.additional_properties = Some(Box::new(file.into()));
 }
 
 /// Lists the engine's methods and options where jobs name them.

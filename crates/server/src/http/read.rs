@@ -13,18 +13,39 @@ pub const MAX_JSON_BYTES: usize = 256 << 10;
 
 /// Parses a JSON document; 400 where it is no JSON, 422 naming the field where it does not fit.
 pub fn json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+    parse(bytes).map_err(|error| match error {
+        JsonError::Syntax(text) => Problem::unreadable(format!("not valid JSON: {text}")),
+        JsonError::Field(error) => Problem::invalid(vec![error]),
+    })
+}
+
+/// Parses a part of a form; the form itself is readable, so whatever is wrong is 422.
+pub fn json_part<T: DeserializeOwned>(name: &str, bytes: &[u8]) -> Result<T, Problem> {
+    parse(bytes).map_err(|error| {
+        Problem::invalid(vec![match error {
+            JsonError::Syntax(text) => FieldError::new(name, format!("not valid JSON: {text}")),
+            JsonError::Field(error) => error,
+        }])
+    })
+}
+
+enum JsonError {
+    Syntax(String),
+    Field(FieldError),
+}
+
+fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, JsonError> {
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
-    let parsed = serde_path_to_error::deserialize(&mut deserializer);
-    let value = parsed.map_err(|error| {
+    let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
         let field = error.path().to_string();
         let inner = error.into_inner();
         if inner.classify() == serde_json::error::Category::Data {
-            Problem::invalid(vec![FieldError::new(field, inner.to_string())])
+            JsonError::Field(FieldError::new(field, inner.to_string()))
         } else {
-            Problem::unreadable(format!("not valid JSON: {inner}"))
+            JsonError::Syntax(inner.to_string())
         }
     })?;
-    deserializer.end().map_err(|error| Problem::unreadable(format!("not valid JSON: {error}")))?;
+    deserializer.end().map_err(|error| JsonError::Syntax(error.to_string()))?;
     Ok(value)
 }
 

@@ -114,6 +114,9 @@ pub async fn list_scenes(
     Query(page): Query<PageQuery>,
 ) -> Result<Json<ScenePage>, Problem> {
     let limit = in_range("limit", page.limit.unwrap_or(50), 1..=200)?;
+    if page.cursor.as_ref().is_some_and(|cursor| cursor.len() > 64) {
+        return Err(Problem::unreadable("cursor must be a next_cursor"));
+    }
     let mut scenes = app.store.scenes(page.cursor.as_deref(), limit + 1).await?;
     let more = scenes.len() > limit as usize;
     scenes.truncate(limit as usize);

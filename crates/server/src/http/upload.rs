@@ -163,7 +163,7 @@ pub async fn parts(app: &App, request: Request, with_job: bool) -> Result<Parts,
                 }
             }
             if parts.job.replace(json).is_some() {
-                return Err(Problem::unreadable("there are two parts named job"));
+                return Err(repeated("job"));
             }
             continue;
         }
@@ -172,12 +172,16 @@ pub async fn parts(app: &App, request: Request, with_job: bool) -> Result<Parts,
         if is_scene && parts.scene.is_none() {
             parts.scene = Some(spooled);
         } else if is_scene {
-            return Err(Problem::unreadable("there are two scenes in one request"));
+            return Err(repeated("scene"));
         } else if parts.resources.insert(name.clone(), spooled).is_some() {
-            return Err(Problem::unreadable(format!("there are two parts named {name:?}")));
+            return Err(repeated(&name));
         }
     }
     Ok(parts)
+}
+
+fn repeated(name: &str) -> Problem {
+    Problem::invalid(vec![FieldError::new(name, "comes twice; each part may come once")])
 }
 
 fn is_gltf(name: &str) -> bool {

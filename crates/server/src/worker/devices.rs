@@ -34,6 +34,10 @@ pub fn open(id: &str) -> Result<Box<dyn Device>, String> {
 /// # Errors
 /// A word that names no device here.
 pub fn choose(words: &[String]) -> Result<Vec<String>, String> {
+    // Looking for GPUs takes time and makes some drivers talk.
+    if words.iter().all(|word| word == "cpu") && !words.is_empty() {
+        return Ok(vec!["cpu".into()]);
+    }
     let there = list();
     let mut chosen: Vec<String> = Vec::new();
     for word in words {
@@ -65,6 +69,9 @@ pub fn choose(words: &[String]) -> Result<Vec<String>, String> {
 /// A word that names no device here.
 pub fn choose_one(word: &str) -> Result<String, String> {
     let ids = choose(&[word.to_owned()])?;
+    if let [only] = ids.as_slice() {
+        return Ok(only.clone());
+    }
     let there = list();
     let rank = |id: &String| {
         let kind = there.iter().find(|device| device.id == *id).map_or("", |d| d.kind.as_str());

@@ -168,7 +168,8 @@ impl CellLocator {
     #[inline(always)]
     fn new(grid: &Grid, setup: &Setup, row: u32, divisions: u32) -> Self {
         let line = |plane: PixelPlane| (plane.at_row(row), plane.per_column);
-        let [e0, e1, e2] = setup.edges.map(|edge| line(grid.plane(edge)));
+        let [e0, e1, e2] = &setup.edges;
+        let (e0, e1, e2) = (line(grid.plane(*e0)), line(grid.plane(*e1)), line(grid.plane(*e2)));
         let sum = (e0.0 + e1.0 + e2.0, e0.1 + e1.1 + e2.1);
         let n = divisions as f32;
         Self { u: (e1.0 * n, e1.1 * n), v: (e2.0 * n, e2.1 * n), sum, divisions: divisions as i32 }

@@ -77,7 +77,7 @@ impl<'device> CpuShooting<'device> {
         let seen = settings.viewpoint.is_some() && glossy > 0;
         Self {
             rasters: (0..threads)
-                .map(|_| Mutex::new(Raster::new(settings.resolution, scene.positions.len())))
+                .map(|_| Mutex::new(Raster::new(settings.resolution, &scene)))
                 .collect(),
             shot_sums: (0..shots)
                 .map(|_| ShotSums {
@@ -371,7 +371,7 @@ impl Shooting for CpuShooting<'_> {
 
     fn trace(&mut self, shots: &[Shot]) -> Result<Vec<ShotTrace>, DeviceError> {
         let count = self.scene.patches.len();
-        let mut raster = Raster::new(self.settings.resolution, self.scene.positions.len());
+        let mut raster = Raster::new(self.settings.resolution, &self.scene);
         let traces = shots.iter().map(|shot| {
             let mut form_factor = vec![0.0; count];
             let mut lobe_factor = vec![0.0; count];

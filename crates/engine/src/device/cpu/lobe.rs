@@ -23,7 +23,7 @@ pub fn exp2(x: f32) -> f32 {
     let whole = (x + 0.5).floor();
     let f = x - whole;
     let p = 1.0
-        + f * (0.693_147_2
+        + f * (std::f32::consts::LN_2
             + f * (0.240_226_5
                 + f * (0.055_504_1 + f * (0.009_618_13 + f * (0.001_333_356 + f * 1.540_353e-4)))));
     // SAFETY: whole is in [−126, 0], so the conversion is in range.

@@ -7,7 +7,7 @@
 
 use crate::hemicube::{FACES, Face, Shot, item};
 use crate::patches::PatchedScene;
-use crate::raster::{self, PixelPlane, PixelTriangle, Target, edge_planes, row_range};
+use crate::raster::{self, PixelPlane, PixelTriangle, Target, centre_range, edge_planes};
 use glam::Vec3;
 
 /// Inverse depth of a back relative to a coincident front, which must win.
@@ -23,6 +23,7 @@ pub struct Raster {
     depth: Vec<f32>,
     corners: Vec<Vec3>,
     codes: Vec<u8>,
+    outlines: Vec<Outline>,
 }
 
 /// A linear function of the hemicube-frame direction.
@@ -42,7 +43,7 @@ pub struct Setup {
 
 impl Setup {
     /// Sets up a facet with corners relative to the eye; `None` where the eye lies in its plane.
-    #[inline]
+    #[inline(always)]
     pub fn new(corners: [Vec3; 3], eye_extent: f32) -> Option<Self> {
         let mut edges = edge_planes(corners);
         let volume = corners[0].dot(edges[0]);
@@ -56,7 +57,7 @@ impl Setup {
         if back {
             inverse_depth *= BACK_DEPTH;
         } else {
-            edges = edges.map(|edge| -edge);
+            edges = [-edges[0], -edges[1], -edges[2]];
         }
         Some(Self { edges, inverse_depth, back })
     }
@@ -85,7 +86,7 @@ impl Grid {
     }
 
     /// Components of a hemicube-frame vector along the face's axis, right and up.
-    #[inline]
+    #[inline(always)]
     pub fn components(&self, v: Vec3) -> (f32, f32, f32) {
         match self.face {
             Face::Top => (v.z, v.x, v.y),
@@ -97,7 +98,7 @@ impl Grid {
     }
 
     /// A plane in pixel coordinates.
-    #[inline]
+    #[inline(always)]
     pub fn plane(&self, plane: Plane) -> PixelPlane {
         let (axis, right, up) = self.components(plane);
         PixelPlane {
@@ -130,7 +131,7 @@ mod place {
     pub const Z_LESS_MINUS_Y: u8 = 64;
 }
 
-#[inline]
+#[inline(always)]
 fn classify(v: Vec3) -> u8 {
     use place::*;
     let bit = |condition: bool, bit: u8| u8::from(condition) * bit;
@@ -145,7 +146,7 @@ fn classify(v: Vec3) -> u8 {
 
 /// Whether a facet lies outside one of the planes that bound a face; `all` and `any` are the
 /// corners' places combined.
-#[inline]
+#[inline(always)]
 fn outside(face: Face, all: u8, any: u8) -> bool {
     use place::*;
     let negative = |bits: u8| all & bits != 0;
@@ -159,23 +160,35 @@ fn outside(face: Face, all: u8, any: u8) -> bool {
     }
 }
 
+/// What the inner loop reads of a facet: corners, and whether its back may be skipped.
+#[derive(Clone, Copy)]
+struct Outline {
+    corners: [u32; 3],
+    cull_back: u32,
+}
+
 impl Raster {
-    /// Buffers for hemicubes of resolution R over scenes with `corners` facet corners.
-    pub fn new(resolution: u32, corners: usize) -> Self {
+    /// Buffers for hemicubes of resolution R over a scene.
+    pub fn new(resolution: u32, scene: &PatchedScene) -> Self {
         let pixels = 3 * (resolution * resolution) as usize;
+        let outlines = scene
+            .facets
+            .iter()
+            .map(|facet| Outline { corners: facet.corners, cull_back: u32::from(facet.cull_back) });
         Self {
             resolution,
             items: vec![item::EMPTY; pixels],
             depth: vec![0.0; pixels],
-            corners: vec![Vec3::ZERO; corners],
-            codes: vec![0; corners],
+            corners: vec![Vec3::ZERO; scene.positions.len()],
+            codes: vec![0; scene.positions.len()],
+            outlines: outlines.collect(),
         }
     }
 
     /// Corners of a facet relative to the eye in the hemicube frame of the last shot.
-    #[inline]
-    pub fn corners_of(&self, corners: [u32; 3]) -> [Vec3; 3] {
-        corners.map(|corner| self.corners[corner as usize])
+    #[inline(always)]
+    pub fn corners_of(&self, [a, b, c]: [u32; 3]) -> [Vec3; 3] {
+        [self.corners[a as usize], self.corners[b as usize], self.corners[c as usize]]
     }
 
     /// Renders the faces of a shot that have a weight; the others stay empty.
@@ -191,59 +204,102 @@ impl Raster {
         }
         let extent = shot.position.abs().max_element();
         let grids = Face::ALL.map(|face| Grid::new(face, self.resolution, shot));
-        for (index, facet) in scene.facets.iter().enumerate() {
-            let codes = facet.corners.map(|corner| self.codes[corner as usize]);
+        let drawn = shot.face_weights.map(|weight| weight > 0.0);
+        for index in 0..self.outlines.len() {
+            let outline = self.outlines[index];
+            let [a, b, c] = outline.corners;
+            let codes = [self.codes[a as usize], self.codes[b as usize], self.codes[c as usize]];
             let all = codes[0] & codes[1] & codes[2];
             if all & place::BELOW != 0 {
                 continue;
             }
-            let corners = self.corners_of(facet.corners);
-            let Some(setup) = Setup::new(corners, extent) else { continue };
-            if setup.back && facet.cull_back {
+            let corners = self.corners_of(outline.corners);
+            if outline.cull_back != 0 && corners[0].dot(corners[1].cross(corners[2])) > 0.0 {
                 continue;
             }
-            let any = codes[0] | codes[1] | codes[2];
-            let code = item::encode(index as u32, setup.back);
-            for face in 0..FACES {
-                if shot.face_weights[face] > 0.0 && !outside(Face::ALL[face], all, any) {
-                    self.fill(&grids[face], &corners, &setup, code);
-                }
-            }
+            let mut facet = Seen {
+                index: index as u32,
+                all,
+                any: codes[0] | codes[1] | codes[2],
+                corners,
+                extent,
+                setup: None,
+            };
+            // Unrolled by hand, so that each face's axes are constants.
+            self.draw::<0>(&grids, &drawn, &mut facet);
+            self.draw::<1>(&grids, &drawn, &mut facet);
+            self.draw::<2>(&grids, &drawn, &mut facet);
+            self.draw::<3>(&grids, &drawn, &mut facet);
+            self.draw::<4>(&grids, &drawn, &mut facet);
         }
     }
 
     /// Fills the pixels of one face that see the facet nearer than anything before.
     #[inline(always)]
-    fn fill(&mut self, grid: &Grid, corners: &[Vec3; 3], setup: &Setup, code: u32) {
-        let (width, rows) = (self.resolution, grid.face.rows(self.resolution));
-        let start = (grid.face.first_row(width) * width) as usize;
-        let pixels = start..start + (rows * width) as usize;
+    fn draw<const FACE: usize>(
+        &mut self,
+        grids: &[Grid; FACES],
+        drawn: &[bool; FACES],
+        facet: &mut Seen,
+    ) {
+        let face = Face::ALL[FACE];
+        if !drawn[FACE] || outside(face, facet.all, facet.any) {
+            return;
+        }
+        let grid = Grid { face, ..grids[FACE] };
+        let (width, face_rows) = (self.resolution, face.rows(self.resolution));
+        // Most facets of a dense mesh lie between pixel centres: nothing to set up.
+        let Some(rows) = rows_of(&grid, &facet.corners, width, face_rows) else { return };
+        if facet.setup.is_none() {
+            facet.setup = Setup::new(facet.corners, facet.extent);
+        }
+        let Some(setup) = &facet.setup else { return };
+        let start = (face.first_row(width) * width) as usize;
+        let pixels = start..start + (face_rows * width) as usize;
         let mut target = Target {
             width,
             first_row: 0,
             items: &mut self.items[pixels.clone()],
             depth: &mut self.depth[pixels],
         };
+        let [e0, e1, e2] = &setup.edges;
         let triangle = PixelTriangle {
-            edges: setup.edges.map(|edge| grid.plane(edge)),
+            edges: [grid.plane(*e0), grid.plane(*e1), grid.plane(*e2)],
             nearness: grid.plane(setup.inverse_depth),
-            rows: rows_of(grid, corners, rows),
-            code,
+            rows,
+            code: item::encode(facet.index, setup.back),
         };
         raster::fill(&mut target, &triangle);
     }
 }
 
-/// Rows whose centres can see the facet; all rows where it reaches behind the face's plane.
+/// A facet above the horizon, set up when the first face needs it.
+struct Seen {
+    index: u32,
+    /// Places that all corners share, and places that any has.
+    all: u8,
+    any: u8,
+    corners: [Vec3; 3],
+    extent: f32,
+    setup: Option<Setup>,
+}
+
+/// Rows whose centres may see the facet, `None` where no centre can; all rows where the facet
+/// reaches behind the face's plane.
 #[inline(always)]
-fn rows_of(grid: &Grid, corners: &[Vec3; 3], rows: u32) -> (u32, u32) {
-    let mut coordinates = [0f32; 3];
-    for (coordinate, corner) in coordinates.iter_mut().zip(corners) {
-        let (axis, _, up) = grid.components(*corner);
+fn rows_of(grid: &Grid, corners: &[Vec3; 3], columns: u32, rows: u32) -> Option<(u32, u32)> {
+    let (mut x, mut y) = ([0f32; 3], [0f32; 3]);
+    let scale = grid.step.recip();
+    for i in 0..3 {
+        let (axis, right, up) = grid.components(corners[i]);
         if axis <= 1e-12 {
-            return (0, rows);
+            return Some((0, rows));
         }
-        *coordinate = (up / axis - grid.first_y) / grid.step;
+        let inverse = axis.recip();
+        x[i] = (right * inverse - grid.first_x) * scale;
+        y[i] = (up * inverse - grid.first_y) * scale;
     }
-    row_range(coordinates, rows)
+    let (first_column, end_column) = centre_range(x, columns);
+    let (first_row, end_row) = centre_range(y, rows);
+    (first_column < end_column && first_row < end_row).then_some((first_row, end_row))
 }

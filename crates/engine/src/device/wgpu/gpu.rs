@@ -140,10 +140,9 @@ impl Gpu {
         let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
         let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let created = create();
-        for error in [pollster::block_on(validation.pop()), pollster::block_on(internal.pop())] {
-            if let Some(error) = error {
-                self.fault.report(error.to_string());
-            }
+        let errors = [pollster::block_on(validation.pop()), pollster::block_on(internal.pop())];
+        for error in errors.into_iter().flatten() {
+            self.fault.report(error.to_string());
         }
         self.check()?;
         Ok(created)

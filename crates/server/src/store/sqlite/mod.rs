@@ -7,6 +7,8 @@
 mod events;
 mod jobs;
 mod rows;
+#[cfg(test)]
+mod tests;
 
 use super::{Accepted, Claim, JobCounts, JobFilter, NewJob, Outcome, Report, Store, StoreError};
 use crate::api::events::Event;

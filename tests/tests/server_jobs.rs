@@ -1,0 +1,287 @@
+//! The life of jobs over HTTP, with real renders.
+
+use hemilux_tests::server::{Event, Server, scene};
+use serde_json::{Value, json};
+use std::io::Cursor;
+
+/// A job of a fraction of a second.
+fn quick() -> Value {
+    json!({
+        "scene": "cornell", "width": 32, "height": 24, "max_iterations": 16, "seed": 7,
+        "options": {"patches": 500, "hemicube_resolution": 32}
+    })
+}
+
+/// A job that runs until told otherwise, as far as these tests are concerned.
+fn endless() -> Value {
+    json!({
+        "scene": "cornell", "width": 32, "height": 24, "time_budget_s": 600,
+        "options": {"patches": 500}, "snapshots": {"every_s": 0.1, "formats": ["png", "exr"]}
+    })
+}
+
+fn mean_of_exr(bytes: &[u8]) -> f32 {
+    let picture = image::load(Cursor::new(bytes), image::ImageFormat::OpenExr).unwrap();
+    assert_eq!((picture.width(), picture.height()), (32, 24));
+    let values = picture.into_rgb32f().into_raw();
+    values.iter().sum::<f32>() / values.len() as f32
+}
+
+#[test]
+fn a_job_goes_from_scene_to_picture() {
+    let server = Server::start();
+    let stored = server.post_scene(&scene("cornell.glb"));
+    assert_eq!(stored.status, 201, "{}", stored.text());
+    let record = stored.json();
+    assert_eq!(stored.header("location"), format!("/v1/scenes/{}", record["id"].as_str().unwrap()));
+    assert!(record["triangles"].as_u64().unwrap() >= 30);
+    assert!(record["lights"].as_u64().unwrap() >= 1);
+    assert_eq!(record["cameras"][0]["index"], 0);
+    let again = server.post_scene(&scene("cornell.glb"));
+    assert_eq!((again.status, again.json()), (200, record.clone()));
+
+    let mut wish = quick();
+    wish["scene"] = record["id"].clone();
+    wish["labels"] = json!({"project": "atrium"});
+    let answer = server.post("/v1/jobs", &wish);
+    assert_eq!(answer.status, 202, "{}", answer.text());
+    let id = answer.json()["id"].as_str().unwrap().to_owned();
+    assert_eq!(answer.header("location"), format!("/v1/jobs/{id}"));
+
+    let job = server.wait(&id);
+    assert_eq!(job["state"], "succeeded", "{job}");
+    assert_eq!(job["iterations"], 16);
+    assert_eq!(job["stats"]["stopped"], "iterations");
+    assert_eq!(job["attempts"], 1);
+    assert_eq!(job["device"], "cpu");
+    assert!(job["light_source_selection_ratio"].as_f64().unwrap() > 0.0);
+    assert!(job["finished_at"].is_string() && job["plan"]["patches"].as_u64().unwrap() > 100);
+
+    let exr = server.get(&format!("/v1/jobs/{id}/image.exr"));
+    assert_eq!((exr.status, exr.header("content-type")), (200, "image/x-exr"));
+    assert!(mean_of_exr(&exr.body) > 0.01);
+    let png = server.get(&format!("/v1/jobs/{id}/image"));
+    assert_eq!((png.status, png.header("content-type")), (200, "image/png"));
+    let decoded = image::load_from_memory(&png.body).unwrap();
+    assert_eq!((decoded.width(), decoded.height()), (32, 24));
+    let by_accept =
+        server.send("GET", &format!("/v1/jobs/{id}/image"), &[("accept", "image/x-exr")], b"");
+    assert_eq!(by_accept.body, exr.body);
+
+    let etag = exr.header("etag").to_owned();
+    let path = format!("/v1/jobs/{id}/image.exr");
+    assert_eq!(server.send("GET", &path, &[("if-none-match", &etag)], b"").status, 304);
+    let immutable = server.get(job["result"][0]["url"].as_str().unwrap());
+    assert_eq!(immutable.status, 200);
+    assert!(immutable.header("cache-control").contains("immutable"));
+    assert_eq!(immutable.body.len() as u64, job["result"][0]["size"].as_u64().unwrap());
+
+    let found = server.get("/v1/jobs?label=project:atrium&state=succeeded").json();
+    assert_eq!(found["jobs"].as_array().unwrap().len(), 1);
+    let found = server.get("/v1/jobs?label=project:other").json();
+    assert_eq!(found["jobs"].as_array().unwrap().len(), 0);
+
+    let trace = server.get(&format!("/v1/jobs/{id}/trace")).json();
+    let last = trace["points"].as_array().unwrap().last().unwrap().clone();
+    assert_eq!(last["iterations"], 16);
+    let csv = server.get(&format!("/v1/jobs/{id}/trace.csv"));
+    assert!(csv.text().starts_with("seconds,iterations,shots,"));
+    assert_eq!(csv.text().lines().count(), trace["points"].as_array().unwrap().len() + 1);
+
+    let metrics = server.get("/metrics").text();
+    assert!(metrics.contains("hemilux_jobs{state=\"succeeded\"} 1"), "{metrics}");
+    assert!(metrics.contains("hemilux_iterations_total 16"), "{metrics}");
+}
+
+#[test]
+fn the_same_seed_and_iterations_give_the_same_bits() {
+    let server = Server::start();
+    let hashes: Vec<Value> = (0..2)
+        .map(|_| server.wait(&server.submit(&quick()))["result"][1]["sha256"].clone())
+        .collect();
+    assert!(hashes[0].is_string());
+    assert_eq!(hashes[0], hashes[1]);
+    let mut other = quick();
+    other["seed"] = json!(8);
+    let other = server.wait(&server.submit(&other))["result"][1]["sha256"].clone();
+    assert_ne!(hashes[0], other);
+}
+
+#[test]
+fn a_scene_travels_with_its_job_and_its_resources() {
+    let server = Server::start();
+    let glb = scene("cornell.glb");
+    // The same scene as .gltf and .bin: the two chunks of the .glb.
+    let json_length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    let mut document: Value = serde_json::from_slice(&glb[20..20 + json_length]).unwrap();
+    document["buffers"][0]["uri"] = json!("data/scene.bin");
+    let binary = &glb[20 + json_length + 8..];
+    let mut body = Vec::new();
+    let mut part = |disposition: &str, bytes: &[u8]| {
+        body.extend(
+            format!("--cut\r\ncontent-disposition: form-data; {disposition}\r\n\r\n").bytes(),
+        );
+        body.extend(bytes);
+        body.extend(b"\r\n");
+    };
+    let mut wish = quick();
+    wish.as_object_mut().unwrap().remove("scene");
+    part("name=\"job\"", wish.to_string().as_bytes());
+    part("name=\"scene\"; filename=\"a.gltf\"", document.to_string().as_bytes());
+    part("name=\"data/scene.bin\"; filename=\"scene.bin\"", binary);
+    body.extend(b"--cut--\r\n");
+    let form = [("content-type", "multipart/form-data; boundary=cut")];
+    let answer = server.send("POST", "/v1/jobs", &form, &body);
+    assert_eq!(answer.status, 202, "{}", answer.text());
+    let job = server.wait(answer.json()["id"].as_str().unwrap());
+    assert_eq!(job["state"], "succeeded", "{job}");
+    let stored = server.get(&format!("/v1/scenes/{}", job["scene"].as_str().unwrap())).json();
+    assert_eq!(stored["format"], "bundle");
+    // The picture is the one of the .glb.
+    let same = server.wait(&server.submit(&quick()));
+    assert_eq!(job["result"][1]["sha256"], same["result"][1]["sha256"]);
+}
+
+#[test]
+fn a_stream_resumes_without_gap_or_repetition() {
+    let server = Server::start();
+    let mut wish = endless();
+    wish["time_budget_s"] = json!(1.5);
+    let id = server.submit(&wish);
+    let path = format!("/v1/jobs/{id}/events");
+
+    let mut seen: Vec<Event> = server.events(&path, &[]).take(4).collect();
+    let after = seen.last().unwrap().id.to_string();
+    seen.extend(server.events(&path, &[("last-event-id", &after)]).take(3));
+    let after = seen.last().unwrap().id;
+    seen.extend(server.events(&format!("{path}?after={after}"), &[]));
+
+    let ids: Vec<u64> = seen.iter().map(|event| event.id).collect();
+    assert_eq!(ids, (1..=ids.len() as u64).collect::<Vec<_>>());
+    let names: Vec<&str> = seen.iter().map(|event| event.name.as_str()).collect();
+    assert_eq!(names[..2], ["state", "state"]);
+    assert!(names.contains(&"progress") && names.contains(&"snapshot"), "{names:?}");
+    assert_eq!(names.iter().filter(|name| **name == "succeeded").count(), 1);
+    assert_eq!(names.last(), Some(&"succeeded"));
+    // A replay of everything is the same, and ends by itself.
+    assert_eq!(server.events(&path, &[]).collect::<Vec<_>>(), seen);
+    // Beyond the last event there is nothing, and no waiting.
+    let beyond = ids.len() + 100;
+    assert_eq!(server.events(&format!("{path}?after={beyond}"), &[]).count(), 0);
+}
+
+#[test]
+fn a_snapshot_travels_in_its_event() {
+    use base64::Engine;
+    let server = Server::start();
+    let id = server.submit(&endless());
+    let path = format!("/v1/jobs/{id}/events?inline=exr");
+    let snapshot = server.events(&path, &[]).find(|event| event.name == "snapshot").unwrap();
+    let pictures = snapshot.data["pictures"].as_array().unwrap();
+    let of = |format: &str| pictures.iter().find(|p| p["format"] == format).unwrap();
+    assert!(of("png").get("base64").is_none());
+    let engine = base64::engine::general_purpose::STANDARD;
+    let inline = engine.decode(of("exr")["base64"].as_str().unwrap()).unwrap();
+    assert!(mean_of_exr(&inline) > 0.0);
+    let linked = server.get(of("exr")["url"].as_str().unwrap());
+    assert_eq!(linked.body, inline);
+    assert_eq!(of("exr")["size"].as_u64().unwrap(), inline.len() as u64);
+}
+
+#[test]
+fn cancel_and_delete_can_be_repeated_in_every_state() {
+    let server = Server::start();
+    let running = server.submit(&endless());
+    server.wait_until(&running, |job| job["iterations"].as_u64() > Some(0));
+    // One device: the second waits.
+    let queued = server.submit(&quick());
+    for id in [&queued, &running] {
+        for _ in 0..2 {
+            let answer = server.send("POST", &format!("/v1/jobs/{id}/cancel"), &[], b"");
+            assert_eq!(answer.status, 200, "{}", answer.text());
+        }
+        let job = server.wait(id);
+        assert_eq!(job["state"], "cancelled");
+    }
+    // The picture so far is kept.
+    assert_eq!(server.get(&format!("/v1/jobs/{running}/image.png")).status, 200);
+    server.get(&format!("/v1/jobs/{queued}/image.png")).problem(404);
+
+    let done = server.submit(&quick());
+    assert_eq!(server.wait(&done)["state"], "succeeded");
+    let answer = server.send("POST", &format!("/v1/jobs/{done}/cancel"), &[], b"");
+    assert_eq!(answer.json()["state"], "succeeded");
+
+    let doomed = server.submit(&endless());
+    let events = server.events(&format!("/v1/jobs/{doomed}/events"), &[]);
+    server.wait_until(&doomed, |job| job["state"] == "running");
+    for id in [&doomed, &doomed, &done, &running] {
+        let answer = server.send("DELETE", &format!("/v1/jobs/{id}"), &[], b"");
+        assert_eq!(answer.status, 204, "{}", answer.text());
+        server.get(&format!("/v1/jobs/{id}")).problem(404);
+        server.get(&format!("/v1/jobs/{id}/image.png")).problem(404);
+    }
+    // Whoever followed the deleted job hears of its end.
+    assert_eq!(events.last().unwrap().name, "cancelled");
+    // And the device is free for the next.
+    assert_eq!(server.wait(&server.submit(&quick()))["state"], "succeeded");
+}
+
+#[test]
+fn an_idempotency_key_names_one_job() {
+    let server = Server::start();
+    let post = |job: &Value, key: &str| {
+        let headers = [("content-type", "application/json"), ("idempotency-key", key)];
+        server.send("POST", "/v1/jobs", &headers, job.to_string().as_bytes())
+    };
+    let first = post(&quick(), "k1");
+    let again = post(&quick(), "k1");
+    assert_eq!((first.status, again.status), (202, 202));
+    assert_eq!(first.json()["id"], again.json()["id"]);
+    assert_eq!(again.header("idempotency-replayed"), "true");
+    let mut other = quick();
+    other["seed"] = json!(99);
+    post(&other, "k1").problem(409);
+    assert_ne!(post(&quick(), "k2").json()["id"], first.json()["id"]);
+    assert_eq!(server.get("/v1/jobs").json()["jobs"].as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn lists_come_in_pages_and_priority_goes_first() {
+    let server = Server::start();
+    let blocker = server.submit(&endless());
+    server.wait_until(&blocker, |job| job["state"] == "running");
+    let ids: Vec<String> = [0, 5, -5]
+        .iter()
+        .map(|priority| {
+            let mut wish = quick();
+            wish["priority"] = json!(priority);
+            server.submit(&wish)
+        })
+        .collect();
+    let mut listed = Vec::new();
+    let mut path = "/v1/jobs?limit=2&state=queued".to_owned();
+    loop {
+        let page = server.get(&path).json();
+        listed.extend(page["jobs"].as_array().unwrap().iter().map(|j| j["id"].clone()));
+        match page["next_cursor"].as_str() {
+            Some(cursor) => path = format!("/v1/jobs?limit=2&state=queued&cursor={cursor}"),
+            None => break,
+        }
+    }
+    let newest_first: Vec<Value> = ids.iter().rev().map(|id| json!(id)).collect();
+    assert_eq!(listed, newest_first);
+
+    server.send("POST", &format!("/v1/jobs/{blocker}/cancel"), &[], b"");
+    let started: Vec<String> =
+        ids.iter().map(|id| server.wait(id)["started_at"].as_str().unwrap().to_owned()).collect();
+    assert!(started[1] < started[0] && started[0] < started[2], "{started:?}");
+}
+
+#[test]
+fn waiting_ends_with_the_job() {
+    let server = Server::start();
+    let id = server.submit(&quick());
+    let job = server.get(&format!("/v1/jobs/{id}?wait=60")).json();
+    assert_eq!(job["state"], "succeeded");
+}
