@@ -1,6 +1,7 @@
 //! The command line.
 
 mod devices;
+mod health;
 mod render;
 mod serve;
 
@@ -26,6 +27,8 @@ enum Command {
     Render(Box<render::Arguments>),
     /// List the devices of this machine.
     Devices,
+    /// Ask a running server whether it can take jobs; exit code 1 if it cannot.
+    Health(health::Arguments),
     /// Print the API's description (OpenAPI, YAML).
     Openapi,
 }
@@ -44,6 +47,7 @@ pub fn main() -> ExitCode {
         Command::Serve(config) => serve::run(*config),
         Command::Render(arguments) => render::run(&arguments),
         Command::Devices => devices::run(),
+        Command::Health(arguments) => health::run(&arguments),
         Command::Openapi => print(&crate::http::openapi::yaml()),
     };
     match done {
