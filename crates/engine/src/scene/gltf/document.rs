@@ -130,15 +130,15 @@ pub(super) fn read(text: &[u8]) -> Result<Root, SceneError> {
 
 /// Refuses what might take too much memory once parsed.
 fn check_size(text: &[u8]) -> Result<(), SceneError> {
-    // An upper bound on what the parsed tree takes: a map allocates whole B-tree nodes and a list
-    // at least four elements, so a hostile file could otherwise grow a hundredfold. Strings
-    // count as well, and their escapes as the worst that they can stand for: `serde_json` parses
-    // the text of a string whose key is its own mark for raw values.
-    let estimate = text.iter().fold(text.len(), |sum, byte| {
-        sum.saturating_add(match byte {
-            b'{' | b'\\' => 640,
-            b':' | b'[' => 128,
-            b',' => 64,
+    // An upper bound on what the parsed tree takes, and about what its typed form takes again: a map
+    // allocates whole B-tree nodes and a list at least four elements, so a hostile file could
+    // otherwise grow a hundredfold. Text in strings counts as well, and escapes as the worst that
+    // they can hide: `serde_json` parses a string whose key is its own mark for raw values.
+    let estimate = text.windows(2).fold(text.len(), |sum, pair| {
+        sum.saturating_add(match pair {
+            [b'{', _] | b"\\u" => 640,
+            [b':' | b'[', _] => 128,
+            [b',', _] => 64,
             _ => 0,
         })
     });

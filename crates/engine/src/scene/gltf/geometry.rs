@@ -248,7 +248,7 @@ fn primitive(
         warnings.push(format!("{at}.targets"), what);
     }
     let count = indices.map_or(vertices, |index| accessors[index].count);
-    if mode == Mode::List && count % 3 != 0 {
+    if mode == Mode::List && !count.is_multiple_of(3) {
         warnings.push(
             &at,
             format!("{count} corners make no whole number of triangles; the rest is left out"),
