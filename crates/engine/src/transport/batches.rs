@@ -78,7 +78,8 @@ impl Batches {
         }
         let means: Vec<Solution> = self.complete.iter().map(Solution::mean).collect();
         let (mut noise, mut brightness) = (0.0, 0.0);
-        let parts: [(fn(&Solution) -> &Vec<Rgb>, &Vec<PixelWeight>); 2] =
+        type Values = fn(&Solution) -> &Vec<Rgb>;
+        let parts: [(Values, &Vec<PixelWeight>); 2] =
             [(|mean| &mean.irradiance, &weights.diffuse), (|mean| &mean.glossy, &weights.glossy)];
         for (values, weights) in parts {
             let at_vertices: Vec<Vec<Rgb>> =
