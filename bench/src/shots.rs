@@ -43,6 +43,8 @@ struct Row {
     resolution: u32,
     shots_per_iteration: u32,
     device: String,
+    /// The device in words, with driver or instruction set.
+    device_name: String,
     /// Median over the rounds.
     shots_per_second: f64,
     /// Median over the rounds of this device's rate over the first device's.
@@ -91,9 +93,12 @@ fn measure(
         viewpoint: None,
     };
     let mut rates = vec![Vec::new(); ids.len()];
+    let mut names = vec![String::new(); ids.len()];
     for _ in 0..arguments.rounds {
-        for (id, rates) in ids.iter().zip(&mut rates) {
+        for ((id, rates), name) in ids.iter().zip(&mut rates).zip(&mut names) {
             let mut device = device::open(id)?;
+            let description = device.description();
+            *name = format!("{} ({})", description.name, description.driver);
             let mut shooting = device.begin(scene.clone(), &settings)?;
             // Warm: pipelines compile, buffers are touched.
             shooting.iterate(2)?;
@@ -108,7 +113,7 @@ fn measure(
         }
     }
     let mut rows = Vec::new();
-    for (id, own) in ids.iter().zip(&rates) {
+    for ((id, own), name) in ids.iter().zip(&rates).zip(names) {
         let ratios = own.iter().zip(&rates[0]).map(|(own, first)| own / first).collect();
         let row = Row {
             triangles: scene.scene.triangles.len(),
@@ -116,6 +121,7 @@ fn measure(
             resolution,
             shots_per_iteration: arguments.shots_per_iteration,
             device: id.clone(),
+            device_name: name,
             shots_per_second: median(own.clone()),
             ratio_to_first: median(ratios),
         };
