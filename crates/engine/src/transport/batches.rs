@@ -77,31 +77,33 @@ impl Batches {
             return None;
         }
         let means: Vec<Solution> = self.complete.iter().map(Solution::mean).collect();
-        let (mut noise, mut brightness) = (0.0, 0.0);
-        type Values = fn(&Solution) -> &Vec<Rgb>;
-        let parts: [(Values, &Vec<PixelWeight>); 2] =
-            [(|mean| &mean.irradiance, &weights.diffuse), (|mean| &mean.glossy, &weights.glossy)];
-        for (values, weights) in parts {
-            let at_vertices: Vec<Vec<Rgb>> =
-                means.iter().map(|mean| measurement.reconstruction().apply(values(mean))).collect();
-            if at_vertices[0].is_empty() {
-                continue;
-            }
-            for (vertex, weight) in weights.iter().enumerate() {
-                if weight.first == Rgb::ZERO {
-                    continue;
-                }
-                let center = at_vertices.iter().map(|v| v[vertex]).sum::<Rgb>() / count as f32;
-                let scatter = |v: &Vec<Rgb>| (v[vertex] - center) * (v[vertex] - center);
-                let squares: Rgb = at_vertices.iter().map(scatter).sum();
-                noise += f64::from((squares * weight.second).element_sum());
-                brightness += f64::from((center * weight.first).element_sum());
-            }
-        }
+        let at_vertices = |values: fn(&Solution) -> &Vec<Rgb>| -> Vec<Vec<Rgb>> {
+            means.iter().map(|mean| measurement.reconstruction().apply(values(mean))).collect()
+        };
+        let diffuse = scatter(&at_vertices(|mean| &mean.irradiance), &weights.diffuse);
+        let glossy = scatter(&at_vertices(|mean| &mean.glossy), &weights.glossy);
+        let (noise, brightness) = (diffuse.0 + glossy.0, diffuse.1 + glossy.1);
         let variance = noise / (count * (count - 1)) as f64 / (3.0 * weights.pixels);
         let mean_radiance = brightness / (3.0 * weights.pixels);
         (mean_radiance > 0.0).then(|| variance.sqrt() / mean_radiance)
     }
+}
+
+/// Squared deviations of batch values from their mean, and that mean, both summed over the
+/// vertices with their weights in the picture.
+fn scatter(batches: &[Vec<Rgb>], weights: &[PixelWeight]) -> (f64, f64) {
+    let (mut squares, mut mean) = (0.0, 0.0);
+    for (vertex, weight) in weights.iter().enumerate().take(batches[0].len()) {
+        if weight.first == Rgb::ZERO {
+            continue;
+        }
+        let center = batches.iter().map(|b| b[vertex]).sum::<Rgb>() / batches.len() as f32;
+        let deviations: Rgb =
+            batches.iter().map(|b| (b[vertex] - center) * (b[vertex] - center)).sum();
+        squares += f64::from((deviations * weight.second).element_sum());
+        mean += f64::from((center * weight.first).element_sum());
+    }
+    (squares, mean)
 }
 
 fn merge(into: &mut Sums, other: Sums) {
