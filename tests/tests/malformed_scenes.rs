@@ -103,7 +103,8 @@ fn rich() -> (Value, Vec<u8>) {
         { "camera": 1, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 4, 5, 6, 1] },
         { "mesh": 1, "skin": 0, "extensions": { "KHR_lights_punctual": { "light": 0 } } },
     ]);
-    let orthographic = json!({ "type": "orthographic", "orthographic": { "ymag": 2, "xmag": 2 } });
+    let orthographic = json!({ "type": "orthographic", "orthographic":
+        { "ymag": 2, "xmag": 2, "znear": 0, "zfar": 9 } });
     root["cameras"].as_array_mut().unwrap().push(orthographic);
     root["samplers"] = json!([{ "wrapS": 33071, "wrapT": 33648, "magFilter": 9728 }]);
     root["textures"] = json!([{ "source": 0, "sampler": 0 }, { "source": 0 }]);

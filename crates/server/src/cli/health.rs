@@ -59,7 +59,8 @@ fn get(authority: &str, path: &str) -> std::io::Result<(u16, String)> {
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.set_write_timeout(Some(PATIENCE))?;
     // HTTP/1.0: the answer ends where the connection does.
-    write!(stream, "GET {path} HTTP/1.0\r\nHost: {authority}\r\n\r\n")?;
+    let request = format!("GET {path} HTTP/1.0\r\nHost: {authority}\r\n\r\n");
+    stream.write_all(request.as_bytes())?;
     let mut answer = Vec::new();
     stream.take(MAX_ANSWER_BYTES).read_to_end(&mut answer)?;
     let answer = String::from_utf8_lossy(&answer);
@@ -98,10 +99,15 @@ mod tests {
         let address = listener.local_addr()?.to_string();
         let server = std::thread::spawn(move || -> std::io::Result<String> {
             let (mut stream, _) = listener.accept()?;
-            let mut request = vec![0; 512];
-            let read = stream.read(&mut request)?;
+            // All of the request: an answer while more arrives would reset the connection.
+            let mut request = Vec::new();
+            while !request.ends_with(b"\r\n\r\n") {
+                let mut byte = [0];
+                stream.read_exact(&mut byte)?;
+                request.extend(byte);
+            }
             stream.write_all(answer.as_bytes())?;
-            Ok(String::from_utf8_lossy(&request[..read]).into_owned())
+            Ok(String::from_utf8_lossy(&request).into_owned())
         });
         let got = get(&address, "/readyz");
         let request = server.join().expect("the server ends")?;

@@ -1,28 +1,29 @@
 //! The file's outer shell: GLB chunks, buffers, buffer views, and the URIs that name bytes.
 
-use super::json::{Object, clip, malformed, parse};
+use super::document::{clip, malformed};
 use super::{Resources, Warnings};
 use crate::scene::SceneError;
 use base64::Engine as _;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
-use serde_json::Value;
+use gltf::binary::{Error, Glb};
+use gltf::json::buffer::View;
+use gltf::json::{Buffer, Index, Root};
 use std::borrow::Cow;
 
-const GLB_MAGIC: &[u8; 4] = b"glTF";
+const GLB_MAGIC: &[u8] = b"glTF";
 const GLB_HEADER_BYTES: usize = 12;
 const CHUNK_HEADER_BYTES: usize = 8;
 
+/// The JSON of a file and the binary chunk, where it has one.
+type Parts<'a> = (Cow<'a, [u8]>, Option<Cow<'a, [u8]>>);
+
 /// Splits a GLB into its JSON and its binary chunk, or takes the bytes as a `.gltf`.
-pub(super) fn open<'a>(
-    bytes: &'a [u8],
-    warnings: &mut Warnings,
-) -> Result<(Value, Option<&'a [u8]>), SceneError> {
+pub(super) fn open<'a>(bytes: &'a [u8], warnings: &mut Warnings) -> Result<Parts<'a>, SceneError> {
     if bytes.is_empty() {
         return Err(malformed("file", "is empty"));
     }
     if bytes.starts_with(GLB_MAGIC) {
-        let (json, binary) = split_glb(bytes, warnings)?;
-        return Ok((parse(json)?, binary));
+        return split_glb(bytes, warnings);
     }
     let first = bytes.iter().find(|byte| !byte.is_ascii_whitespace());
     if first != Some(&b'{') {
@@ -32,23 +33,13 @@ pub(super) fn open<'a>(
             "send a glTF 2.0 file, .glb or .gltf",
         ));
     }
-    Ok((parse(bytes)?, None))
+    Ok((bytes.into(), None))
 }
 
-fn split_glb<'a>(
-    bytes: &'a [u8],
-    warnings: &mut Warnings,
-) -> Result<(&'a [u8], Option<&'a [u8]>), SceneError> {
-    let truncated = || malformed("GLB header", "the file ends within its header");
-    let version = word(bytes, 4).ok_or_else(truncated)?;
-    let declared = word(bytes, 8).ok_or_else(truncated)?;
-    if version != 2 {
-        return Err(SceneError::malformed(
-            "GLB header",
-            format!("container version {version}"),
-            "export the scene as glTF 2.0",
-        ));
-    }
+fn split_glb<'a>(bytes: &'a [u8], warnings: &mut Warnings) -> Result<Parts<'a>, SceneError> {
+    // The crate subtracts the header from the declared length unchecked, and reads on behind it.
+    let declared =
+        word(bytes, 8).ok_or_else(|| malformed("GLB header", "the file ends within its header"))?;
     if declared < GLB_HEADER_BYTES || declared > bytes.len() {
         return Err(SceneError::malformed(
             "GLB header",
@@ -61,34 +52,35 @@ fn split_glb<'a>(
         warnings.push("GLB header", format!("{extra} bytes after the end of the file are ignored"));
     }
     let bytes = &bytes[..declared];
-    let (mut json, mut binary) = (None, None);
-    let (mut offset, mut number) = (GLB_HEADER_BYTES, 0);
-    while offset < bytes.len() {
-        let at = || format!("GLB chunk {number}");
-        let (Some(length), Some(kind)) = (word(bytes, offset), bytes.get(offset + 4..offset + 8))
-        else {
-            return Err(malformed(at(), "the file ends within the chunk's header"));
-        };
-        let begin = offset + CHUNK_HEADER_BYTES;
-        let chunk =
-            begin.checked_add(length).and_then(|end| bytes.get(begin..end)).ok_or_else(|| {
-                malformed(
-                    at(),
-                    format!("has {length} bytes by its header, {} are left", bytes.len() - begin),
-                )
-            })?;
-        match (number, kind) {
-            (0, b"JSON") => json = Some(chunk),
-            (0, _) => return Err(malformed(at(), "the first chunk is not JSON")),
-            (1, b"BIN\0") => binary = Some(chunk),
-            // The format tells readers to pass over chunks that they do not know.
-            _ => {}
+    let json_begin = GLB_HEADER_BYTES + CHUNK_HEADER_BYTES;
+    let json = word(bytes, GLB_HEADER_BYTES)
+        .filter(|_| bytes.get(json_begin - 4..json_begin) == Some(b"JSON"))
+        .and_then(|length| bytes.get(json_begin..)?.get(..length));
+    let chunk = if json.is_some() { "GLB chunk 1" } else { "GLB chunk 0" };
+    match (Glb::from_slice(bytes), json) {
+        (Ok(glb), _) => Ok((glb.json, glb.bin)),
+        // The format tells readers to pass over chunks that they do not know.
+        (Err(gltf::Error::Binary(Error::UnknownChunkType(_))), Some(json)) => {
+            Ok((json.into(), None))
         }
-        offset = begin + length;
-        number += 1;
+        (Err(gltf::Error::Binary(Error::Version(version))), _) => Err(SceneError::malformed(
+            "GLB header",
+            format!("container version {version}"),
+            "export the scene as glTF 2.0",
+        )),
+        (Err(gltf::Error::Binary(error)), _) => Err(malformed(
+            chunk,
+            match error {
+                Error::ChunkLength { length, length_read, .. } => {
+                    format!("has {length} bytes by its header, {length_read} are left")
+                }
+                Error::Io(_) => "the file ends within the chunk's header".into(),
+                _ if json.is_none() => "the first chunk is not JSON".into(),
+                error => error.to_string(),
+            },
+        )),
+        (Err(error), _) => Err(malformed(chunk, error.to_string())),
     }
-    let json = json.ok_or_else(|| malformed("GLB chunk 0", "there is no JSON chunk"))?;
-    Ok((json, binary))
 }
 
 fn word(bytes: &[u8], offset: usize) -> Option<usize> {
@@ -96,70 +88,68 @@ fn word(bytes: &[u8], offset: usize) -> Option<usize> {
     Some(u32::from_le_bytes(bytes.try_into().ok()?) as usize)
 }
 
-/// A range of a buffer.
-struct View {
-    buffer: usize,
-    offset: usize,
-    length: usize,
-    stride: Option<usize>,
-}
-
 /// All buffers and the views into them, checked.
 pub(super) struct Buffers<'a> {
     buffers: Vec<Cow<'a, [u8]>>,
-    views: Vec<View>,
+    views: &'a [View],
 }
 
 impl<'a> Buffers<'a> {
     /// Resolves every buffer and checks every view.
     pub fn new(
-        root: &Object<'_>,
-        binary: Option<&'a [u8]>,
+        root: &'a Root,
+        binary: Option<Cow<'a, [u8]>>,
         resources: &'a Resources,
     ) -> Result<Self, SceneError> {
+        let mut binary = binary;
         let mut buffers = Vec::new();
-        for (index, object) in root.objects("buffers")?.iter().enumerate() {
-            buffers.push(buffer(object, index, binary, resources)?);
+        for (index, object) in root.buffers.iter().enumerate() {
+            // Only the first may be the binary chunk.
+            buffers.push(buffer(object, index, binary.take(), resources)?);
         }
-        let mut views = Vec::new();
-        for object in root.objects("bufferViews")? {
-            views.push(view(&object, &buffers)?);
+        for (index, view) in root.buffer_views.iter().enumerate() {
+            let (buffer, length) = (view.buffer.value(), view.byte_length.0);
+            let offset = view.byte_offset.unwrap_or_default().0;
+            let available = buffers[buffer].len() as u64;
+            if offset.checked_add(length).is_none_or(|end| end > available) {
+                return Err(malformed(
+                    format!("bufferViews[{index}]"),
+                    format!(
+                        "{length} bytes from offset {offset} do not fit buffer {buffer} of {available} bytes"
+                    ),
+                ));
+            }
         }
-        Ok(Self { buffers, views })
-    }
-
-    /// Number of buffer views.
-    pub fn view_count(&self) -> usize {
-        self.views.len()
+        Ok(Self { buffers, views: &root.buffer_views })
     }
 
     /// Bytes of a view and its stride where it has one.
-    pub fn view(&self, index: usize) -> Option<(&[u8], Option<usize>)> {
-        let view = self.views.get(index)?;
-        let bytes = self.buffers.get(view.buffer)?.get(view.offset..view.offset + view.length)?;
-        Some((bytes, view.stride))
+    pub fn view(&self, index: Index<View>) -> (&[u8], Option<usize>) {
+        let view = &self.views[index.value()];
+        let offset = view.byte_offset.unwrap_or_default().0 as usize;
+        let bytes = &self.buffers[view.buffer.value()][offset..];
+        (&bytes[..view.byte_length.0 as usize], view.byte_stride.map(|stride| stride.0))
     }
 }
 
 fn buffer<'a>(
-    object: &Object<'_>,
+    object: &Buffer,
     index: usize,
-    binary: Option<&'a [u8]>,
+    binary: Option<Cow<'a, [u8]>>,
     resources: &'a Resources,
 ) -> Result<Cow<'a, [u8]>, SceneError> {
-    let length = object.integer("byteLength")?.ok_or_else(|| object.missing("byteLength"))?;
-    let bytes = match object.string("uri")? {
-        Some(uri) => resolve(uri, resources, &object.path("uri"))?,
-        None if index == 0 => Cow::Borrowed(
-            binary.ok_or_else(|| malformed(&object.at, "has no uri, and there is no BIN chunk"))?,
-        ),
-        None => {
-            return Err(malformed(&object.at, "has no uri; only buffer 0 may be the BIN chunk"));
+    let at = format!("buffers[{index}]");
+    let length = object.byte_length.0;
+    let bytes = match &object.uri {
+        Some(uri) => resolve(uri, resources, &format!("{at}.uri"))?,
+        None if index == 0 => {
+            binary.ok_or_else(|| malformed(at.as_str(), "has no uri, and there is no BIN chunk"))?
         }
+        None => return Err(malformed(at, "has no uri; only buffer 0 may be the BIN chunk")),
     };
     if length > bytes.len() as u64 {
         return Err(malformed(
-            object.path("byteLength"),
+            format!("{at}.byteLength"),
             format!("{length}, but the buffer has {} bytes", bytes.len()),
         ));
     }
@@ -171,31 +161,6 @@ fn buffer<'a>(
             Cow::Owned(bytes)
         }
     })
-}
-
-fn view(object: &Object<'_>, buffers: &[Cow<'_, [u8]>]) -> Result<View, SceneError> {
-    let buffer = object
-        .index("buffer", buffers.len(), "buffers")?
-        .ok_or_else(|| object.missing("buffer"))?;
-    let offset = object.integer("byteOffset")?.unwrap_or(0);
-    let length = object.integer("byteLength")?.ok_or_else(|| object.missing("byteLength"))?;
-    let available = buffers[buffer].len() as u64;
-    if offset.checked_add(length).is_none_or(|end| end > available) {
-        return Err(malformed(
-            &object.at,
-            format!(
-                "{length} bytes from offset {offset} do not fit buffer {buffer} of {available} bytes"
-            ),
-        ));
-    }
-    let stride = match object.integer("byteStride")? {
-        None => None,
-        Some(stride) if (1..=1024).contains(&stride) => Some(stride as usize),
-        Some(stride) => {
-            return Err(malformed(object.path("byteStride"), format!("{stride} is not in 4…252")));
-        }
-    };
-    Ok(View { buffer, offset: offset as usize, length: length as usize, stride })
 }
 
 /// The bytes that a URI names: a base64 `data:` URI, or a file that came with the scene.

@@ -1,13 +1,17 @@
 //! Meshes to world-space triangles: counter-clockwise from the front, shading normals on the
 //! front side, no degenerate triangles.
 
-use super::accessor::{Accessor, Component};
-use super::json::{FIX_FILE, Object, malformed};
+use super::accessor::Accessor;
+use super::document::{FIX_FILE, malformed, valid};
 use super::node::Instance;
 use super::{ImportLimits, MAX_COORDINATE, Warnings};
 use crate::radiometry::Rgb;
 use crate::scene::{Scene, SceneError, Triangle, Vertex};
 use glam::{DMat3, DVec3, Vec2, Vec3};
+use gltf::Semantic;
+use gltf::json::accessor::{ComponentType, Type};
+use gltf::json::validation::Checked;
+use gltf::json::{self, Root};
 use std::collections::HashMap;
 
 /// A triangle whose area is below this, in square metres, is degenerate.
@@ -77,7 +81,7 @@ struct LocalVertex {
 
 /// Adds every instance's triangles to the scene.
 pub(super) fn build(
-    root: &Object<'_>,
+    root: &Root,
     accessors: &[Accessor<'_>],
     instances: &[Instance],
     limits: &ImportLimits,
@@ -85,9 +89,10 @@ pub(super) fn build(
     warnings: &mut Warnings,
 ) -> Result<(), SceneError> {
     let meshes = root
-        .objects("meshes")?
+        .meshes
         .iter()
-        .map(|mesh| primitives(mesh, accessors, scene.materials.len(), warnings))
+        .enumerate()
+        .map(|(index, mesh)| primitives(mesh, index, accessors, warnings))
         .collect::<Result<Vec<_>, _>>()?;
     // Summed by mesh first: a mesh of many primitives may have many instances.
     let triangles: Vec<u64> =
@@ -145,73 +150,75 @@ pub(super) fn build(
 }
 
 fn primitives(
-    mesh: &Object<'_>,
+    mesh: &json::Mesh,
+    index: usize,
     accessors: &[Accessor<'_>],
-    materials: usize,
     warnings: &mut Warnings,
 ) -> Result<Vec<Primitive>, SceneError> {
     let mut primitives = Vec::new();
-    for object in mesh.objects("primitives")? {
-        if let Some(primitive) = primitive(&object, accessors, materials, warnings)? {
-            primitives.push(primitive);
-        }
+    for (place, object) in mesh.primitives.iter().enumerate() {
+        let at = format!("meshes[{index}].primitives[{place}]");
+        primitives.extend(primitive(object, at, accessors, warnings)?);
     }
     Ok(primitives)
 }
 
 fn primitive(
-    object: &Object<'_>,
+    object: &json::mesh::Primitive,
+    at: String,
     accessors: &[Accessor<'_>],
-    materials: usize,
     warnings: &mut Warnings,
 ) -> Result<Option<Primitive>, SceneError> {
-    let material = object.index("material", materials, "materials")?;
-    let attributes = object.object("attributes")?.ok_or_else(|| object.missing("attributes"))?;
-    let attribute = |name: &str, kinds: &[&str], components: &[Component]| {
-        let Some(index) = attributes.index(name, accessors.len(), "accessors")? else {
-            return Ok(None);
-        };
-        let accessor = &accessors[index];
+    let attributes_at = format!("{at}.attributes");
+    let attribute = |semantic: Semantic, kinds: &[Type], components: &[ComponentType]| {
+        let name = semantic.to_string();
+        let Some(index) = object.attributes.get(&Checked::Valid(semantic)) else { return Ok(None) };
+        let accessor = &accessors[index.value()];
         if !kinds.contains(&accessor.kind) || !components.contains(&accessor.component) {
             return Err(malformed(
-                attributes.path(name),
-                format!("{} is {} of {:?}", accessor.at, accessor.kind, accessor.component),
+                format!("{attributes_at}.{name}"),
+                format!("{} is {:?} of {:?}", accessor.at, accessor.kind, accessor.component),
             ));
         }
-        Ok(Some(index))
+        Ok(Some(index.value()))
     };
-    use Component::{F32, I8, I16, U8, U16};
-    const QUANTIZED: &[Component] = &[F32, I8, U8, I16, U16];
-    let position = attribute("POSITION", &["VEC3"], QUANTIZED)?;
-    let normal = attribute("NORMAL", &["VEC3"], &[F32, I8, I16])?;
+    use ComponentType::{F32, I8, I16, U8, U16};
+    const QUANTIZED: &[ComponentType] = &[F32, I8, U8, I16, U16];
+    let position = attribute(Semantic::Positions, &[Type::Vec3], QUANTIZED)?;
+    let normal = attribute(Semantic::Normals, &[Type::Vec3], &[F32, I8, I16])?;
     let uv = [
-        attribute("TEXCOORD_0", &["VEC2"], QUANTIZED)?,
-        attribute("TEXCOORD_1", &["VEC2"], QUANTIZED)?,
+        attribute(Semantic::TexCoords(0), &[Type::Vec2], QUANTIZED)?,
+        attribute(Semantic::TexCoords(1), &[Type::Vec2], QUANTIZED)?,
     ];
-    let color = attribute("COLOR_0", &["VEC3", "VEC4"], &[F32, U8, U16])?;
-    let indices = object.index("indices", accessors.len(), "accessors")?;
-    if let Some(index) = indices {
-        let accessor = &accessors[index];
-        if accessor.kind != "SCALAR" || !accessor.component.is_index() {
-            return Err(malformed(
-                object.path("indices"),
-                format!("{} is not a list of unsigned integers", accessor.at),
-            ));
-        }
+    let color = attribute(Semantic::Colors(0), &[Type::Vec3, Type::Vec4], &[F32, U8, U16])?;
+    if object.attributes.contains_key(&Checked::Invalid) {
+        warnings.push(
+            &attributes_at,
+            "a name that glTF does not define is ignored; names of your own begin with _",
+        );
     }
-    let mode = match object.integer("mode")?.unwrap_or(4) {
-        4 => Mode::List,
-        5 => Mode::Strip,
-        6 => Mode::Fan,
-        mode @ 0..4 => {
-            let what = if mode == 0 { "points" } else { "lines" };
-            warnings.push(object.path("mode"), format!("{what} have no area; they are left out"));
+    let indices = object.indices.map(|index| index.value());
+    if let Some(accessor) = indices.map(|index| &accessors[index])
+        && !accessor.is_index()
+    {
+        return Err(malformed(
+            format!("{at}.indices"),
+            format!("{} is not a list of unsigned integers", accessor.at),
+        ));
+    }
+    let mode = match valid(&object.mode, format!("{at}.mode"))? {
+        json::mesh::Mode::Triangles => Mode::List,
+        json::mesh::Mode::TriangleStrip => Mode::Strip,
+        json::mesh::Mode::TriangleFan => Mode::Fan,
+        mode => {
+            let what = if mode == json::mesh::Mode::Points { "points" } else { "lines" };
+            warnings.push(format!("{at}.mode"), format!("{what} have no area; they are left out"));
             return Ok(None);
         }
-        mode => return Err(malformed(object.path("mode"), format!("{mode} is not a mode"))),
     };
     let Some(position) = position else {
-        warnings.push(attributes.path("POSITION"), "is missing; the primitive is left out");
+        let what = "is missing; the primitive is left out";
+        warnings.push(format!("{attributes_at}.POSITION"), what);
         return Ok(None);
     };
     let vertices = accessors[position].count;
@@ -220,33 +227,35 @@ fn primitive(
     {
         if let Some(count) = index.map(|i| accessors[i].count).filter(|count| *count != vertices) {
             return Err(malformed(
-                attributes.path(name),
+                format!("{attributes_at}.{name}"),
                 format!("has {count} elements for {vertices} positions"),
             ));
         }
     }
     let packed = ["KHR_draco_mesh_compression", "EXT_meshopt_compression"];
     for name in packed {
-        if object.extension(name)?.is_some() && !accessors[position].has_data() {
+        let is_packed = object.extensions.as_ref().is_some_and(|all| all.others.contains_key(name));
+        if is_packed && !accessors[position].has_data() {
             return Err(SceneError::malformed(
-                format!("{}.extensions.{name}", object.at),
+                format!("{at}.extensions.{name}"),
                 "the geometry is there in compressed form only",
                 "export the scene without mesh compression",
             ));
         }
     }
-    if object.count("targets")? > 0 {
-        warnings.push(object.path("targets"), "morph targets are ignored; the base shape is shown");
+    if object.targets.as_ref().is_some_and(|targets| !targets.is_empty()) {
+        let what = "morph targets are ignored; the base shape is shown";
+        warnings.push(format!("{at}.targets"), what);
     }
     let count = indices.map_or(vertices, |index| accessors[index].count);
-    if mode == Mode::List && count % 3 != 0 {
+    if mode == Mode::List && !count.is_multiple_of(3) {
         warnings.push(
-            &object.at,
+            &at,
             format!("{count} corners make no whole number of triangles; the rest is left out"),
         );
     }
     let triangles = mode.triangles(count);
-    let at = object.at.clone();
+    let material = object.material.map(|material| material.value());
     Ok(Some(Primitive { at, mode, position, normal, uv, color, indices, material, triangles }))
 }
 
@@ -312,10 +321,10 @@ fn read(
 
 fn checked_index(indices: &Accessor<'_>, place: usize, count: usize) -> Result<u32, SceneError> {
     let index = indices.index(place);
-    if (index as usize) < count && index != indices.component.restart() {
+    if (index as usize) < count && index != indices.restart() {
         return Ok(index);
     }
-    let what = if index == indices.component.restart() {
+    let what = if index == indices.restart() {
         format!(
             "element {place} is {index}, the primitive restart value, which glTF has no use for"
         )

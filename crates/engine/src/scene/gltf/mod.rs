@@ -1,14 +1,14 @@
 //! glTF 2.0 / GLB import. The input is hostile: every index, offset and length is checked, no
 //! URI leaves the upload, and memory is bounded by the size of the file and [`ImportLimits`].
 //!
-//! The way of the bytes: `container` (chunks, buffers, URIs) → `json` (members with
-//! their paths) → `accessor` (typed reads) → `node` (what stands where), `material` and
+//! The way of the bytes: `container` (chunks, buffers, URIs) → `document` (the JSON part,
+//! typed and validated) → `accessor` (typed reads) → `node` (what stands where), `material` and
 //! `picture` (surfaces) → `geometry` (world-space triangles).
 
 mod accessor;
 mod container;
+mod document;
 mod geometry;
-mod json;
 mod material;
 mod node;
 mod picture;
@@ -16,7 +16,8 @@ mod picture;
 mod tests;
 
 use super::{Scene, SceneError, Warning};
-use json::{Object, clip};
+use document::clip;
+use gltf::json::Root;
 use std::collections::BTreeMap;
 
 /// Bounds on what an upload may contain; exceeding one is a [`SceneError`] with `too_large`.
@@ -126,22 +127,18 @@ pub fn import(
 ) -> Result<Scene, SceneError> {
     let mut warnings = Warnings::default();
     let (json, binary) = container::open(bytes, &mut warnings)?;
-    let root = Object::root(&json)?;
-    check_version(&root)?;
+    let root = document::read(&json)?;
     check_extensions(&root, &mut warnings)?;
     let buffers = container::Buffers::new(&root, binary, resources)?;
     let accessors = accessor::accessors(&root, &buffers)?;
     let placed = node::place(&root, &mut warnings)?;
 
-    let mut images = picture::Images::new(&root, &buffers, resources, limits)?;
-    let materials = {
-        let mut textures = material::Textures::new(&root, &mut images)?;
-        material::materials(&root, &mut textures, &mut warnings)?
-    };
+    let mut images = picture::Images::new(&root, &buffers, resources, limits);
+    let materials = material::materials(&root, &mut images, &mut warnings)?;
     let mut scene =
         Scene { materials, textures: images.textures, cameras: placed.cameras, ..Scene::default() };
     geometry::build(&root, &accessors, &placed.instances, limits, &mut scene, &mut warnings)?;
-    if root.count("animations")? > 0 {
+    if !root.animations.is_empty() {
         warnings.push("animations", "are ignored; everything is shown at rest");
     }
     if scene.triangles.is_empty() {
@@ -153,35 +150,22 @@ pub fn import(
     Ok(scene)
 }
 
-fn check_version(root: &Object<'_>) -> Result<(), SceneError> {
-    let asset = root.object("asset")?.ok_or_else(|| root.missing("asset"))?;
-    let version = asset.string("version")?.ok_or_else(|| asset.missing("version"))?;
-    let needed = asset.string("minVersion")?.unwrap_or("2.0");
-    let unsupported = if version.starts_with("2.") { needed } else { version };
-    if unsupported != "2.0" {
-        return Err(SceneError::malformed(
-            asset.path("version"),
-            format!("glTF {} is not supported", clip(unsupported)),
-            "export the scene as glTF 2.0",
-        ));
-    }
-    Ok(())
-}
-
-fn check_extensions(root: &Object<'_>, warnings: &mut Warnings) -> Result<(), SceneError> {
-    for (index, name) in root.strings("extensionsRequired")?.into_iter().enumerate() {
-        if KNOWN_EXTENSIONS.contains(&name) {
+fn check_extensions(root: &Root, warnings: &mut Warnings) -> Result<(), SceneError> {
+    for (index, name) in root.extensions_required.iter().enumerate() {
+        if KNOWN_EXTENSIONS.contains(&name.as_str()) {
             continue;
         }
-        let hint = EXTENSION_HINTS.iter().find(|(known, _)| *known == name);
+        let hint = EXTENSION_HINTS.iter().find(|(known, _)| known == name);
         return Err(SceneError::malformed(
             format!("extensionsRequired[{index}]"),
             format!("the file cannot be shown without {}, which is not supported", clip(name)),
             hint.map_or("export the scene without the extension", |(_, hint)| hint),
         ));
     }
-    for (index, name) in root.strings("extensionsUsed")?.into_iter().enumerate() {
-        if !KNOWN_EXTENSIONS.contains(&name) && !OPTIONAL_EXTENSIONS.contains(&name) {
+    for (index, name) in root.extensions_used.iter().enumerate() {
+        if !KNOWN_EXTENSIONS.contains(&name.as_str())
+            && !OPTIONAL_EXTENSIONS.contains(&name.as_str())
+        {
             warnings.push(
                 format!("extensionsUsed[{index}]"),
                 format!("{} is not supported and ignored", clip(name)),

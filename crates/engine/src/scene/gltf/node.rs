@@ -1,21 +1,15 @@
 //! The node graph: which meshes and cameras stand where.
 
 use super::Warnings;
-use super::json::{Object, malformed};
+use super::document::{self, malformed, valid};
 use crate::scene::{Camera, Projection, SceneError};
 use glam::{DMat4, DQuat, DVec3, DVec4, Mat4};
-use std::f64::consts::PI;
+use gltf::json::camera::{Camera as Lens, Type};
+use gltf::json::{self, Index, Root};
+use std::f32::consts::PI;
 
 /// Deepest chain of nodes; real scenes stay below a hundred.
 const MAX_NODE_DEPTH: usize = 1000;
-
-struct Node {
-    matrix: DMat4,
-    children: Vec<usize>,
-    mesh: Option<usize>,
-    camera: Option<usize>,
-    name: Option<String>,
-}
 
 /// A mesh in its place.
 pub(super) struct Instance {
@@ -36,18 +30,25 @@ pub(super) struct Placed {
 }
 
 /// Reads the node graph and walks the chosen scene.
-pub(super) fn place(root: &Object<'_>, warnings: &mut Warnings) -> Result<Placed, SceneError> {
-    let objects = root.objects("nodes")?;
-    let mesh_count = root.count("meshes")?;
-    let cameras = root.objects("cameras")?;
-    let projections =
-        cameras.iter().map(|object| projection(object, warnings)).collect::<Result<Vec<_>, _>>()?;
-    let nodes = objects
+pub(super) fn place(root: &Root, warnings: &mut Warnings) -> Result<Placed, SceneError> {
+    let projections = root
+        .cameras
         .iter()
-        .map(|object| node(object, objects.len(), mesh_count, cameras.len(), warnings))
+        .enumerate()
+        .map(|(index, lens)| projection(lens, &format!("cameras[{index}]"), warnings))
         .collect::<Result<Vec<_>, _>>()?;
-    check_forest(&nodes)?;
-    let (roots, at) = roots(root, &nodes, warnings)?;
+    let nodes = &root.nodes[..];
+    let matrices = nodes
+        .iter()
+        .enumerate()
+        .map(|(index, node)| {
+            let at = format!("nodes[{index}]");
+            warn_of_ignored(node, &at, warnings);
+            local_matrix(node, &at, warnings)
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    check_forest(nodes)?;
+    let (roots, at) = roots(root, warnings);
 
     let mut seen = vec![false; nodes.len()];
     let mut placed = Placed { instances: Vec::new(), cameras: Vec::new() };
@@ -58,14 +59,14 @@ pub(super) fn place(root: &Object<'_>, warnings: &mut Warnings) -> Result<Placed
             return Err(malformed(&at, format!("reaches node {index} twice")));
         }
         let node = &nodes[index];
-        let to_world = parent * node.matrix;
+        let to_world = parent * matrices[index];
         if let Some(mesh) = node.mesh {
-            placed.instances.push(Instance { node: index, mesh, to_world });
+            placed.instances.push(Instance { node: index, mesh: mesh.value(), to_world });
         }
         if let Some(camera) = node.camera {
-            camera_nodes.push((index, camera, to_world));
+            camera_nodes.push((index, camera.value(), to_world));
         }
-        stack.extend(node.children.iter().rev().map(|child| (*child, to_world)));
+        stack.extend(children(node).rev().map(|child| (child, to_world)));
     }
     placed.instances.sort_by_key(|instance| instance.node);
     camera_nodes.sort_by_key(|(node, ..)| *node);
@@ -77,7 +78,8 @@ pub(super) fn place(root: &Object<'_>, warnings: &mut Warnings) -> Result<Placed
             );
             continue;
         };
-        let name = nodes[index].name.clone().or(cameras[camera].name()?);
+        let name = document::name(&nodes[index].name)
+            .or_else(|| document::name(&root.cameras[camera].name));
         placed.cameras.push(Camera {
             name: name.unwrap_or_else(|| format!("camera {}", placed.cameras.len())),
             to_world,
@@ -87,95 +89,72 @@ pub(super) fn place(root: &Object<'_>, warnings: &mut Warnings) -> Result<Placed
     Ok(placed)
 }
 
-/// The nodes that the shown scene begins with, and where the file says so.
-fn roots(
-    root: &Object<'_>,
-    nodes: &[Node],
-    warnings: &mut Warnings,
-) -> Result<(Vec<usize>, String), SceneError> {
-    let scenes = root.objects("scenes")?;
-    let chosen = root.index("scene", scenes.len(), "scenes")?;
-    if let Some(scene) = scenes.get(chosen.unwrap_or(0)) {
-        if scenes.len() > 1 {
-            let shown = chosen.unwrap_or(0);
-            warnings.push(
-                "scenes",
-                format!("only scene {shown} of {} is shown; `scene` chooses", scenes.len()),
-            );
-        }
-        let at = scene.path("nodes");
-        return Ok((scene.indices("nodes", nodes.len(), "nodes")?, at));
-    }
-    warnings.push("scenes", "the file has no scene; all root nodes are shown");
-    let mut is_child = vec![false; nodes.len()];
-    for node in nodes {
-        for child in &node.children {
-            is_child[*child] = true;
-        }
-    }
-    Ok(((0..nodes.len()).filter(|node| !is_child[*node]).collect(), "scenes".into()))
+fn children(node: &json::Node) -> impl DoubleEndedIterator<Item = usize> {
+    node.children.iter().flatten().map(Index::value)
 }
 
-fn node(
-    object: &Object<'_>,
-    nodes: usize,
-    meshes: usize,
-    cameras: usize,
-    warnings: &mut Warnings,
-) -> Result<Node, SceneError> {
-    let mesh = object.index("mesh", meshes, "meshes")?;
-    if object.has("skin") {
-        warnings.push(object.path("skin"), "skinning is ignored; the mesh is shown as bound");
+/// The nodes that the shown scene begins with, and where the file says so.
+fn roots(root: &Root, warnings: &mut Warnings) -> (Vec<usize>, String) {
+    let shown = root.scene.map_or(0, |scene| scene.value());
+    if let Some(scene) = root.scenes.get(shown) {
+        let count = root.scenes.len();
+        if count > 1 {
+            let what = format!("only scene {shown} of {count} is shown; `scene` chooses");
+            warnings.push("scenes", what);
+        }
+        let nodes = scene.nodes.iter().map(Index::value).collect();
+        return (nodes, format!("scenes[{shown}].nodes"));
     }
-    if object.extension("KHR_lights_punctual")?.is_some() {
+    warnings.push("scenes", "the file has no scene; all root nodes are shown");
+    let mut is_child = vec![false; root.nodes.len()];
+    for child in root.nodes.iter().flat_map(children) {
+        is_child[child] = true;
+    }
+    ((0..root.nodes.len()).filter(|node| !is_child[*node]).collect(), "scenes".into())
+}
+
+fn warn_of_ignored(node: &json::Node, at: &str, warnings: &mut Warnings) {
+    if node.skin.is_some() {
+        let what = "skinning is ignored; the mesh is shown as bound";
+        warnings.push(format!("{at}.skin"), what);
+    }
+    let Some(extensions) = &node.extensions else { return };
+    if extensions.khr_lights_punctual.is_some() {
         warnings.push(
-            object.path("extensions.KHR_lights_punctual"),
+            format!("{at}.extensions.KHR_lights_punctual"),
             "the light is ignored; give a surface emission to light the scene",
         );
     }
-    if object.extension("EXT_mesh_gpu_instancing")?.is_some() {
+    if extensions.others.contains_key("EXT_mesh_gpu_instancing") {
         warnings.push(
-            object.path("extensions.EXT_mesh_gpu_instancing"),
+            format!("{at}.extensions.EXT_mesh_gpu_instancing"),
             "instancing is ignored; the mesh is shown once, at the node itself",
         );
     }
-    Ok(Node {
-        matrix: local_matrix(object, warnings)?,
-        children: object.indices("children", nodes, "nodes")?,
-        mesh,
-        camera: object.index("camera", cameras, "cameras")?,
-        name: object.name()?,
-    })
 }
 
-fn local_matrix(object: &Object<'_>, warnings: &mut Warnings) -> Result<DMat4, SceneError> {
-    if let Some(numbers) = object.numbers::<16>("matrix")? {
-        let matrix = DMat4::from_cols_array(&numbers);
-        let last = DVec4::new(numbers[3], numbers[7], numbers[11], numbers[15]);
-        if !last.abs_diff_eq(DVec4::W, 1e-4) {
+fn local_matrix(node: &json::Node, at: &str, warnings: &mut Warnings) -> Result<DMat4, SceneError> {
+    if let Some(numbers) = node.matrix {
+        let matrix = DMat4::from_cols_array(&numbers.map(f64::from));
+        if !matrix.row(3).abs_diff_eq(DVec4::W, 1e-4) {
             return Err(malformed(
-                object.path("matrix"),
+                format!("{at}.matrix"),
                 "is not affine: its last row must be 0 0 0 1",
             ));
         }
         return Ok(matrix);
     }
-    let translation = object.numbers::<3>("translation")?.unwrap_or([0.0; 3]);
-    let scale = object.numbers::<3>("scale")?.unwrap_or([1.0; 3]);
-    let rotation = object.numbers::<4>("rotation")?.unwrap_or([0.0, 0.0, 0.0, 1.0]);
-    let rotation = DQuat::from_array(rotation);
+    let translation = node.translation.unwrap_or([0.0; 3]).map(f64::from);
+    let scale = node.scale.unwrap_or([1.0; 3]).map(f64::from);
+    let rotation = DQuat::from_array(node.rotation.unwrap_or_default().0.map(f64::from));
     let length = rotation.length();
+    let rotation_at = || format!("{at}.rotation");
     if !(length.is_finite() && length > 1e-6) {
-        return Err(malformed(
-            object.path("rotation"),
-            "is not a rotation: its length is 0 or not finite",
-        ));
+        return Err(malformed(rotation_at(), "is not a rotation: its length is 0 or not finite"));
     }
     if (length - 1.0).abs() > 1e-2 {
-        warnings.push(
-            object.path("rotation"),
-            format!("the quaternion has length {length:.3}; it is normalised"),
-        );
+        let what = format!("the quaternion has length {length:.3}; it is normalised");
+        warnings.push(rotation_at(), what);
     }
     Ok(DMat4::from_scale_rotation_translation(
         DVec3::from_array(scale),
@@ -185,11 +164,11 @@ fn local_matrix(object: &Object<'_>, warnings: &mut Warnings) -> Result<DMat4, S
 }
 
 /// Refuses nodes with two parents, cycles and chains beyond [`MAX_NODE_DEPTH`], shown or not.
-fn check_forest(nodes: &[Node]) -> Result<(), SceneError> {
+fn check_forest(nodes: &[json::Node]) -> Result<(), SceneError> {
     let mut parents = vec![None; nodes.len()];
     for (index, node) in nodes.iter().enumerate() {
-        for (place, child) in node.children.iter().enumerate() {
-            if let Some(other) = parents[*child].replace(index) {
+        for (place, child) in children(node).enumerate() {
+            if let Some(other) = parents[child].replace(index) {
                 return Err(malformed(
                     format!("nodes[{index}].children[{place}]"),
                     format!("node {child} is a child of node {other} already"),
@@ -211,9 +190,9 @@ fn check_forest(nodes: &[Node]) -> Result<(), SceneError> {
                 "flatten the node hierarchy",
             ));
         }
-        for child in &nodes[index].children {
-            depth[*child] = depth[index] + 1;
-            stack.push(*child);
+        for child in children(&nodes[index]) {
+            depth[child] = depth[index] + 1;
+            stack.push(child);
         }
     }
     match depth.iter().position(|depth| *depth == 0) {
@@ -225,34 +204,33 @@ fn check_forest(nodes: &[Node]) -> Result<(), SceneError> {
     }
 }
 
-fn projection(object: &Object<'_>, warnings: &mut Warnings) -> Result<Projection, SceneError> {
-    let kind = object.string("type")?.ok_or_else(|| object.missing("type"))?;
-    let parameters = |key: &str| object.object(key)?.ok_or_else(|| object.missing(key));
-    match kind {
-        "perspective" => {
-            let lens = parameters("perspective")?;
-            let yfov = lens.number("yfov")?.ok_or_else(|| lens.missing("yfov"))?;
+fn projection(camera: &Lens, at: &str, warnings: &mut Warnings) -> Result<Projection, SceneError> {
+    match valid(&camera.type_, format!("{at}.type"))? {
+        Type::Perspective => {
+            let at = format!("{at}.perspective");
+            let lens = camera.perspective.as_ref().ok_or_else(|| malformed(&at, "is missing"))?;
+            let yfov = lens.yfov;
             if !(yfov > 1e-4 && yfov < PI - 1e-4) {
                 return Err(malformed(
-                    lens.path("yfov"),
+                    format!("{at}.yfov"),
                     format!("{yfov} radians is not a field of view between 0 and π"),
                 ));
             }
-            Ok(Projection::Perspective { yfov: yfov as f32 })
+            Ok(Projection::Perspective { yfov })
         }
-        "orthographic" => {
-            let lens = parameters("orthographic")?;
-            let ymag = lens.number("ymag")?.ok_or_else(|| lens.missing("ymag"))?;
-            if ymag < 0.0 {
-                warnings.push(lens.path("ymag"), "is negative; its magnitude is used");
+        Type::Orthographic => {
+            let at = format!("{at}.orthographic");
+            let lens = camera.orthographic.as_ref().ok_or_else(|| malformed(&at, "is missing"))?;
+            let at = format!("{at}.ymag");
+            if lens.ymag < 0.0 {
+                warnings.push(&at, "is negative; its magnitude is used");
             }
-            let ymag = ymag.abs();
+            let ymag = lens.ymag.abs();
             if !(1e-6..=1e8).contains(&ymag) {
-                return Err(malformed(lens.path("ymag"), "is not a usable half height in metres"));
+                return Err(malformed(at, "is not a usable half height in metres"));
             }
-            Ok(Projection::Orthographic { ymag: ymag as f32 })
+            Ok(Projection::Orthographic { ymag })
         }
-        _ => Err(malformed(object.path("type"), "is neither perspective nor orthographic")),
     }
 }
 

@@ -1,9 +1,10 @@
 //! Images: PNG, JPEG and WebP to 8-bit RGB, dimensions checked before decoding.
 
 use super::container::{Buffers, resolve};
-use super::json::{Object, clip, malformed};
+use super::document::{clip, malformed};
 use super::{ImportLimits, Resources};
 use crate::scene::{SceneError, Texture};
+use gltf::json::{Image, Root};
 use image::{ImageFormat, ImageReader, Limits};
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -22,7 +23,7 @@ const DECODER_BASE_BYTES: u64 = 16 << 20;
 
 /// The images of a file, decoded when they are first asked for.
 pub(super) struct Images<'a> {
-    objects: Vec<Object<'a>>,
+    objects: &'a [Image],
     buffers: &'a Buffers<'a>,
     resources: &'a Resources,
     limits: ImportLimits,
@@ -38,13 +39,13 @@ pub(super) struct Images<'a> {
 impl<'a> Images<'a> {
     /// The images of a file; none is decoded yet.
     pub fn new(
-        root: &Object<'a>,
+        root: &'a Root,
         buffers: &'a Buffers<'a>,
         resources: &'a Resources,
         limits: &ImportLimits,
-    ) -> Result<Self, SceneError> {
-        Ok(Self {
-            objects: root.objects("images")?,
+    ) -> Self {
+        Self {
+            objects: &root.images,
             buffers,
             resources,
             limits: *limits,
@@ -52,12 +53,12 @@ impl<'a> Images<'a> {
             places: BTreeMap::new(),
             means: BTreeMap::new(),
             textures: Vec::new(),
-        })
+        }
     }
 
-    /// Number of images in the file.
-    pub fn count(&self) -> usize {
-        self.objects.len()
+    /// Whether the file has the image.
+    pub fn has(&self, image: usize) -> bool {
+        image < self.objects.len()
     }
 
     /// The texture of an image, an index into [`Images::textures`].
@@ -87,19 +88,15 @@ impl<'a> Images<'a> {
 
     fn decode(&mut self, image: usize) -> Result<Texture, SceneError> {
         let object = &self.objects[image];
-        let at = &object.at;
+        let at = &format!("images[{image}]");
         let held;
-        let bytes: &[u8] = match object.string("uri")? {
-            Some(uri) => {
-                held = resolve(uri, self.resources, &object.path("uri"))?;
+        let bytes: &[u8] = match (&object.uri, object.buffer_view) {
+            (Some(uri), _) => {
+                held = resolve(uri, self.resources, &format!("{at}.uri"))?;
                 &held
             }
-            None => {
-                let view = object
-                    .index("bufferView", self.buffers.view_count(), "buffer views")?
-                    .ok_or_else(|| malformed(at, "has neither a uri nor a bufferView"))?;
-                self.buffers.view(view).map_or(&[], |(bytes, _)| bytes)
-            }
+            (None, Some(view)) => self.buffers.view(view).0,
+            (None, None) => return Err(malformed(at, "has neither a uri nor a bufferView")),
         };
         let refused = |what: String| SceneError::malformed(at, what, FIX_IMAGE);
         let format = match image::guess_format(bytes) {

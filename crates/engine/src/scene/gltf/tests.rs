@@ -437,3 +437,42 @@ fn warnings_are_bounded() {
     assert_eq!(warnings.len(), MAX_WARNINGS + 1);
     assert!(warnings[MAX_WARNINGS].what.starts_with("4801 more"), "{:?}", warnings[MAX_WARNINGS]);
 }
+
+#[test]
+fn what_the_format_allows_and_the_crate_does_not_is_taken() {
+    let mut file = square();
+    // A scene without nodes, whole numbers with a fraction, an animation of a pointer, nulls.
+    file.root["scenes"] = json!([{ "nodes": [0.0] }, { "name": "empty" }]);
+    file.root["scene"] = json!(null);
+    file.root["accessors"][0]["count"] = json!(4.0);
+    let channel = json!({ "sampler": 0, "target": { "path": "pointer" } });
+    file.root["animations"] =
+        json!([{ "channels": [channel], "samplers": [{ "input": 0, "output": 0 }] }]);
+    let scene = file.import();
+    assert_eq!(scene.triangles.len(), 2);
+    let at: Vec<_> = scene.warnings.iter().map(|warning| warning.at.as_str()).collect();
+    assert_eq!(at, ["scenes", "animations", "materials"]);
+    file.root["scene"] = json!(1);
+    assert!(file.import().triangles.is_empty());
+}
+
+#[test]
+fn indices_beyond_32_bits_are_not_cut_off() {
+    let mut file = square();
+    file.root["nodes"][0]["mesh"] = json!(1u64 << 32);
+    let bytes = assemble(&file.root, &file.binary);
+    let error = import_bytes(&bytes).unwrap_err();
+    assert_eq!(error.at, "nodes[0].mesh", "{error}");
+}
+
+#[test]
+fn validation_copies_no_bounds() {
+    // Validated as they are, the bounds would be copied for each primitive: 10¹⁰ numbers.
+    let mut file = square();
+    file.root["accessors"][0]["min"] = json!(vec![0; 200_000]);
+    let primitive = file.root["meshes"][0]["primitives"][0].clone();
+    file.root["meshes"][0]["primitives"] = json!(vec![primitive; 50_000]);
+    let start = std::time::Instant::now();
+    assert_eq!(file.import().triangles.len(), 100_000);
+    assert!(start.elapsed().as_secs() < 20, "{:?}", start.elapsed());
+}
