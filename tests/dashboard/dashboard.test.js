@@ -98,7 +98,7 @@ test("the form shows the server's objections at their fields", async () => {
   assert.notEqual(await text("#scene-error"), "");
 
   await page.setInputFiles("#files", { name: `${HOSTILE}.glb`, mimeType: "model/gltf-binary", buffer: bytes });
-  await until("the upload", async () => (await page.inputValue("#scene")) !== "");
+  await until("the upload", async () => (await text(".drop")).includes("is stored"));
   assert.equal(await page.inputValue("#name"), HOSTILE);
   assert.match(await text(".scene-facts"), /46 triangles/);
 
