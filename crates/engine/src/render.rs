@@ -31,6 +31,8 @@ pub struct RenderRequest {
 
 /// Longest side of a picture, pixels.
 pub const MAX_PICTURE_SIDE: u32 = 16_384;
+/// Narrowest vertical field of view of a request's camera, degrees.
+pub const MIN_YFOV_DEGREES: f32 = 1e-3;
 /// Most pixels of a picture.
 pub const MAX_PICTURE_PIXELS: u64 = 64 << 20;
 
@@ -60,7 +62,7 @@ pub struct ExplicitCamera {
     /// Which way is up; +Y by default.
     #[serde(default = "default_up")]
     pub up: [f32; 3],
-    /// Full vertical field of view, degrees, in (0, 180).
+    /// Full vertical field of view, degrees, from [`MIN_YFOV_DEGREES`] to below 180.
     pub yfov_degrees: f32,
 }
 
@@ -283,8 +285,9 @@ fn explicit_camera(camera: &ExplicitCamera) -> Result<Camera, RenderError> {
     if !(eye.is_finite() && target.is_finite() && up.is_finite()) {
         return Err(RenderError::parameter("camera", "eye, target and up must be finite"));
     }
-    if !(camera.yfov_degrees > 0.0 && camera.yfov_degrees < 180.0) {
-        return Err(RenderError::parameter("camera.yfov_degrees", "must be between 0 and 180"));
+    if !(camera.yfov_degrees >= MIN_YFOV_DEGREES && camera.yfov_degrees < 180.0) {
+        let what = format!("must be from {MIN_YFOV_DEGREES} to below 180");
+        return Err(RenderError::parameter("camera.yfov_degrees", what));
     }
     let forward = (target - eye).normalize_or_zero();
     if forward == Vec3::ZERO || forward.cross(up.normalize_or_zero()).length() < 1e-4 {

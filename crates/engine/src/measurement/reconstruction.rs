@@ -18,6 +18,8 @@ const SMOOTH: f32 = 0.95;
 const ENOUGH: usize = 5;
 /// Pulls the fitted slopes towards zero, relative to the patches' spread.
 const RIDGE: f32 = 0.02;
+/// Most patches that a fit takes from around one neighbour.
+const CROWD: usize = 32;
 const NONE: u32 = u32::MAX;
 
 /// Where corners lie and how patch values turn into corner values.
@@ -220,7 +222,9 @@ impl Reconstruction {
                 let (facet, back, corners) = scene.cell_of(patch);
                 let index = scene.patches.facet[patch as usize] as usize;
                 for neighbour in self.cell_vertices(index, back, facet, corners) {
-                    patches.extend(&around[neighbour as usize]);
+                    // The hub of a fan has too many to copy to every rim vertex.
+                    let around = &around[neighbour as usize];
+                    patches.extend(around.iter().take(CROWD));
                 }
             }
         }

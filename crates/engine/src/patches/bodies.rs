@@ -8,8 +8,8 @@ use std::collections::HashMap;
 /// Pairs of emissive facet and body that are looked at; beyond, every back is drawn.
 const MAX_PAIRS: usize = 50_000_000;
 
-/// For each facet, whether it belongs to a closed, outward-facing body with no emitter of
-/// another body inside its bounding box.
+/// For each facet, whether it belongs to a closed, outward-facing body that has no emitter of
+/// another body in its bounding box and does not emit inwards itself.
 ///
 /// Light outside such a body meets fronts only, so rasterisers may skip facets that face away.
 /// Everywhere else backs must be drawn: they stop light.
@@ -54,13 +54,16 @@ pub fn facets_of_dark_closed_bodies(
         if !emits(facet) {
             continue;
         }
+        // A two-sided emitter lights its own inside.
+        let two_sided =
+            scene.materials[scene.triangles[facet.source as usize].material as usize].double_sided;
         let corners = facet.corners.map(|p| positions[p as usize]);
         let low = corners[0].min(corners[1]).min(corners[2]);
         let high = corners[0].max(corners[1]).max(corners[2]);
         for body in 0..bodies {
             let (body_low, body_high) = bounds[body];
-            let overlaps = low.cmplt(body_high).all() && high.cmpgt(body_low).all();
-            if body != own && overlaps {
+            let overlaps = low.cmple(body_high).all() && high.cmpge(body_low).all();
+            if overlaps && (body != own || two_sided) {
                 dark[body] = false;
             }
         }

@@ -157,9 +157,21 @@ impl PatchedScene {
     pub fn new(scene: Arc<Scene>, target: usize) -> Self {
         let (mut positions, mut facets) = weld(&scene);
         let mut warnings = Vec::new();
-        let total: f64 = facets.iter().map(|f| f64::from(facet_area(&positions, f))).sum();
+        let dropped = scene.triangles.len() - facets.len();
+        if dropped > 0 {
+            let what = format!("{dropped} triangles without area were left out");
+            warnings.push(Warning::new("scene", what));
+        }
+        let sides = |facet: &Facet| {
+            let material = scene.triangles[facet.source as usize].material;
+            if scene.materials[material as usize].double_sided { 2.0 } else { 1.0 }
+        };
+        let total: f64 =
+            facets.iter().map(|f| sides(f) * f64::from(facet_area(&positions, f))).sum();
         let cell_area = (total / target.clamp(1, MAX_PATCHES) as f64) as f32;
         split::split_elongated(&mut positions, &mut facets, cell_area);
+        // A midpoint may round onto the opposite corner and leave a piece without area.
+        facets.retain(|facet| facet_area(&positions, facet) > 0.0);
 
         let closed = bodies::facets_of_dark_closed_bodies(&scene, &positions, &facets);
         let mut patches = Patches::default();

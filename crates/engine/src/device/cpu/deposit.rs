@@ -101,7 +101,8 @@ fn lobe_weights(
         let x = first_x + step * column;
         let cosine = (along + axis.per_column * column).max(0.0);
         let square = (cosine * cosine / (1.0 + x * x + y * y)).clamp(1e-37, 1.0);
-        *out = delta * lobe::exp2((0.5 * exponent * lobe::log2(square)).min(0.0));
+        let weight = delta * lobe::exp2((0.5 * exponent * lobe::log2(square)).min(0.0));
+        *out = if cosine > 0.0 { weight } else { 0.0 };
     }
 }
 

@@ -10,7 +10,7 @@ use crate::random::{Stream, uniform};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::{PI, TAU};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, TryLockError};
 
 /// Patches per task of an update.
 const CHUNK: usize = 2048;
@@ -217,7 +217,12 @@ impl<'device> CpuShooting<'device> {
             let mut raster = rasters
                 .iter()
                 .cycle()
-                .find_map(|raster| raster.try_lock().ok())
+                .find_map(|raster| match raster.try_lock() {
+                    Ok(raster) => Some(raster),
+                    // Rendering starts by clearing the buffers, whatever a panic left in them.
+                    Err(TryLockError::Poisoned(poisoned)) => Some(poisoned.into_inner()),
+                    Err(TryLockError::WouldBlock) => None,
+                })
                 .expect("the iterator is endless");
             kernel::run(kernel::Job {
                 scene,
@@ -234,7 +239,7 @@ impl<'device> CpuShooting<'device> {
     /// Turns the shots' sums into incoming light, next powers and running sums.
     fn update(&mut self, shots: &[Shot]) {
         let Self { scene, settings, shot_sums, glossy_row, state, .. } = self;
-        let (patches, shot_count) = (&scene.patches, shots.len());
+        let (patches, shot_count) = (&scene.patches, settings.shots_per_iteration as usize);
         let viewpoint = settings.viewpoint;
         for (source, shot) in state.sources.iter_mut().zip(shots) {
             *source = shot.position;
@@ -281,12 +286,13 @@ impl<'device> CpuShooting<'device> {
                         }
                     }
                 }
-                let mut rows = incoming.chunks_mut(shot_count.max(1));
+                let mut rows = incoming.chunks_mut(shot_count);
                 for offset in 0..irradiance.len() {
                     let i = start + offset;
                     let mut reflected = patches.diffuse[i] * irradiance[offset];
                     if glossy_row[i] != NOT_GLOSSY {
                         let row = rows.next().expect("one row a glossy patch");
+                        row.fill(Rgb::ZERO);
                         for ((k, shot), e) in shots.iter().enumerate().zip(row) {
                             let share = PI * shot.scale / patches.area[i];
                             let mut radiance = shot.diffuse * shot_sums[k].form_factor[i];
@@ -344,7 +350,10 @@ fn phong_lobe(normal: Vec3, to_source: Vec3, to_viewer: Vec3, exponent: f32) -> 
     if incidence <= 0.0 || view <= 0.0 {
         return 0.0;
     }
-    let cosine = (2.0 * incidence * view - to_source.dot(to_viewer)).clamp(0.0, 1.0);
+    let cosine = (2.0 * incidence * view - to_source.dot(to_viewer)).min(1.0);
+    if cosine <= 0.0 {
+        return 0.0;
+    }
     (exponent + 2.0) / TAU * cosine.powf(exponent)
 }
 

@@ -16,7 +16,7 @@ pub fn log2(x: f32) -> f32 {
     e as f32 + s * series
 }
 
-/// 2^x for x ≤ 0; 0 below −126; relative error < 3·10⁻⁷.
+/// 2^x for x ≤ 0; 2⁻¹²⁶ below −126; relative error < 3·10⁻⁷.
 #[inline(always)]
 pub fn exp2(x: f32) -> f32 {
     let x = x.max(-126.0);

@@ -107,7 +107,8 @@ mod kernel {
 
     #[cfg(target_arch = "x86_64")]
     fn has_avx512() -> bool {
-        is_x86_feature_detected!("avx512f")
+        has_avx2()
+            && is_x86_feature_detected!("avx512f")
             && is_x86_feature_detected!("avx512bw")
             && is_x86_feature_detected!("avx512dq")
             && is_x86_feature_detected!("avx512vl")
@@ -116,7 +117,9 @@ mod kernel {
     #[cfg(target_arch = "x86_64")]
     fn has_avx2() -> bool {
         is_x86_feature_detected!("avx2")
+            && is_x86_feature_detected!("bmi1")
             && is_x86_feature_detected!("bmi2")
+            && is_x86_feature_detected!("popcnt")
             && is_x86_feature_detected!("lzcnt")
     }
 

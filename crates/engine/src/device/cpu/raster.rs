@@ -49,7 +49,7 @@ impl Setup {
         let volume = corners[0].dot(edges[0]);
         let sum = edges[0] + edges[1] + edges[2];
         let noise = PLANE_NOISE * (eye_extent + corners[0].abs().max_element());
-        if volume * volume <= noise * noise * sum.length_squared() {
+        if volume.abs() <= noise * sum.length() {
             return None;
         }
         let back = volume > 0.0;
