@@ -180,6 +180,65 @@ fn an_empty_scene_is_black_and_says_so() {
     assert!(rendered.stats.warnings.iter().any(|w| w.what.contains("no surface")));
 }
 
+/// A room modelled as one outward-facing, two-sided box with a glowing ceiling is lit inside.
+#[test]
+fn a_two_sided_room_is_lit_by_its_own_ceiling() {
+    let mut builder = Builder::default();
+    let two_sided = |material: Material| Material { double_sided: true, ..material };
+    let wall = builder.material(two_sided(Material::lambertian("wall", Rgb::splat(0.5))));
+    builder.cuboid(Vec3::ZERO, Vec3::ONE, false, wall);
+    let light = builder.material(two_sided(Material {
+        emission: Rgb::ONE,
+        ..Material::lambertian("light", Rgb::ZERO)
+    }));
+    let mut scene = (*builder.build()).clone();
+    // The ceiling of the box, y = 1, glows.
+    for triangle in &mut scene.triangles {
+        if triangle.vertices.iter().all(|v| scene.vertices[*v as usize].position.y == 1.0) {
+            triangle.material = light;
+        }
+    }
+    let camera = from([0.5, 0.5, 0.9], [0.5, 0.2, 0.0], 60.0);
+    let rendered = run(None, &RenderRequest { camera, ..request(Arc::new(scene), 16, 30) });
+    assert!(rendered.picture.pixels.iter().all(|pixel| pixel.x > 0.02), "dark inside");
+}
+
+/// Powers that underflow are no light, not a panic.
+#[test]
+fn emission_too_small_for_a_number_is_no_light() {
+    let mut builder = Builder::default();
+    let glossy = builder.material(Material { emission: Rgb::X * 1e-44, ..Material::default() });
+    builder.cuboid(Vec3::ZERO, Vec3::ONE, true, glossy);
+    let rendered = run(None, &request(builder.build(), 8, 10));
+    assert_eq!(rendered.stats.stopped, StopReason::NoLight);
+}
+
+/// A disc of many thin triangles round one hub costs no more than its size.
+#[test]
+fn a_fan_of_many_triangles_is_no_burden() {
+    let mut builder = Builder::default();
+    let light = builder.light(Rgb::splat(0.5), Rgb::ONE);
+    let mut scene = (*builder.build()).clone();
+    let count = 30_000u32;
+    let vertex = |position| hemilux_engine::scene::Vertex {
+        position,
+        normal: Vec3::Y,
+        uv: Default::default(),
+        color: Rgb::ONE,
+    };
+    scene.vertices.push(vertex(Vec3::ZERO));
+    for i in 0..count {
+        let (sin, cos) = (i as f32 / count as f32 * std::f32::consts::TAU).sin_cos();
+        scene.vertices.push(vertex(Vec3::new(cos, 0.0, -sin)));
+        let vertices = [0, 1 + i, 1 + (i + 1) % count];
+        scene.triangles.push(hemilux_engine::scene::Triangle { vertices, material: light });
+    }
+    let camera = from([0.0, 1.0, 0.1], [0.0, 0.0, 0.0], 40.0);
+    let rendered = run(None, &RenderRequest { camera, ..request(Arc::new(scene), 16, 3) });
+    assert!((rendered.picture.mean() - 1.0).abs() < 1e-3, "{}", rendered.picture.mean());
+    assert!(rendered.stats.seconds_solve < 20.0, "{} s", rendered.stats.seconds_solve);
+}
+
 #[test]
 fn limits_are_kept() {
     let scene = imported(&made::cornell());

@@ -19,8 +19,6 @@ pub enum Stream {
     JitterY = 6,
     /// Which incoming direction's lobe a glossy shooter reflects.
     Lobe = 7,
-    /// Which hemicube faces are used.
-    Face = 8,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

@@ -195,3 +195,12 @@ pub fn open(id: &str) -> Result<Box<dyn Device>, DeviceError> {
         _ => Err(DeviceError::Unknown(id.into())),
     }
 }
+
+/// Memory of the machine that is free, bytes; 4 GiB where the system doesn't say.
+fn free_memory() -> u64 {
+    const UNKNOWN: u64 = 4 << 30;
+    let Ok(text) = std::fs::read_to_string("/proc/meminfo") else { return UNKNOWN };
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
+    let kib = line.and_then(|rest| rest.trim().trim_end_matches(" kB").parse::<u64>().ok());
+    kib.map_or(UNKNOWN, |kib| kib * 1024)
+}

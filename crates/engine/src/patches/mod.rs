@@ -8,7 +8,7 @@
 mod bodies;
 mod split;
 
-use crate::radiometry::Rgb;
+use crate::radiometry::{Rgb, importance};
 use crate::scene::{Scene, Warning};
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
@@ -114,9 +114,11 @@ impl Patches {
         (0..self.len()).any(|patch| self.is_glossy(patch))
     }
 
-    /// Whether any patch emits.
+    /// Whether any patch emits power that a number can hold.
     pub fn any_light(&self) -> bool {
-        (0..self.len()).any(|patch| self.emits(patch))
+        (0..self.len()).any(|patch| {
+            importance(std::f32::consts::PI * self.area[patch] * self.emission[patch]) > 0.0
+        })
     }
 }
 

@@ -166,6 +166,19 @@ mod tests {
         }
     }
 
+    /// The middle of the long edge rounds onto the opposite corner.
+    #[test]
+    fn bisection_leaves_no_piece_without_area() {
+        let mut scene = (*strip(1.0)).clone();
+        let corners = [(0.0, 1.0), (1000.0, 1.0 + 0.5f32.powi(23)), (500.0, 1.0)];
+        for (vertex, (x, y)) in scene.vertices.iter_mut().zip(corners) {
+            vertex.position = Vec3::new(x, y, 0.0);
+        }
+        scene.triangles.truncate(1);
+        let patched = PatchedScene::new(Arc::new(scene), 400);
+        assert!(patched.patches.area.iter().all(|area| *area > 0.0));
+    }
+
     #[test]
     fn compact_facets_stay_whole() {
         assert_eq!(PatchedScene::new(strip(1.0), 400).facets.len(), 2);

@@ -20,6 +20,8 @@ use std::time::Instant;
 const STEP_SECONDS: f64 = 0.04;
 /// Least time between progress reports, seconds.
 const REPORT_SECONDS: f64 = 0.2;
+/// Pause between error estimates, in times of what the last one took.
+const ESTIMATE_PAUSE: f64 = 10.0;
 /// A Phong lobe sharper than this is not resolved by patches of ordinary size.
 const SHARP_EXPONENT: f32 = 200.0;
 
@@ -159,8 +161,9 @@ impl Job {
         measurement.picture(&Solution::dark(patches));
         let picture_seconds = priced.elapsed().as_secs_f64();
 
-        let (mut step, mut undrained) = (1u64, 0u64);
-        let mut reported = Instant::now();
+        let (mut step, mut undrained, mut news) = (1u64, 0u64, false);
+        let (mut reported, mut estimated) = (Instant::now(), Instant::now());
+        let mut estimate_seconds = 0.0;
         let stopped = loop {
             if observer.cancelled() {
                 break StopReason::Cancelled;
@@ -179,18 +182,25 @@ impl Job {
             // the same iterations give the same bits.
             undrained += count;
             if undrained == self.batches.room() {
-                self.batches.add(shooting.drain()?);
+                news |= self.batches.add(shooting.drain()?);
                 undrained = 0;
             }
             if reported.elapsed().as_secs_f64() >= REPORT_SECONDS {
-                reported = Instant::now();
-                self.estimated_error = self.batches.relative_error(measurement, &weights);
+                // With millions of patches an estimate takes longer than a step: keep its share
+                // of the time small.
+                if news && estimated.elapsed().as_secs_f64() >= ESTIMATE_PAUSE * estimate_seconds {
+                    let began = Instant::now();
+                    self.estimated_error = self.batches.relative_error(measurement, &weights);
+                    estimate_seconds = began.elapsed().as_secs_f64();
+                    (estimated, news) = (Instant::now(), false);
+                }
                 let progress = self.progress();
                 observer.progress(&progress);
                 if self.batches.any() && observer.wants_snapshot(&progress) {
                     let picture = measurement.picture(&self.batches.mean());
                     observer.snapshot(&picture, &progress);
                 }
+                reported = Instant::now();
             }
         };
         if undrained > 0 {

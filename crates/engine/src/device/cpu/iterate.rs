@@ -54,6 +54,20 @@ pub struct CpuShooting<'device> {
 
 const NOT_GLOSSY: u32 = u32::MAX;
 
+/// Memory that an iteration takes, bytes, with the batches and fits that the solver keeps of it.
+pub fn needed_bytes(scene: &PatchedScene, settings: &ShootingSettings, threads: usize) -> u64 {
+    const SOLVER_BYTES_PER_PATCH: u64 = 16 * 24 * 2 + 400;
+    let patches = scene.patches.len() as u64;
+    let glossy = (0..scene.patches.len()).filter(|p| scene.patches.is_glossy(*p)).count() as u64;
+    let shots = u64::from(settings.shots_per_iteration);
+    let lobes = if glossy > 0 { 2 } else { 1 };
+    let per_shot = shots * (4 * lobes * patches + 12 * glossy);
+    let pixels = 3 * u64::from(settings.resolution).pow(2);
+    let corners = scene.positions.len() as u64;
+    let raster = 8 * pixels + 13 * corners + 16 * scene.facets.len() as u64;
+    per_shot + (52 + SOLVER_BYTES_PER_PATCH) * patches + raster * threads as u64 + 4 * pixels
+}
+
 impl<'device> CpuShooting<'device> {
     pub fn new(
         pool: &'device rayon::ThreadPool,

@@ -60,6 +60,12 @@ impl Device for CpuDevice {
         scene: Arc<PatchedScene>,
         settings: &ShootingSettings,
     ) -> Result<Box<dyn Shooting + 'device>, DeviceError> {
+        let needed_bytes = iterate::needed_bytes(&scene, settings, self.pool.current_num_threads());
+        let available_bytes = super::free_memory();
+        if needed_bytes > available_bytes {
+            let device = "cpu".into();
+            return Err(DeviceError::OutOfMemory { device, needed_bytes, available_bytes });
+        }
         Ok(Box::new(iterate::CpuShooting::new(&self.pool, scene, settings)))
     }
 }

@@ -7,7 +7,7 @@ use super::layout::{
 };
 use super::pipelines::{Pipelines, UNIFORM_STRIDE};
 use super::shooting::{DEPTH_FORMAT, ITEM_FORMAT};
-use crate::device::{DeviceError, ShootingSettings};
+use crate::device::{DeviceError, ShootingSettings, free_memory};
 use crate::hemicube::{DeltaFormFactors, FACES};
 use crate::patches::PatchedScene;
 use bytemuck::Zeroable;
@@ -87,7 +87,7 @@ impl Plan {
             let bytes = |patches: u64| GpuPatch::SIZE * patches;
             return Err(gpu.out_of_memory(bytes(plan.patches), bytes(threads)));
         }
-        let available = if gpu.software { host_memory() / 2 } else { u64::MAX };
+        let available = if gpu.software { free_memory() / 2 } else { u64::MAX };
         if plan.total_bytes() > available {
             return Err(gpu.out_of_memory(plan.total_bytes(), available));
         }
@@ -189,15 +189,6 @@ impl Plan {
             .max(GpuPatch::SIZE * self.patches);
         scene + self.pass_bytes() + transfer
     }
-}
-
-/// Memory of the machine that is free, bytes; 4 GiB where the system doesn't say.
-fn host_memory() -> u64 {
-    const UNKNOWN: u64 = 4 << 30;
-    let Ok(text) = std::fs::read_to_string("/proc/meminfo") else { return UNKNOWN };
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
-    let kib = line.and_then(|rest| rest.trim().trim_end_matches(" kB").parse::<u64>().ok());
-    kib.map_or(UNKNOWN, |kib| kib * 1024)
 }
 
 /// Buffers, item textures and the bindings that name them. The names are those in the kernels.

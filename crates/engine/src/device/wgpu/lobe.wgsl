@@ -1,9 +1,6 @@
 // cosⁿα between two unit vectors. Large exponents see only angles so small that the cosine
 // rounds to 1, so it is taken from the difference of the vectors: 1 − cosα = |a − b|²/2.
 fn lobe_power(a: vec3<f32>, b: vec3<f32>, exponent: f32) -> f32 {
-    if exponent == 0.0 {
-        return 1.0;
-    }
     let difference = a - b;
     let y = 0.5 * dot(difference, difference);
     if y >= 1.0 {
