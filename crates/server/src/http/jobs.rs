@@ -156,7 +156,8 @@ async fn named_scene(app: &App, job: &JobRequest) -> Result<Scene, Problem> {
     };
     if let Some(bytes) = builtin::scene(name) {
         let format = crate::api::scenes::SceneFormat::Gltf;
-        return Ok(upload::store_scene(app, sha256_hex(bytes), format, bytes.into()).await?.0);
+        let id = sha256_hex(bytes);
+        return Ok(upload::store_scene(app, id, format, bytes.into(), None).await?.0);
     }
     app.store.scene(name).await?.ok_or_else(|| {
         let detail = format!(

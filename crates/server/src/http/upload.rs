@@ -16,6 +16,7 @@ use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncSeekExt, AsyncWriteExt};
+use tokio::sync::OwnedSemaphorePermit;
 
 /// Longest silence in the middle of an upload.
 const IDLE: Duration = Duration::from_secs(30);
@@ -112,10 +113,9 @@ pub async fn scene_from_body(app: &App, body: Body) -> Result<(Scene, bool), Pro
         return Ok((scene, false));
     }
     let id = spooled.sha256.clone();
-    let _turn =
-        app.imports.acquire().await.map_err(|error| Problem::internal(error.to_string()))?;
+    let turn = import_turn(app).await?;
     let bytes = Bytes::from(spooled.read().await?);
-    store_scene(app, id, SceneFormat::Gltf, bytes).await
+    store_scene(app, id, SceneFormat::Gltf, bytes, Some(turn)).await
 }
 
 /// A multipart request, taken apart.
@@ -201,11 +201,11 @@ impl Parts {
             let rule = "send the scene as a part named scene, or ending in .gltf or .glb";
             return Err(Problem::invalid(vec![FieldError::new("scene", rule)]));
         };
-        let _turn =
-            app.imports.acquire().await.map_err(|error| Problem::internal(error.to_string()))?;
+        let turn = import_turn(app).await?;
         if self.resources.is_empty() {
             let id = scene.sha256.clone();
-            return store_scene(app, id, SceneFormat::Gltf, scene.read().await?.into()).await;
+            let bytes = scene.read().await?.into();
+            return store_scene(app, id, SceneFormat::Gltf, bytes, Some(turn)).await;
         }
         let main = scene.read().await?;
         let mut resources = BTreeMap::new();
@@ -213,25 +213,38 @@ impl Parts {
             resources.insert(uri, file.read().await?);
         }
         let packed = bundle::pack(&main, &resources);
-        store_scene(app, sha256_hex(&packed), SceneFormat::Bundle, packed.into()).await
+        let id = sha256_hex(&packed);
+        store_scene(app, id, SceneFormat::Bundle, packed.into(), Some(turn)).await
     }
 }
 
+/// Waits for a turn at importing.
+async fn import_turn(app: &App) -> Result<OwnedSemaphorePermit, Problem> {
+    let turn = app.imports.clone().acquire_owned();
+    turn.await.map_err(|error| Problem::internal(error.to_string()))
+}
+
 /// Checks a scene by importing it, then keeps it; whether it is new. What cannot be imported is
-/// not kept.
+/// not kept. Without a `turn` it waits for one where there is something to import.
 pub async fn store_scene(
     app: &App,
     id: String,
     format: SceneFormat,
     bytes: Bytes,
+    turn: Option<OwnedSemaphorePermit>,
 ) -> Result<(Scene, bool), Problem> {
     if let Some(scene) = app.store.scene(&id).await? {
         return Ok((scene, false));
     }
+    let turn = match turn {
+        Some(turn) => turn,
+        None => import_turn(app).await?,
+    };
     let max_triangles = app.config.max_triangles;
     let (import_id, import_bytes) = (id.clone(), bytes.clone());
-    let described = tokio::task::spawn_blocking(move || {
-        describe(import_id, format, &import_bytes, max_triangles)
+    // The import goes on where the client hangs up meanwhile, and keeps its turn until it ends.
+    let (described, _turn) = tokio::task::spawn_blocking(move || {
+        (describe(import_id, format, &import_bytes, max_triangles), turn)
     })
     .await
     .map_err(|error| Problem::internal(error.to_string()))?;
