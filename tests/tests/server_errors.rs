@@ -2,6 +2,8 @@
 
 use hemilux_tests::server::{Server, scene};
 use serde_json::{Value, json};
+use std::io::Write;
+use std::process::{Command, Stdio};
 
 #[test]
 fn every_error_is_a_problem_document() {
@@ -44,6 +46,56 @@ fn every_error_is_a_problem_document() {
     server.send("POST", "/v1/jobs", &json_type, &vec![b' '; 300 << 10]).problem(413);
     let key = [("content-type", "application/json"), ("idempotency-key", "")];
     server.send("POST", "/v1/jobs", &key, b"{}").problem(400);
+}
+
+#[test]
+fn forms_may_have_many_parts_and_large_ones() {
+    let server = Server::start_with(&["--max-upload-mb", "64"]);
+    let form = [("content-type", "multipart/form-data; boundary=x")];
+    let head = |name: &str| format!("--x\r\ncontent-disposition: form-data; name=\"{name}\"\r\n");
+    let mut many = String::new();
+    for part in 0..129 {
+        many += &format!("{}\r\nx\r\n", head(&format!("part{part}")));
+    }
+    many += "--x--\r\n";
+    let problem = server.send("POST", "/v1/scenes", &form, many.as_bytes()).problem(413);
+    assert!(problem["detail"].as_str().unwrap().contains("128 parts"), "{problem}");
+    // Small parts, then one far larger than what may be held.
+    let mut body = Vec::new();
+    for part in 0..100 {
+        body.extend_from_slice(format!("{}\r\nx\r\n", head(&format!("part{part}"))).as_bytes());
+    }
+    body.extend_from_slice((head("large.bin") + "\r\n").as_bytes());
+    body.resize(body.len() + (32 << 20), 7);
+    body.extend_from_slice(format!("\r\n{}\r\n", head("scene")).as_bytes());
+    body.extend_from_slice(&scene("cornell.glb"));
+    body.extend_from_slice(b"\r\n--x--\r\n");
+    let stored = server.send("POST", "/v1/scenes", &form, &body);
+    assert_eq!(stored.status, 201, "{}", stored.text());
+}
+
+fn gunzip(bytes: &[u8]) -> Vec<u8> {
+    let pipe = || Stdio::piped();
+    let mut gzip =
+        Command::new("gzip").arg("-dc").stdin(pipe()).stdout(pipe()).spawn().expect("gzip runs");
+    gzip.stdin.take().unwrap().write_all(bytes).unwrap();
+    let output = gzip.wait_with_output().unwrap();
+    assert!(output.status.success(), "not gzip: {:?}", String::from_utf8_lossy(bytes));
+    output.stdout
+}
+
+#[test]
+fn an_error_can_be_read_where_compression_is_offered() {
+    let server = Server::start();
+    for path in ["/v1/scenes/%ff", "/nowhere"] {
+        let mut answer = server.send("GET", path, &[("accept-encoding", "gzip")], b"");
+        if answer.header("content-encoding") == "gzip" {
+            answer.body = gunzip(&answer.body);
+        }
+        let problem = answer.problem(answer.status);
+        assert_eq!(problem["instance"], path);
+        assert!(problem["detail"].as_str().unwrap().is_ascii(), "{problem}");
+    }
 }
 
 #[test]

@@ -13,7 +13,7 @@ pub struct Config {
     pub listen: SocketAddr,
     /// Allow a --listen address that other machines can reach. There is no authentication:
     /// everyone who reaches the port can use the service.
-    #[arg(long, env = "HEMILUX_ALLOW_REMOTE")]
+    #[arg(long, env = "HEMILUX_ALLOW_REMOTE", action = clap::ArgAction::SetTrue, value_parser = clap::builder::BoolishValueParser::new())]
     pub allow_remote: bool,
     /// Folder of the database and the files; created if missing.
     #[arg(long, env = "HEMILUX_DATA_DIR", default_value = "./hemilux-data")]

@@ -45,7 +45,7 @@ pub struct Service {
     /// What the engine can be asked for.
     pub vocabulary: Vocabulary,
     /// Turns at importing scenes.
-    pub imports: Semaphore,
+    pub imports: Arc<Semaphore>,
     /// Cancelled when the service is to end.
     pub shutdown: CancellationToken,
 }
@@ -119,7 +119,7 @@ pub async fn serve(
         metrics: Metrics::default(),
         pool: Pool::new(&devices),
         vocabulary: worker::vocabulary(),
-        imports: Semaphore::new(IMPORTS_AT_ONCE),
+        imports: Arc::new(Semaphore::new(IMPORTS_AT_ONCE)),
         shutdown: stop.clone(),
         config,
     });

@@ -62,10 +62,10 @@ pub async fn create_job(State(app): State<App>, request: Request) -> Result<Resp
     let idempotency_key = idempotency_key(request.headers())?;
     let (mut job, scene) = match media_type(request.headers()).as_str() {
         "application/json" => {
-            let body = axum::body::to_bytes(request.into_body(), MAX_JSON_BYTES);
-            let body = body.await.map_err(|_| {
-                Problem::too_large(format!("a job may have at most {MAX_JSON_BYTES} bytes"))
-            })?;
+            let too_large =
+                || Problem::too_large(format!("a job may have at most {MAX_JSON_BYTES} bytes"));
+            let body = request.into_body();
+            let body = upload::small_body(body, MAX_JSON_BYTES, too_large).await?;
             let job: JobRequest = read::json(&body)?;
             check(&app, &job)?;
             let scene = named_scene(&app, &job).await?;
@@ -156,7 +156,8 @@ async fn named_scene(app: &App, job: &JobRequest) -> Result<Scene, Problem> {
     };
     if let Some(bytes) = builtin::scene(name) {
         let format = crate::api::scenes::SceneFormat::Gltf;
-        return Ok(upload::store_scene(app, sha256_hex(bytes), format, bytes.into()).await?.0);
+        let id = sha256_hex(bytes);
+        return Ok(upload::store_scene(app, id, format, bytes.into(), None).await?.0);
     }
     app.store.scene(name).await?.ok_or_else(|| {
         let detail = format!(

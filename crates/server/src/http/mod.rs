@@ -3,6 +3,7 @@
 mod dashboard;
 mod docs;
 mod events;
+mod gauge;
 mod guard;
 mod images;
 mod jobs;
@@ -54,12 +55,13 @@ pub fn router(app: App) -> Router {
     let (api, _) = api().split_for_parts();
     api.merge(docs::swagger_ui())
         .merge(dashboard::pages())
-        .layer(CompressionLayer::new())
         // Uploads count their own bytes; everything else is small.
         .layer(DefaultBodyLimit::disable())
         .layer(CatchPanicLayer::custom(problem::from_panic))
         .layer(from_fn_with_state(app.clone(), guard::refuse_foreign_pages))
         .layer(from_fn(problem::write_problems))
+        // Outside the problems, which read the framework's own error texts.
+        .layer(CompressionLayer::new())
         .layer(from_fn_with_state(app.clone(), probes::count_requests))
         .with_state(app)
 }

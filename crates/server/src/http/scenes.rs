@@ -25,7 +25,7 @@ pub struct SceneFiles {
 /// Store a scene.
 ///
 /// Send one `.glb` (or a `.gltf` with embedded data) as the body, or a multipart form with the
-/// scene and its resources. The id is the hash of the content: sending the same scene again
+/// scene and its resources, 128 parts at most. The id is the hash of the content: sending the same scene again
 /// stores nothing and answers 200. A scene that cannot be imported is not kept.
 #[utoipa::path(
     post, path = "/v1/scenes", tag = "scenes",

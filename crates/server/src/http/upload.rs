@@ -2,6 +2,7 @@
 //! a sender that never ends costs disk up to the limit and no memory.
 
 use super::App;
+use super::gauge::Gauge;
 use super::problem::Problem;
 use crate::api::FieldError;
 use crate::api::scenes::{Scene, SceneFormat};
@@ -11,16 +12,18 @@ use crate::worker::scenes::{SceneRefusal, describe};
 use axum::body::Body;
 use axum::extract::{FromRequest, Multipart, Request};
 use bytes::Bytes;
-use futures_util::{Stream, StreamExt};
+use futures_util::{Stream, StreamExt, TryStreamExt};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncSeekExt, AsyncWriteExt};
+use tokio::sync::OwnedSemaphorePermit;
 
 /// Longest silence in the middle of an upload.
 const IDLE: Duration = Duration::from_secs(30);
-/// Most parts of a multipart upload.
-const MAX_PARTS: usize = 1024;
+/// Most parts of a multipart upload; each holds a file open.
+const MAX_PARTS: usize = 128;
 /// Longest name of a part.
 const MAX_NAME_BYTES: usize = 1024;
 
@@ -68,6 +71,30 @@ impl Allowance {
     }
 }
 
+fn silence() -> Problem {
+    Problem::too_slow(format!("nothing arrived for {} seconds", IDLE.as_secs()))
+}
+
+/// A small body, whole. `too_large` is what to answer where it has more than `limit` bytes.
+pub async fn small_body(
+    body: Body,
+    limit: usize,
+    too_large: impl Fn() -> Problem,
+) -> Result<Vec<u8>, Problem> {
+    let mut chunks = body.into_data_stream();
+    let mut bytes = Vec::new();
+    loop {
+        let next = tokio::time::timeout(IDLE, chunks.next()).await;
+        let Some(chunk) = next.map_err(|_| silence())? else { return Ok(bytes) };
+        let chunk = chunk
+            .map_err(|error| Problem::unreadable(format!("the request broke off: {error}")))?;
+        if bytes.len() + chunk.len() > limit {
+            return Err(too_large());
+        }
+        bytes.extend_from_slice(&chunk);
+    }
+}
+
 async fn spool<E>(
     app: &App,
     mut chunks: impl Stream<Item = Result<Bytes, E>> + Unpin,
@@ -84,12 +111,7 @@ async fn spool<E>(
     let mut hash = Sha256::new();
     loop {
         let next = tokio::time::timeout(IDLE, chunks.next()).await;
-        let Some(chunk) = next.map_err(|_| {
-            Problem::too_slow(format!("nothing arrived for {} seconds", IDLE.as_secs()))
-        })?
-        else {
-            break;
-        };
+        let Some(chunk) = next.map_err(|_| silence())? else { break };
         let chunk = chunk.map_err(&refuse)?;
         allowance.take(chunk.len())?;
         spooled.size += chunk.len() as u64;
@@ -112,10 +134,9 @@ pub async fn scene_from_body(app: &App, body: Body) -> Result<(Scene, bool), Pro
         return Ok((scene, false));
     }
     let id = spooled.sha256.clone();
-    let _turn =
-        app.imports.acquire().await.map_err(|error| Problem::internal(error.to_string()))?;
+    let turn = import_turn(app).await?;
     let bytes = Bytes::from(spooled.read().await?);
-    store_scene(app, id, SceneFormat::Gltf, bytes).await
+    store_scene(app, id, SceneFormat::Gltf, bytes, Some(turn)).await
 }
 
 /// A multipart request, taken apart.
@@ -130,24 +151,32 @@ pub struct Parts {
 /// file name ends in .gltf or .glb; other parts are resources, their names the relative URIs that
 /// the scene uses.
 pub async fn parts(app: &App, request: Request, with_job: bool) -> Result<Parts, Problem> {
+    let gauge = Arc::new(Gauge::default());
+    let request = request.map(|body| gauge.clone().watch(body));
     let mut multipart = Multipart::from_request(request, &())
         .await
         .map_err(|rejection| Problem::unreadable(rejection.body_text()))?;
     let mut allowance = Allowance::new(app);
     let mut parts = Parts { job: None, scene: None, resources: BTreeMap::new() };
     let refuse = |error: axum::extract::multipart::MultipartError| {
+        if gauge.overflowed() {
+            return Problem::too_large("the form has too much between the contents of its parts");
+        }
         Problem::unreadable(format!("broken multipart body: {}", error.body_text()))
     };
     let mut count = 0;
     loop {
         let next = tokio::time::timeout(IDLE, multipart.next_field()).await;
-        let next = next.map_err(|_| Problem::too_slow("nothing arrived for 30 seconds"))?;
+        let next = next.map_err(|_| silence())?;
         let Some(mut field) = next.map_err(refuse)? else { break };
+        gauge.part();
         count += 1;
         let name = field.name().unwrap_or("").to_owned();
         let file_name = field.file_name().unwrap_or("").to_owned();
         if count > MAX_PARTS {
-            return Err(Problem::too_large(format!("at most {MAX_PARTS} parts")));
+            return Err(Problem::too_large(format!(
+                "a form may have at most {MAX_PARTS} parts; pack the scene into one .glb"
+            )));
         }
         if name.is_empty() || name.len() > MAX_NAME_BYTES {
             let rule = format!("every part needs a name of at most {MAX_NAME_BYTES} bytes");
@@ -155,7 +184,11 @@ pub async fn parts(app: &App, request: Request, with_job: bool) -> Result<Parts,
         }
         if with_job && name == "job" {
             let mut json = Vec::new();
-            while let Some(chunk) = field.chunk().await.map_err(refuse)? {
+            loop {
+                let next = tokio::time::timeout(IDLE, field.chunk()).await;
+                let chunk = next.map_err(|_| silence())?.map_err(refuse)?;
+                let Some(chunk) = chunk else { break };
+                gauge.content(chunk.len());
                 allowance.take(chunk.len())?;
                 json.extend_from_slice(&chunk);
                 if json.len() > super::read::MAX_JSON_BYTES {
@@ -167,7 +200,8 @@ pub async fn parts(app: &App, request: Request, with_job: bool) -> Result<Parts,
             }
             continue;
         }
-        let spooled = spool(app, &mut field, &mut allowance, refuse).await?;
+        let contents = (&mut field).inspect_ok(|chunk| gauge.content(chunk.len()));
+        let spooled = spool(app, contents, &mut allowance, refuse).await?;
         let is_scene = name == "scene" || is_gltf(&name) || is_gltf(&file_name);
         if is_scene && parts.scene.is_none() {
             parts.scene = Some(spooled);
@@ -201,11 +235,11 @@ impl Parts {
             let rule = "send the scene as a part named scene, or ending in .gltf or .glb";
             return Err(Problem::invalid(vec![FieldError::new("scene", rule)]));
         };
-        let _turn =
-            app.imports.acquire().await.map_err(|error| Problem::internal(error.to_string()))?;
+        let turn = import_turn(app).await?;
         if self.resources.is_empty() {
             let id = scene.sha256.clone();
-            return store_scene(app, id, SceneFormat::Gltf, scene.read().await?.into()).await;
+            let bytes = scene.read().await?.into();
+            return store_scene(app, id, SceneFormat::Gltf, bytes, Some(turn)).await;
         }
         let main = scene.read().await?;
         let mut resources = BTreeMap::new();
@@ -213,25 +247,38 @@ impl Parts {
             resources.insert(uri, file.read().await?);
         }
         let packed = bundle::pack(&main, &resources);
-        store_scene(app, sha256_hex(&packed), SceneFormat::Bundle, packed.into()).await
+        let id = sha256_hex(&packed);
+        store_scene(app, id, SceneFormat::Bundle, packed.into(), Some(turn)).await
     }
 }
 
+/// Waits for a turn at importing.
+async fn import_turn(app: &App) -> Result<OwnedSemaphorePermit, Problem> {
+    let turn = app.imports.clone().acquire_owned();
+    turn.await.map_err(|error| Problem::internal(error.to_string()))
+}
+
 /// Checks a scene by importing it, then keeps it; whether it is new. What cannot be imported is
-/// not kept.
+/// not kept. Without a `turn` it waits for one where there is something to import.
 pub async fn store_scene(
     app: &App,
     id: String,
     format: SceneFormat,
     bytes: Bytes,
+    turn: Option<OwnedSemaphorePermit>,
 ) -> Result<(Scene, bool), Problem> {
     if let Some(scene) = app.store.scene(&id).await? {
         return Ok((scene, false));
     }
+    let turn = match turn {
+        Some(turn) => turn,
+        None => import_turn(app).await?,
+    };
     let max_triangles = app.config.max_triangles;
     let (import_id, import_bytes) = (id.clone(), bytes.clone());
-    let described = tokio::task::spawn_blocking(move || {
-        describe(import_id, format, &import_bytes, max_triangles)
+    // The import goes on where the client hangs up meanwhile, and keeps its turn until it ends.
+    let (described, _turn) = tokio::task::spawn_blocking(move || {
+        (describe(import_id, format, &import_bytes, max_triangles), turn)
     })
     .await
     .map_err(|error| Problem::internal(error.to_string()))?;

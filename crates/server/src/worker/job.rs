@@ -4,10 +4,12 @@ use super::scenes;
 use super::watch::{Stop, Watcher, keep_picture};
 use crate::api;
 use crate::api::jobs::{CameraRequest, Job, JobError, PictureFormat};
+use crate::artifacts::ArtifactError;
 use crate::job_state::JobState;
 use crate::service::Service;
 use crate::store::{Claim, Outcome, StoreError};
 use hemilux_engine::device::{Device, DeviceError};
+use hemilux_engine::image;
 use hemilux_engine::render::{
     CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest, Rendered, Stats, StopReason,
     render,
@@ -98,7 +100,8 @@ fn attempt(
         let bytes = service.artifacts.scene(&job.scene).await.map_err(|e| e.to_string())?;
         Ok::<_, String>((record.format, bytes))
     });
-    let (format, bytes) = stored.map_err(|detail| Failure::new("storage", detail))?;
+    let (format, bytes) =
+        stored.map_err(|detail| Failure { retry: true, ..Failure::new("storage", detail) })?;
     let scene = scenes::load(format, &bytes, service.config.max_triangles)
         .map_err(|refusal| Failure::new("scene", refusal.to_string()))?;
     drop(bytes);
@@ -150,8 +153,29 @@ fn limits(job: &Job, max_seconds: f64) -> Limits {
     }
 }
 
-/// Stores how the attempt ended, trying again for a while where the store does not answer: the
-/// work is done, and a passing trouble should not waste it.
+/// Pause before the next try at storing something: doubles from a second to this.
+const LONGEST_PAUSE: Duration = Duration::from_secs(30);
+/// Tries at storing the picture before the job fails; about two minutes.
+const PICTURE_TRIES: u32 = 8;
+
+/// What is to be stored about the end of an attempt.
+enum Record {
+    /// The files of the picture first, then the rest.
+    Picture {
+        state: JobState,
+        picture: Arc<image::Picture>,
+        stats: Box<Stats>,
+    },
+    Outcome(Outcome),
+    Release {
+        counted: bool,
+        why: String,
+    },
+}
+
+/// Stores how the attempt ended, trying again where the storage does not answer: the work is
+/// done, and a passing trouble should not waste it. It gives up where the service shuts down; the
+/// job then goes back to the queue.
 fn record(
     service: &Arc<Service>,
     runtime: &Handle,
@@ -160,65 +184,102 @@ fn record(
     latest: Option<api::jobs::Progress>,
     started: Instant,
 ) {
-    let outcome = match ending {
+    let mut record = match ending {
         Ending::Done(state, rendered) => {
             let Rendered { picture, stats } = *rendered;
-            let formats = vec![PictureFormat::Png, PictureFormat::Exr];
-            match runtime.block_on(keep_picture(service, claim, picture, formats)) {
-                Ok(pictures) => {
-                    let stats = to_stats(&stats, started.elapsed().as_secs_f64());
-                    let progress = Some(final_progress(&stats));
-                    Ok(Outcome { state, stats: Some(stats), pictures, error: None, progress })
-                }
-                Err(error) => {
-                    tracing::error!(job = %claim.job, %error, "cannot keep the picture");
-                    Ok(failed("storage", format!("the picture could not be kept: {error}"), latest))
-                }
-            }
+            Record::Picture { state, picture: Arc::new(picture), stats: Box::new(stats) }
         }
-        Ending::Failed(failure) => Ok(failed(failure.code, failure.detail, latest)),
-        Ending::PutBack { counted, why } => Err((counted, why)),
+        Ending::Failed(failure) => {
+            Record::Outcome(failed(failure.code, failure.detail, latest.clone()))
+        }
+        Ending::PutBack { counted, why } => Record::Release { counted, why },
         Ending::Dropped => {
             tracing::info!(job = %claim.job, "was taken away");
-            let removed = runtime.block_on(async {
-                match service.store.job(claim.job).await {
-                    Ok(None) => service.artifacts.remove_job(claim.job).await,
-                    _ => Ok(()),
-                }
-            });
-            if let Err(error) = removed {
-                tracing::warn!(job = %claim.job, %error, "cannot remove files");
-            }
+            runtime.block_on(remove_if_deleted(service, claim));
             return;
         }
     };
-    for pause_s in [0, 1, 2, 4, 8] {
-        let written = runtime.block_on(async {
-            tokio::time::sleep(Duration::from_secs(pause_s)).await;
-            match &outcome {
-                Ok(outcome) => service.store.finish(claim, outcome.clone()).await,
-                Err((counted, why)) => service.store.release(claim, *counted, why).await,
+    runtime.block_on(async {
+        let mut pause = Duration::from_secs(1);
+        let mut picture_tries = 0;
+        loop {
+            if let Record::Picture { state, picture, stats } = &record {
+                let formats = vec![PictureFormat::Png, PictureFormat::Exr];
+                picture_tries += 1;
+                match keep_picture(service, claim, picture.clone(), formats).await {
+                    Ok(pictures) => {
+                        let stats = to_stats(stats, started.elapsed().as_secs_f64());
+                        let progress = Some(final_progress(&stats));
+                        let (state, stats) = (*state, Some(stats));
+                        let outcome = Outcome { state, stats, pictures, error: None, progress };
+                        record = Record::Outcome(outcome);
+                    }
+                    Err(error) => {
+                        tracing::error!(job = %claim.job, %error, "cannot keep the picture");
+                        // Only the storage may do better next time.
+                        if picture_tries >= PICTURE_TRIES || !error.is::<ArtifactError>() {
+                            let detail = format!("the picture could not be kept: {error}");
+                            record = Record::Outcome(failed("storage", detail, latest.clone()));
+                        }
+                    }
+                }
             }
-        });
-        match written {
-            Ok(()) => break,
-            Err(StoreError::ClaimLost(_)) => {
-                tracing::warn!(job = %claim.job, "was taken away before it could be recorded");
-                break;
+            match write(service, claim, &record).await {
+                Some(Ok(())) => return ended(service, claim, &record, started),
+                Some(Err(StoreError::ClaimLost(_))) => {
+                    tracing::warn!(job = %claim.job, "was taken away before it could be recorded");
+                    return remove_if_deleted(service, claim).await;
+                }
+                Some(Err(error)) => {
+                    tracing::error!(job = %claim.job, %error, "cannot record the end");
+                }
+                None => {}
             }
-            // Left as running: the next start of the service puts it back.
-            Err(error) => tracing::error!(job = %claim.job, %error, "cannot record the end"),
+            tokio::select! {
+                () = tokio::time::sleep(pause) => pause = (pause * 2).min(LONGEST_PAUSE),
+                () = service.shutdown.cancelled() => {
+                    tracing::error!(job = %claim.job, "shuts down before the end was recorded");
+                    return;
+                }
+            }
         }
+    });
+}
+
+/// Writes what needs no more files; `None` where the picture is still to be kept.
+async fn write(service: &Service, claim: Claim, record: &Record) -> Option<Result<(), StoreError>> {
+    match record {
+        Record::Picture { .. } => None,
+        Record::Outcome(outcome) => Some(service.store.finish(claim, outcome.clone()).await),
+        Record::Release { counted, why } => Some(service.store.release(claim, *counted, why).await),
     }
-    match outcome {
-        Ok(outcome) => {
+}
+
+/// Logs and counts an end that is recorded.
+fn ended(service: &Service, claim: Claim, record: &Record, started: Instant) {
+    match record {
+        Record::Outcome(outcome) => {
             let (iterations, shots) =
                 outcome.progress.as_ref().map_or((0, 0), |p| (p.iterations, p.shots));
             let seconds = started.elapsed().as_secs_f64();
             tracing::info!(job = %claim.job, state = outcome.state.as_str(), seconds, iterations, "ended");
             service.metrics.count_job(outcome.state, seconds, iterations, shots);
         }
-        Err((_, why)) => tracing::info!(job = %claim.job, why, "went back to the queue"),
+        Record::Release { why, .. } => {
+            tracing::info!(job = %claim.job, why, "went back to the queue");
+        }
+        Record::Picture { .. } => {}
+    }
+}
+
+/// Removes the files that this attempt may have written after its job was deleted.
+async fn remove_if_deleted(service: &Service, claim: Claim) {
+    let removed = match service.store.job(claim.job).await {
+        Ok(None) => service.artifacts.remove_job(claim.job).await,
+        _ => Ok(()),
+    };
+    if let Err(error) = removed {
+        tracing::warn!(job = %claim.job, %error, "cannot remove files");
     }
 }
 

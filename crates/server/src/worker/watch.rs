@@ -239,7 +239,7 @@ async fn keep_snapshot(
     progress: api::jobs::Progress,
     formats: Vec<PictureFormat>,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-    let pictures = keep_picture(service, claim, picture, formats).await?;
+    let pictures = keep_picture(service, claim, Arc::new(picture), formats).await?;
     let report = Report { snapshots: vec![(pictures, progress)], ..Report::default() };
     service.store.report(claim, report).await?;
     service.bell.ring(claim.job);
@@ -250,7 +250,7 @@ async fn keep_snapshot(
 pub async fn keep_picture(
     service: &Service,
     claim: Claim,
-    picture: image::Picture,
+    picture: Arc<image::Picture>,
     mut formats: Vec<PictureFormat>,
 ) -> Result<Vec<Picture>, Box<dyn std::error::Error + Send + Sync>> {
     formats.sort_unstable();

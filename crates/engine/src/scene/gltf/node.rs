@@ -10,6 +10,8 @@ use std::f32::consts::PI;
 
 /// Deepest chain of nodes; real scenes stay below a hundred.
 const MAX_NODE_DEPTH: usize = 1000;
+/// Most cameras of a scene: its description names each of them.
+const MAX_CAMERAS: usize = 1024;
 
 /// A mesh in its place.
 pub(super) struct Instance {
@@ -70,7 +72,12 @@ pub(super) fn place(root: &Root, warnings: &mut Warnings) -> Result<Placed, Scen
     }
     placed.instances.sort_by_key(|instance| instance.node);
     camera_nodes.sort_by_key(|(node, ..)| *node);
+    let mut left_out = 0_usize;
     for (index, camera, to_world) in camera_nodes {
+        if placed.cameras.len() == MAX_CAMERAS {
+            left_out += 1;
+            continue;
+        }
         let Some(to_world) = frame(to_world) else {
             warnings.push(
                 format!("nodes[{index}]"),
@@ -85,6 +92,11 @@ pub(super) fn place(root: &Root, warnings: &mut Warnings) -> Result<Placed, Scen
             to_world,
             projection: projections[camera],
         });
+    }
+    if left_out > 0 {
+        let what =
+            format!("only the first {MAX_CAMERAS} cameras are kept; {left_out} are left out");
+        warnings.push("nodes", what);
     }
     Ok(placed)
 }
