@@ -1,4 +1,5 @@
-// Who shoots: prefix sum over powers, picks, and a Shot from every pick (Antal eq. 4, §2.3, §2.4).
+// Who shoots: prefix sum over powers, picks, and a Shot from every pick (Antal eq. 4, §2.3,
+// §2.4).
 // After common.wgsl, reflection.wgsl and random.wgsl.
 
 @group(0) @binding(0) var<uniform> settings: Settings;
@@ -170,19 +171,23 @@ fn face_hit_by(d: vec3<f32>) -> u32 {
 const MIRROR_FACE_PROBABILITY = 0.6;
 const OTHER_FACE_PROBABILITY = 0.1;
 
-// Weight of each face: 0 to leave it out, else the inverse of its probability. One uniform number.
+// Weight of each face: 0 to leave it out, else the inverse of its probability. Takes one uniform
+// number.
 fn set_faces(shot: ptr<function, Shot>, highly_specular: bool, xi: f32) {
     var weights = array<f32, 5>(1.0, 1.0, 1.0, 1.0, 1.0);
     var heaviest = 1.0;
-    if highly_specular && (settings.faces == SPECULAR_ONE_FACE || settings.faces == RANDOMISED_FACES) {
+    let one_of_specular =
+        settings.faces == SPECULAR_ONE_FACE || settings.faces == RANDOMISED_FACES;
+    if highly_specular && one_of_specular {
         let axis = (*shot).lobe_axis;
         let mirror = vec3(
             dot((*shot).tangent, axis), dot((*shot).bitangent, axis), dot((*shot).normal, axis));
         var face = face_hit_by(mirror);
         heaviest = 1.0 / MIRROR_FACE_PROBABILITY;
         if xi >= MIRROR_FACE_PROBABILITY {
-            let other = min(u32((xi - MIRROR_FACE_PROBABILITY) / OTHER_FACE_PROBABILITY), FACES - 2u);
-            face = other + select(0u, 1u, other >= face);
+            let other = u32((xi - MIRROR_FACE_PROBABILITY) / OTHER_FACE_PROBABILITY);
+            let other_face = min(other, FACES - 2u);
+            face = other_face + select(0u, 1u, other_face >= face);
             heaviest = 1.0 / OTHER_FACE_PROBABILITY;
         }
         weights = array<f32, 5>();

@@ -8,8 +8,8 @@
 @group(0) @binding(4) var<storage, read> patches: array<Patch>;
 // Per patch Σ_k E_k of this iteration, then per patch Σ over iterations; without known light.
 @group(0) @binding(5) var<storage, read_write> irradiance: array<vec4<f32>>;
-// Per shot of this iteration and glossy patch E_k, known light included; behind them, per glossy patch, Σ over
-// iterations of the radiance that its lobe sends to the viewer.
+// Per shot of this iteration and glossy patch E_k, known light included; behind them, per glossy
+// patch, Σ over iterations of the radiance that its lobe sends to the viewer.
 @group(0) @binding(6) var<storage, read_write> incoming: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> shots: array<Shot>;
 @group(0) @binding(8) var<storage, read_write> sums: array<u32>;
