@@ -4,6 +4,7 @@
 mod batches;
 mod known;
 pub mod options;
+mod run;
 mod stochastic;
 
 use crate::device::Device;
