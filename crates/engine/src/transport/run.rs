@@ -56,7 +56,7 @@ impl<'a> Run<'a> {
     }
 
     /// Whether the time budget only suffices for the last picture.
-    pub fn out_of_time(&self) -> bool {
+    fn out_of_time(&self) -> bool {
         let elapsed = self.start.elapsed().as_secs_f64();
         self.seconds_limit().is_some_and(|limit| elapsed + self.picture_seconds >= limit)
     }
@@ -70,6 +70,20 @@ impl<'a> Run<'a> {
     /// Whether it is time for a report.
     pub fn report_is_due(&self) -> bool {
         self.reported.elapsed().as_secs_f64() >= REPORT_SECONDS
+    }
+
+    /// Why to stop in the middle of an iteration, if at all.
+    pub fn stop_early(&self) -> Option<StopReason> {
+        if self.observer.cancelled() {
+            return Some(StopReason::Cancelled);
+        }
+        self.out_of_time().then_some(StopReason::TimeBudget)
+    }
+
+    /// Reports before there is anything to see.
+    pub fn report_progress(&mut self) {
+        self.observer.progress(&self.progress());
+        self.reported = Instant::now();
     }
 
     /// Reports; where there is something to see already, with a picture if one is wanted.

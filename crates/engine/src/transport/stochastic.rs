@@ -6,14 +6,14 @@ use super::batches::Batches;
 use super::known::known_light;
 use super::options::{ExpectedShots, Settings, StochasticSettings};
 use super::run::Run;
+use super::stage::{Asked, Stage};
 use crate::device::{Device, ShootingSettings, VarianceReduction};
 use crate::image::Picture;
 use crate::measurement::{Measurement, Solution, viewpoint};
 use crate::patches::PatchedScene;
-use crate::render::{
-    Observer, Plan, RenderError, RenderRequest, Rendered, Stats, StopReason, choose_camera,
-};
+use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
 use crate::scene::Warning;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -44,64 +44,34 @@ impl Method for Stochastic {
         reasons: Vec<String>,
         observer: &mut dyn Observer,
     ) -> Result<Rendered, RenderError> {
-        let start = Instant::now();
         let settings = Settings::new(&request.options)?;
         let options = settings.stochastic()?;
-        let (camera, made_up) = choose_camera(&request.scene, &request.camera)?;
-        let scene = Arc::new(PatchedScene::new(request.scene.clone(), options.patches));
-        let plan = Plan {
-            method: self.name().into(),
-            reasons,
-            settings: settings.values().clone(),
-            patches: scene.patches.len() as u64,
-            triangles: scene.facets.len() as u64,
+        let stage = Stage::new(
+            Asked { method: self.name(), reasons, request, settings: &settings },
+            request.scene.clone(),
+            device.description(),
+            sharp_lobes,
+            observer,
+        )?;
+        let mut run = stage.run(request, observer);
+        if !stage.scene.patches.any_light() {
+            let black = (stage.black(), StopReason::NoLight);
+            return Ok(stage.rendered(run, black, BTreeMap::new()));
+        }
+        let measurement = stage.measurement();
+        let mut shooting = ShootingSettings {
+            seed: request.seed,
+            variance_reduction: variance_reduction(&options, request.limits.iterations),
+            viewpoint: Some(viewpoint(&stage.camera)),
+            ..options.shooting
         };
-        let warnings = collect_warnings(&scene, made_up);
-        observer.planned(&plan, &warnings);
-
-        let description = device.description();
-        let mut run = Run::new(start, request.limits, observer);
-        let (picture, stopped) = if scene.patches.any_light() {
-            let measurement = Measurement::new(
-                scene.clone(),
-                &camera,
-                request.width,
-                request.height,
-                options.pixel_samples,
-                options.smoothness,
-            );
-            let mut shooting = ShootingSettings {
-                seed: request.seed,
-                variance_reduction: variance_reduction(&options, request.limits.iterations),
-                viewpoint: Some(viewpoint(&camera)),
-                ..options.shooting
-            };
-            let (constant, first_shot) = (options.constant, options.first_shot);
-            shooting.known =
-                known_light(device, &scene, &shooting, constant, first_shot)?.map(Arc::new);
-            let batches = Batches::new(options.burn_in);
-            solve(&mut run, batches, device, scene.clone(), &shooting, &measurement)?
-        } else {
-            (Picture::black(request.width, request.height), StopReason::NoLight)
-        };
-        let progress = run.finish();
-        let seconds = start.elapsed().as_secs_f64();
-        let stats = Stats {
-            method: self.name().into(),
-            stopped,
-            iterations: progress.iterations,
-            shots: progress.shots,
-            light_source_selection_ratio: progress.light_source_selection_ratio,
-            seconds_total: seconds,
-            seconds_solve: seconds,
-            estimated_error: progress.estimated_error,
-            patches: plan.patches,
-            triangles: request.scene.triangles.len() as u64,
-            device: format!("{} ({})", description.name, description.driver),
-            warnings: warnings.iter().map(Into::into).collect(),
-            plan,
-        };
-        Ok(Rendered { picture, stats })
+        let known =
+            known_light(device, &stage.scene, &shooting, options.constant, options.first_shot)?;
+        shooting.known = known.map(Arc::new);
+        let batches = Batches::new(options.burn_in);
+        let scene = stage.scene.clone();
+        let result = solve(&mut run, batches, device, scene, &shooting, &measurement)?;
+        Ok(stage.rendered(run, result, BTreeMap::new()))
     }
 }
 
@@ -120,16 +90,9 @@ fn variance_reduction(
     options.substitute.map(|substitute| VarianceReduction { substitute, shots })
 }
 
-fn collect_warnings(scene: &PatchedScene, made_up_camera: Option<Warning>) -> Vec<Warning> {
-    let mut warnings = scene.scene.warnings.clone();
-    warnings.extend(scene.warnings.iter().cloned());
-    warnings.extend(made_up_camera);
-    if !scene.patches.any_light() {
-        warnings.push(Warning::new(
-            "scene",
-            "nothing emits light, so the picture is black; give a material an emissive factor",
-        ));
-    }
+/// Warns of lobes that patches can't resolve.
+fn sharp_lobes(scene: &PatchedScene) -> Vec<Warning> {
+    let mut warnings = Vec::new();
     let patches = &scene.patches;
     let sharp = (0..patches.len())
         .filter(|p| patches.is_glossy(*p) && patches.exponent[*p] > SHARP_EXPONENT)
