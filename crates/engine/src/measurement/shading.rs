@@ -63,10 +63,10 @@ impl Run {
     }
 
     /// Barycentric coordinates that a column sees.
+    #[expect(clippy::manual_clamp, reason = "`max` and `min` drop NaN, `clamp` would keep it")]
     fn at(&self, column: u32) -> (f32, f32) {
         let column = column as f32;
         let scale = 1.0 / (self.sum.0 + self.sum.1 * column);
-        // `max` and `min` drop NaN, which `clamp` would panic on.
         let u = ((self.u.0 + self.u.1 * column) * scale).max(0.0).min(1.0);
         let v = ((self.v.0 + self.v.1 * column) * scale).max(0.0).min(1.0 - u);
         (u, v)

@@ -166,7 +166,7 @@ enum Record {
         picture: Arc<image::Picture>,
         stats: Box<Stats>,
     },
-    Outcome(Outcome),
+    Outcome(Box<Outcome>),
     Release {
         counted: bool,
         why: String,
@@ -190,7 +190,7 @@ fn record(
             Record::Picture { state, picture: Arc::new(picture), stats: Box::new(stats) }
         }
         Ending::Failed(failure) => {
-            Record::Outcome(failed(failure.code, failure.detail, latest.clone()))
+            Record::Outcome(Box::new(failed(failure.code, failure.detail, latest.clone())))
         }
         Ending::PutBack { counted, why } => Record::Release { counted, why },
         Ending::Dropped => {
@@ -212,14 +212,15 @@ fn record(
                         let progress = Some(final_progress(&stats));
                         let (state, stats) = (*state, Some(stats));
                         let outcome = Outcome { state, stats, pictures, error: None, progress };
-                        record = Record::Outcome(outcome);
+                        record = Record::Outcome(Box::new(outcome));
                     }
                     Err(error) => {
                         tracing::error!(job = %claim.job, %error, "cannot keep the picture");
                         // Only the storage may do better next time.
                         if picture_tries >= PICTURE_TRIES || !error.is::<ArtifactError>() {
                             let detail = format!("the picture could not be kept: {error}");
-                            record = Record::Outcome(failed("storage", detail, latest.clone()));
+                            let outcome = failed("storage", detail, latest.clone());
+                            record = Record::Outcome(Box::new(outcome));
                         }
                     }
                 }
@@ -250,7 +251,7 @@ fn record(
 async fn write(service: &Service, claim: Claim, record: &Record) -> Option<Result<(), StoreError>> {
     match record {
         Record::Picture { .. } => None,
-        Record::Outcome(outcome) => Some(service.store.finish(claim, outcome.clone()).await),
+        Record::Outcome(outcome) => Some(service.store.finish(claim, (**outcome).clone()).await),
         Record::Release { counted, why } => Some(service.store.release(claim, *counted, why).await),
     }
 }
