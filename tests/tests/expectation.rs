@@ -3,7 +3,7 @@
 
 use glam::{DVec3, Vec2, Vec3};
 use hemilux_engine::device::cpu::CpuDevice;
-use hemilux_engine::device::{Device, ShootingSettings};
+use hemilux_engine::device::{Device, Faces, KnownLight, Selection, ShootingSettings};
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::{Rgb, lobe_albedo};
 use hemilux_engine::scene::Material;
@@ -13,7 +13,7 @@ use hemilux_tests::oracle::quadrature::Rule;
 use hemilux_tests::oracle::radiosity::Radiosity;
 use hemilux_tests::oracle::rays::{Generator, Hit, Sequence, World, cosine_direction};
 use hemilux_tests::oracle::rooms;
-use hemilux_tests::oracle::statistics::{Moments, Scores};
+use hemilux_tests::oracle::statistics::{Moments, Scores, chi_square};
 use hemilux_tests::oracle::view_factors::{by_contour, point_to_polygon};
 use hemilux_tests::scenes::{Builder, settings};
 use hemilux_tests::twins::shot_at;
@@ -98,34 +98,84 @@ fn corner_system(scene: &PatchedScene) -> Radiosity {
     Radiosity::new(scene, factors, lost)
 }
 
-/// The switches of unbiased iteration, one line each.
-fn unbiased() -> Vec<(&'static str, ShootingSettings)> {
+/// The switches that leave the expectation as it is, one line each.
+fn unbiased(scene: &PatchedScene, system: &Radiosity) -> Vec<(&'static str, ShootingSettings)> {
     let base = |k| settings(32, k, 0);
+    let faces = |faces| ShootingSettings { faces, ..base(4) };
+    let known =
+        |closed| ShootingSettings { known: Some(constant(scene, system, closed)), ..base(4) };
     vec![
         ("one shot", base(1)),
         ("two shots", base(2)),
         ("eight shots", base(8)),
         ("no random azimuth", ShootingSettings { random_azimuth: false, ..base(4) }),
         ("no jitter", ShootingSettings { jitter: false, ..base(4) }),
+        ("independent picks", ShootingSettings { stratified: false, ..base(4) }),
+        ("uniform picks", ShootingSettings { selection: Selection::Uniform, ..base(4) }),
+        ("faces of specular shooters", faces(Faces::Specular)),
+        ("top and one side", faces(Faces::TopAndSide)),
+        ("the paper's faces", faces(Faces::Randomised)),
+        ("known constant", known(false)),
+        ("known constant as if closed", known(true)),
     ]
+}
+
+/// A constant radiance that is known, with the irradiance that it causes: π V_i K, or π K as if
+/// the scene were closed.
+fn constant(scene: &PatchedScene, system: &Radiosity, closed: bool) -> Arc<KnownLight> {
+    let radiance = Rgb::new(0.6, 0.9, 1.4);
+    let visible = |i: usize| if closed { 1.0 } else { 1.0 - system.lost[i] as f32 };
+    let patches = 0..scene.patches.len();
+    let irradiance =
+        patches.clone().map(|i| radiance * (visible(i) * std::f32::consts::PI)).collect();
+    Arc::new(KnownLight { radiance: patches.map(|_| radiance).collect(), irradiance })
+}
+
+/// Mean irradiance of one channel after `count` iterations, known light included: with L = K + ΔL
+/// the iteration starts at ΔL = L^e − K + kd E_K/π and keeps that as its source.
+fn expected(
+    system: &Radiosity,
+    channel: usize,
+    count: usize,
+    known: Option<&KnownLight>,
+) -> Vec<f64> {
+    let Some(known) = known else { return system.iterated(channel, count) };
+    let own = |values: &[Rgb], i: usize| f64::from(values[i].to_array()[channel]);
+    let patches = 0..system.len();
+    let sources: Vec<f64> = patches
+        .clone()
+        .map(|i| {
+            let reflected = system.albedo[i][channel] * own(&known.irradiance, i);
+            system.emitted[i][channel] - PI * own(&known.radiance, i) + reflected
+        })
+        .collect();
+    let mut irradiance = vec![0.0; system.len()];
+    for _ in 0..count {
+        let sent: Vec<f64> = patches
+            .clone()
+            .map(|i| sources[i] + system.albedo[i][channel] * irradiance[i])
+            .collect();
+        irradiance = system.transport(&sent);
+    }
+    patches.map(|i| irradiance[i] + own(&known.irradiance, i)).collect()
 }
 
 /// E[T*] = T: over many seeds the first three iterations have the means of T L^e, T L(1), T L(2).
 #[test]
 fn one_iteration_expects_one_application_of_the_transport_operator() {
-    const SEEDS: u64 = 1200;
+    const SEEDS: u64 = 1000;
     const ITERATIONS: usize = 3;
     let scene = rooms::corner();
     assert_eq!(scene.patches.len(), 3);
     let system = corner_system(&scene);
-    let expected: Vec<f64> = (1..=ITERATIONS)
-        .flat_map(|count| {
-            let channels = [0, 1, 2].map(|channel| system.iterated(channel, count));
-            (0..3).map(move |patch| channels.iter().map(|e| e[patch]).sum())
-        })
-        .collect();
     let mut device = CpuDevice::new(Some(1)).expect("threads");
-    for (name, settings) in unbiased() {
+    for (name, settings) in unbiased(&scene, &system) {
+        let known = settings.known.as_deref();
+        let after = |count: usize| -> Vec<f64> {
+            let channels = [0, 1, 2].map(|channel| expected(&system, channel, count, known));
+            (0..3).map(|patch| channels.iter().map(|e| e[patch]).sum()).collect()
+        };
+        let right: Vec<f64> = (1..=ITERATIONS).flat_map(after).collect();
         let mut seen = vec![Moments::default(); 3 * ITERATIONS];
         for seed in 0..SEEDS {
             let settings = ShootingSettings { seed, ..settings.clone() };
@@ -138,17 +188,108 @@ fn one_iteration_expects_one_application_of_the_transport_operator() {
                 }
             }
         }
-        let scores = Scores::new(&seen, &expected);
-        let errors: Vec<f64> =
-            seen.iter().zip(&expected).map(|(m, e)| m.standard_error() / e).collect();
-        println!("{name}: {scores:?}, standard errors {errors:.4?}");
+        let scores = Scores::new(&seen, &right);
+        let errors = seen.iter().zip(&right).map(|(m, e)| m.standard_error() / e);
+        let error = errors.sum::<f64>() / right.len() as f64;
+        println!("{name}: {scores:.2?}, standard error {:.1} %", 100.0 * error);
         assert!(scores.is_chance(), "{name}: {scores:?}");
-        // Planted: one more bounce than there were iterations, and 15 % too little.
-        let mut late = expected[3..].to_vec();
-        late.extend(system.solve_sum());
-        assert!(!Scores::new(&seen, &late).is_chance(), "{name}: a bounce too many passed");
-        let less: Vec<f64> = expected.iter().map(|e| 0.85 * e).collect();
-        assert!(!Scores::new(&seen, &less).is_chance(), "{name}: 15 % too little passed");
+        // Planted: a bounce more than there were iterations, 15 % too little, and with known
+        // light the expectation without it.
+        let late: Vec<f64> = (2..=ITERATIONS + 1).flat_map(after).collect();
+        let planted = [
+            ("a bounce too many", late),
+            ("15 % too little", right.iter().map(|e| 0.85 * e).collect()),
+        ];
+        for (what, wrong) in planted {
+            assert!(!Scores::new(&seen, &wrong).is_chance(), "{name}: {what} passed");
+        }
+    }
+}
+
+/// A closed box whose walls all shine, each in its own colour.
+fn coloured_furnace() -> Arc<PatchedScene> {
+    let mut builder = Builder::default();
+    let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+    let walls = [
+        (Vec3::ZERO, z, x, Rgb::new(1.0, 0.0, 0.0)),
+        (y, x, z, Rgb::new(0.0, 1.0, 0.0)),
+        (Vec3::ZERO, x, y, Rgb::new(0.0, 0.0, 3.0)),
+        (z, y, x, Rgb::new(0.2, 0.2, 0.2)),
+        (Vec3::ZERO, y, z, Rgb::new(2.0, 1.0, 0.0)),
+        (x, z, y, Rgb::ZERO),
+    ];
+    for (corner, u, v, emission) in walls {
+        let wall = builder.light(Rgb::new(0.8, 0.5, 0.3), emission);
+        builder.quad(corner, u, v, wall);
+    }
+    Arc::new(PatchedScene::new(builder.build(), 48))
+}
+
+/// Patches shoot with probability p_j: at first in proportion to the power that they emit, then to
+/// what they emit and reflect; or all alike.
+#[test]
+fn shooters_are_picked_with_their_probability() {
+    const SEEDS: u64 = 4000;
+    let scene = coloured_furnace();
+    let patches = &scene.patches;
+    let count = patches.len();
+    // Rec. 709 luminance.
+    let luminance = |rgb: DVec3| rgb.abs().dot(DVec3::new(0.2126, 0.7152, 0.0722));
+    let normalised = |power: Vec<f64>| -> Vec<f64> {
+        let total: f64 = power.iter().sum();
+        power.iter().map(|power| power / total).collect()
+    };
+    let by_power = |irradiance: &[Rgb]| {
+        let power = |i: usize| {
+            let (emission, albedo) =
+                (patches.emission[i].as_dvec3(), patches.diffuse[i].as_dvec3());
+            let sent = PI * emission + albedo * irradiance[i].as_dvec3();
+            luminance(sent) * f64::from(patches.area[i])
+        };
+        normalised((0..count).map(power).collect())
+    };
+    let mut device = CpuDevice::new(Some(1)).expect("threads");
+    for (shots, stratified, selection) in [
+        (1, true, Selection::Power),
+        (4, false, Selection::Power),
+        (4, true, Selection::Power),
+        (1, true, Selection::Uniform),
+        (4, false, Selection::Uniform),
+    ] {
+        let mut picked = vec![vec![0u64; count]; 2];
+        let mut probability = vec![vec![0.0; count]; 2];
+        for seed in 0..SEEDS {
+            let settings = ShootingSettings { stratified, selection, ..settings(8, shots, seed) };
+            let mut shooting = device.begin(scene.clone(), &settings).expect("begins");
+            let mut irradiance = vec![Rgb::ZERO; count];
+            for (picked, probability) in picked.iter_mut().zip(&mut probability) {
+                let p = match selection {
+                    Selection::Power => by_power(&irradiance),
+                    Selection::Uniform => vec![1.0 / count as f64; count],
+                };
+                probability.iter_mut().zip(p).for_each(|(sum, p)| *sum += p / SEEDS as f64);
+                shooting.iterate(1).expect("iterates");
+                let shooters = shooting.shooters().expect("shooters");
+                assert_eq!(shooters.len(), shots as usize);
+                shooters.iter().for_each(|shooter| picked[*shooter as usize] += 1);
+                irradiance = shooting.drain().expect("drains").irradiance;
+            }
+        }
+        for (iteration, (picked, probability)) in picked.iter().zip(&probability).enumerate() {
+            let name = format!(
+                "{selection:?}, K = {shots}, stratified {stratified}, iteration {iteration}"
+            );
+            let score = chi_square(picked, probability);
+            // Systematic picks are more even than chance; independent ones are just chance.
+            println!("{name}: {score:+.2}");
+            assert!(score < 4.0, "{name}: {score}");
+            assert!(stratified || score > -4.0, "{name}: {score}: too even");
+            let planted = match selection {
+                Selection::Power => vec![1.0 / count as f64; count],
+                Selection::Uniform => by_power(&vec![Rgb::ZERO; count]),
+            };
+            assert!(chi_square(picked, &planted) > 20.0, "{name}: other probabilities passed");
+        }
     }
 }
 
