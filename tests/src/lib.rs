@@ -6,4 +6,5 @@ pub mod malformed;
 pub mod oracle;
 pub mod scenes;
 pub mod server;
+pub mod stability;
 pub mod twins;
