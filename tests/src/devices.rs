@@ -47,6 +47,8 @@ pub struct Estimate {
     pub channels: [Vec<Moments>; 3],
     /// The channels' sum per patch.
     pub sum: Vec<Moments>,
+    /// Power that lands in all per channel, Σ A E, W.
+    pub landed: [Moments; 3],
     /// Counts without the burn-in.
     pub tally: Tally,
 }
@@ -64,19 +66,28 @@ pub fn estimate(
         shooting.drain().expect("drains");
     }
     let dark = || vec![Moments::default(); scene.patches.len()];
-    let mut estimate =
-        Estimate { channels: [dark(), dark(), dark()], sum: dark(), tally: Tally::default() };
+    let mut estimate = Estimate {
+        channels: [dark(), dark(), dark()],
+        sum: dark(),
+        landed: [Moments::default(); 3],
+        tally: Tally::default(),
+    };
     for _ in 0..effort.batches {
         estimate.tally += shooting.iterate(effort.iterations).expect("iterates");
         let sums = shooting.drain().expect("drains");
         let means: Vec<Rgb> =
             sums.irradiance.iter().map(|sum| *sum / sums.iterations as f32).collect();
+        let mut landed = [0.0; 3];
         for (patch, mean) in means.iter().enumerate() {
+            for (landed, value) in landed.iter_mut().zip(mean.to_array()) {
+                *landed += f64::from(scene.patches.area[patch]) * f64::from(value);
+            }
             for (channel, value) in estimate.channels.iter_mut().zip(mean.to_array()) {
                 channel[patch].push(f64::from(value));
             }
             estimate.sum[patch].push(f64::from(mean.element_sum()));
         }
+        estimate.landed.iter_mut().zip(landed).for_each(|(moments, value)| moments.push(value));
     }
     estimate
 }

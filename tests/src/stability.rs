@@ -36,9 +36,8 @@ pub fn landed(
 /// Power that the patches emit in one channel, W.
 pub fn emitted(scene: &PatchedScene, channel: usize) -> f64 {
     let patches = &scene.patches;
-    let power = |i: usize| {
-        f64::from(patches.area[i]) * f64::from(patches.emission[i].to_array()[channel])
-    };
+    let power =
+        |i: usize| f64::from(patches.area[i]) * f64::from(patches.emission[i].to_array()[channel]);
     std::f64::consts::PI * (0..patches.len()).map(power).sum::<f64>()
 }
 

@@ -32,7 +32,10 @@ fn request(scene: Arc<Scene>, iterations: u64, options: &[(&str, &str)]) -> Rend
         method: "stochastic".into(),
         limits: Limits { iterations: Some(iterations), ..Limits::default() },
         seed: 1,
-        options: options.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect(),
+        options: options
+            .iter()
+            .map(|(name, value)| (name.to_string(), value.to_string()))
+            .collect(),
     }
 }
 
@@ -145,14 +148,14 @@ fn diffuse_and_specular_above_one() {
     let reflectance = wall.reflectance(wall.base_color);
     let wall = builder.material(wall);
     builder.cuboid(Vec3::ZERO, Vec3::ONE, true, wall);
-    let scene = Arc::new(PatchedScene::new(builder.build(), 100));
+    let scene = Arc::new(PatchedScene::new(builder.build(), 600));
     let total = reflectance.diffuse.x + reflectance.specular.x;
     assert!((total - 1.0).abs() < 1e-6, "{total}");
     let walks = Walks::new(&scene);
     let mut generator = Generator::new(2);
-    let patches = (0..scene.patches.len()).step_by(2);
+    let patches = (0..scene.patches.len()).step_by(12);
     let walked: f64 =
-        patches.clone().map(|p| walks.irradiance(p, 200, &mut generator).mean()).sum();
+        patches.clone().map(|p| walks.irradiance(p, 500, &mut generator).mean()).sum();
     let walked = walked / patches.count() as f64 / PI;
     on_every_device("kd .7 + ks .8 authored", |device| {
         let effort = Effort { burn_in: 60, batches: 8, iterations: 15 };
@@ -226,12 +229,9 @@ fn two_lights_a_billion_to_one() {
         let low = Vec3::X * x;
         let (a, b) = (Vec3::X, Vec3::Z);
         builder.quad(low, b, a, wall).quad(low + Vec3::Y, a, b, light);
-        for (corner, u, v) in [
-            (low, a, Vec3::Y),
-            (low + b, Vec3::Y, a),
-            (low, Vec3::Y, b),
-            (low + a, b, Vec3::Y),
-        ] {
+        for (corner, u, v) in
+            [(low, a, Vec3::Y), (low + b, Vec3::Y, a), (low, Vec3::Y, b), (low + a, b, Vec3::Y)]
+        {
             builder.quad(corner, u, v, wall);
         }
     }
@@ -317,21 +317,26 @@ fn one_sided_and_two_sided_emitters() {
         let up = |patch: usize| scene.patches.centroid[patch].y > 0.5;
         let down = |patch: usize| scene.patches.centroid[patch].y < 0.5;
         let phi = PI * 0.16;
-        on_every_device(if two_sided { "two-sided emitter" } else { "one-sided emitter" }, |device| {
-            let effort = Effort { burn_in: 1, ..SHORT };
-            let estimate = solved(device, &scene, &settings(64, 8, 1), effort);
-            let sides = if two_sided { 2.0 } else { 1.0 };
-            let total = near(landed(&scene, &estimate, 0, |_| true), sides * phi, 1e-3);
-            let (above, below) =
-                (landed(&scene, &estimate, 0, up) / phi, landed(&scene, &estimate, 0, down) / phi);
-            if two_sided {
-                // Patches that straddle the height of the lamp belong to both halves.
-                assert!(above > 0.8 && below > 0.8, "{above} {below}");
-            } else {
-                assert!(above > 0.8 && below < 0.2, "{above} {below}");
-            }
-            format!("power {total:+.1e}; above {above:.2} Φ, below {below:.2} Φ")
-        });
+        on_every_device(
+            if two_sided { "two-sided emitter" } else { "one-sided emitter" },
+            |device| {
+                let effort = Effort { burn_in: 1, ..SHORT };
+                let estimate = solved(device, &scene, &settings(64, 8, 1), effort);
+                let sides = if two_sided { 2.0 } else { 1.0 };
+                let total = near(landed(&scene, &estimate, 0, |_| true), sides * phi, 1e-3);
+                let (above, below) = (
+                    landed(&scene, &estimate, 0, up) / phi,
+                    landed(&scene, &estimate, 0, down) / phi,
+                );
+                if two_sided {
+                    // Patches that straddle the height of the lamp belong to both halves.
+                    assert!(above > 0.8 && below > 0.8, "{above} {below}");
+                } else {
+                    assert!(above > 0.8 && below < 0.2, "{above} {below}");
+                }
+                format!("power {total:+.1e}; above {above:.2} Φ, below {below:.2} Φ")
+            },
+        );
     }
 }
 

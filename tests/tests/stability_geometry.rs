@@ -69,7 +69,7 @@ fn two_rooms(gap: f32) -> Arc<PatchedScene> {
 fn sealed_wall() {
     let (sealed, gap) = (two_rooms(0.0), two_rooms(1e-3));
     on_every_device("sealed wall between two rooms", |device| {
-        let mut behind = |scene: &Arc<PatchedScene>| {
+        let behind = |device: &mut dyn Device, scene: &Arc<PatchedScene>| {
             let effort = Effort { burn_in: 0, batches: 4, iterations: 30 };
             let estimate = solved(device, scene, &settings(128, 8, 5), effort);
             let second = |i: usize| {
@@ -79,9 +79,12 @@ fn sealed_wall() {
             let light = landed(scene, &estimate, 0, second);
             light / landed(scene, &estimate, 0, |_| true)
         };
-        let (sealed, gap) = (behind(&sealed), behind(&gap));
-        assert_eq!(sealed, 0.0, "light behind a sealed wall");
-        assert!(gap > 1e-5, "a millimetre's gap goes unseen: {gap}");
+        let (sealed, gap) = (behind(device, &sealed), behind(device, &gap));
+        // Rasterisers of GPUs move corners to 1/256 of a pixel, so single pixels on a seam may see
+        // past it; the CPU device's don't.
+        let allowed = if device.description().kind == "cpu" { 0.0 } else { 1e-5 };
+        assert!(sealed <= allowed, "light behind a sealed wall: {sealed}");
+        assert!(gap > 3e-5, "a millimetre's gap goes unseen: {gap}");
         format!("share of the power behind it {sealed:e}; with a gap of 1 mm {gap:.1e}")
     });
 }
@@ -103,8 +106,8 @@ fn gap_of_a_millimetre() {
     builder.quad(lamp.0, lamp.1, lamp.2, light);
     let scene = Arc::new(PatchedScene::new(builder.build(), 60));
     let opening = corners(X + Y * low, Z, Y * slit);
-    let expected =
-        emitted(&scene, 0) * by_contour(&corners(lamp.0, lamp.1, lamp.2), &opening, &Rule::gauss(24));
+    let expected = emitted(&scene, 0)
+        * by_contour(&corners(lamp.0, lamp.1, lamp.2), &opening, &Rule::gauss(24));
     let second = |patch: usize| {
         let (x, normal) = (scene.patches.centroid[patch].x, scene.patches.normal[patch].x);
         x > 1.0 || (x == 1.0 && normal > 0.0)
@@ -114,7 +117,10 @@ fn gap_of_a_millimetre() {
         let estimate = solved(device, &scene, &settings(64, 8, 7), effort);
         let seen = landed(&scene, &estimate, 0, second);
         let deviation = near(seen, expected, 0.08);
-        format!("power through it {deviation:+.1e} ({:.1e} of the lamp's)", seen / emitted(&scene, 0))
+        format!(
+            "power through it {deviation:+.1e} ({:.1e} of the lamp's)",
+            seen / emitted(&scene, 0)
+        )
     });
 }
 
@@ -193,7 +199,9 @@ fn coplanar_duplicates() {
         let estimate = solved(device, &twice, &settings(32, 8, 1), SHORT);
         let expected = closed_room(emitted(&twice, 0), 0.5, SHORT);
         let power = near(landed(&twice, &estimate, 0, |_| true), expected, 1e-3);
-        format!("|ΣΔF − 1| ≤ {worst_sum:.0e}, pairs as single ones to {worst_pair:.0e}, power {power:+.1e}")
+        format!(
+            "|ΣΔF − 1| ≤ {worst_sum:.0e}, pairs as single ones to {worst_pair:.0e}, power {power:+.1e}"
+        )
     });
 }
 
@@ -328,7 +336,8 @@ fn degenerate_triangles() {
 fn mirrored_node_transforms() {
     let plain = made::cornell();
     let length = u32::from_le_bytes(plain[12..16].try_into().expect("a GLB")) as usize;
-    let mut root: serde_json::Value = serde_json::from_slice(&plain[20..20 + length]).expect("JSON");
+    let mut root: serde_json::Value =
+        serde_json::from_slice(&plain[20..20 + length]).expect("JSON");
     let binary = &plain[20 + length + 8..];
     for node in root["nodes"].as_array_mut().expect("nodes") {
         if node.get("mesh").is_some() {
@@ -415,12 +424,11 @@ fn one_huge_patch() {
     let huge = |patch: usize| scene.patches.area[patch] > 1e6;
     assert_eq!((0..scene.patches.len()).filter(|p| huge(*p)).count(), 2);
     // What leaves the lamp lands on the table or the ground; the ground sees nothing of the rest.
-    let on_table =
-        by_contour(
-            &corners(lamp.0, lamp.1, lamp.2),
-            &corners(table.0, table.1, table.2),
-            &Rule::gauss(16),
-        );
+    let on_table = by_contour(
+        &corners(lamp.0, lamp.1, lamp.2),
+        &corners(table.0, table.1, table.2),
+        &Rule::gauss(16),
+    );
     on_every_device("one huge patch", |device| {
         let phi = emitted(&scene, 0);
         let mut lit = Moments::default();
@@ -430,7 +438,9 @@ fn one_huge_patch() {
             let effort = Effort { burn_in: 0, batches: 1, iterations: 1 };
             let estimate = solved(device, &scene, &settings(64, 16, seed), effort);
             lit.push(landed(&scene, &estimate, 0, huge));
-            tabled.push(landed(&scene, &estimate, 0, |p| !huge(p) && scene.patches.normal[p].y > 0.5));
+            tabled.push(landed(&scene, &estimate, 0, |p| {
+                !huge(p) && scene.patches.normal[p].y > 0.5
+            }));
         }
         let ground = near(lit.mean(), phi * (1.0 - on_table), 5e-3);
         let table = near(tabled.mean(), phi * on_table, 1e-2);
