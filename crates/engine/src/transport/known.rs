@@ -66,9 +66,9 @@ pub fn known_light(
             false => patches.emission[i],
         };
         let radiance = equilibrium(scene, left, &visible);
-        for i in 0..patches.len() {
+        for (i, visible) in visible.iter().enumerate() {
             known.radiance[i] += radiance;
-            known.irradiance[i] += PI * visible[i] * radiance;
+            known.irradiance[i] += PI * *visible * radiance;
         }
     }
     Ok(Some(known))
