@@ -93,3 +93,71 @@ pub fn mean_pixel(rendered: &Rendered) -> Rgb {
     let sum: glam::DVec3 = pixels.iter().map(|pixel| pixel.as_dvec3()).sum();
     (sum / pixels.len() as f64).as_vec3()
 }
+
+/// Relative deviation of a value from what is expected.
+///
+/// # Panics
+/// Where it is not below `tolerance`.
+pub fn near(value: f64, expected: f64, tolerance: f64) -> f64 {
+    let deviation = value / expected - 1.0;
+    assert!(deviation.abs() < tolerance, "{value} instead of {expected}: {deviation:+.2e}");
+    deviation
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hemilux_engine::device::cpu::CpuDevice;
+    use hemilux_engine::scene::made;
+
+    #[test]
+    fn bounces_add_up_to_equilibrium() {
+        let effort = |burn_in| Effort { burn_in, batches: 2, iterations: 2 };
+        near(closed_room(3.0, 0.5, effort(60)), 6.0, 1e-12);
+        // (1 + 1.5 + 1.75 + 1.875)/4 of the emitted power, and 1 + 2 + 3 + 4 without absorption.
+        near(closed_room(1.0, 0.5, effort(0)), 6.125 / 4.0, 1e-12);
+        near(closed_room(1.0, 1.0, effort(0)), 2.5, 1e-12);
+    }
+
+    #[test]
+    fn power_of_the_wrong_albedo_or_emission_is_found() {
+        let room = |albedo, emission| {
+            let glb = made::furnace(Rgb::splat(albedo), Rgb::splat(emission));
+            Arc::new(PatchedScene::new(crate::scenes::imported(&glb), 24))
+        };
+        let scene = room(0.5, 1.0);
+        let mut device = CpuDevice::new(Some(1)).expect("threads");
+        let settings = crate::scenes::settings(16, 4, 1);
+        let mut deviation = |of: &Arc<PatchedScene>| {
+            let estimate = solved(&mut device, of, &settings, SHORT);
+            landed(of, &estimate, 0, |_| true) / closed_room(emitted(&scene, 0), 0.5, SHORT) - 1.0
+        };
+        assert!(deviation(&scene).abs() < 1e-3);
+        assert!(deviation(&room(0.505, 1.0)).abs() > 5e-3);
+        assert!(deviation(&room(0.5, 1.01)).abs() > 5e-3);
+    }
+
+    #[test]
+    #[should_panic(expected = "instead of")]
+    fn near_sees_what_is_not() {
+        near(1.02, 1.0, 0.01);
+    }
+
+    #[test]
+    #[should_panic(expected = "NaN")]
+    fn near_sees_what_is_no_number() {
+        near(f64::NAN, 1.0, 0.01);
+    }
+
+    #[test]
+    #[should_panic(expected = "-1")]
+    fn negative_irradiance_is_found() {
+        checked_largest(&[Moments::exact(1.0), Moments::exact(-1.0)]);
+    }
+
+    #[test]
+    #[should_panic(expected = "inf")]
+    fn infinite_irradiance_is_found() {
+        checked_largest(&[Moments::exact(f64::INFINITY)]);
+    }
+}

@@ -17,12 +17,6 @@ use hemilux_tests::stability::*;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-fn near(value: f64, expected: f64, tolerance: f64) -> f64 {
-    let deviation = value / expected - 1.0;
-    assert!(deviation.abs() < tolerance, "{value} instead of {expected}: {deviation:+.2e}");
-    deviation
-}
-
 fn request(scene: Arc<Scene>, iterations: u64, options: &[(&str, &str)]) -> RenderRequest {
     RenderRequest {
         scene,

@@ -23,12 +23,6 @@ const X: Vec3 = Vec3::X;
 const Y: Vec3 = Vec3::Y;
 const Z: Vec3 = Vec3::Z;
 
-fn near(value: f64, expected: f64, tolerance: f64) -> f64 {
-    let deviation = value / expected - 1.0;
-    assert!(deviation.abs() < tolerance, "{value} instead of {expected}: {deviation:+.2e}");
-    deviation
-}
-
 fn trace(
     device: &mut dyn Device,
     scene: &Arc<PatchedScene>,

@@ -7,6 +7,7 @@ use hemilux_engine::device::{
 };
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::Rgb;
+use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, StopReason};
 use hemilux_engine::scene::made;
 use hemilux_engine::transport::known::{ConstantRadiance, known_light};
 use hemilux_tests::comparison::largest_relative_deviation;
@@ -235,4 +236,33 @@ fn nothing_left_beside_the_constant_term() {
             format!("patches exact to {worst:.0e}, {} shots", estimate.tally.shots)
         });
     }
+}
+
+/// The same as a picture, by the printed algorithm: nothing to shoot must not read as no light.
+#[test]
+fn a_picture_of_nothing_but_the_constant_term() {
+    let scene = imported(&made::furnace(Rgb::splat(0.5), Rgb::new(1.0, 2.0, 0.5)));
+    let option = |name: &str, value: &str| (name.to_string(), value.to_string());
+    let request = RenderRequest {
+        scene,
+        camera: CameraChoice::First,
+        width: 16,
+        height: 16,
+        method: "stochastic".into(),
+        limits: Limits { iterations: Some(40), ..Limits::default() },
+        seed: 1,
+        options: [option("preset", "paper"), option("patches", "60")].into(),
+    };
+    on_every_device("ΔL ≡ 0 | preset paper", |device| {
+        let rendered = rendered(device, &request);
+        assert_eq!(rendered.stats.stopped, StopReason::Iterations);
+        let error = rendered.stats.estimated_error;
+        assert!(error.is_none_or(|error| (0.0..1e-4).contains(&error)), "{error:?}");
+        let pixels = rendered.picture.pixels.iter();
+        let worst =
+            pixels.map(|pixel| (*pixel / Rgb::new(2.0, 4.0, 1.0) - 1.0).abs().max_element());
+        let worst = worst.fold(0.0, f32::max);
+        assert!(worst < 1e-4, "{worst}");
+        format!("pixels exact to {worst:.0e}, estimated error {error:?}")
+    });
 }
