@@ -68,7 +68,7 @@ pub fn known_light(
         let radiance = equilibrium(scene, left, &visible);
         for (i, visible) in visible.iter().enumerate() {
             known.radiance[i] += radiance;
-            known.irradiance[i] += PI * *visible * radiance;
+            known.irradiance[i] += PI * visible * radiance;
         }
     }
     Ok(Some(known))

@@ -68,6 +68,7 @@ impl Method for Stochastic {
             tally: Tally::default(),
             batches: Batches::new(options.burn_in),
             estimated_error: None,
+            without_estimate: false,
         };
         let (picture, stopped) = if scene.patches.any_light() {
             let measurement = Measurement::new(
@@ -160,6 +161,9 @@ struct Job {
     tally: Tally,
     batches: Batches,
     estimated_error: Option<f64>,
+    /// Whether there are batches enough but nothing to estimate from: every pixel sees an emitter
+    /// or darkness.
+    without_estimate: bool,
 }
 
 impl Job {
@@ -209,6 +213,7 @@ impl Job {
                 if news && estimated.elapsed().as_secs_f64() >= ESTIMATE_PAUSE * estimate_seconds {
                     let began = Instant::now();
                     self.estimated_error = self.batches.relative_error(measurement, &weights);
+                    self.without_estimate = self.estimated_error.is_none() && self.batches.enough();
                     estimate_seconds = began.elapsed().as_secs_f64();
                     (estimated, news) = (Instant::now(), false);
                 }
@@ -234,7 +239,8 @@ impl Job {
     /// The time budget: the asked one, or the default where nothing else would end the job.
     fn seconds_limit(&self) -> Option<f64> {
         let Limits { seconds, iterations, target_error } = self.limits;
-        let unlimited = iterations.is_none() && target_error.is_none();
+        let endless = target_error.is_none() || self.without_estimate;
+        let unlimited = iterations.is_none() && endless;
         seconds.or(unlimited.then_some(Limits::DEFAULT_SECONDS))
     }
 
@@ -276,5 +282,31 @@ impl Job {
             seconds_remaining,
             fraction: seconds_remaining.map_or(0.0, |rest| seconds / (seconds + rest).max(1e-9)),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn a_target_that_cannot_be_estimated_ends_by_time() {
+        let long_ago = Instant::now().checked_sub(Duration::from_secs(60)).expect("a minute ago");
+        let mut job = Job {
+            start: long_ago,
+            limits: Limits { target_error: Some(0.05), ..Limits::default() },
+            tally: Tally { iterations: 1, ..Tally::default() },
+            batches: Batches::new(0),
+            estimated_error: None,
+            without_estimate: false,
+        };
+        assert_eq!(job.limit_reached(0.0), None, "an estimate may still come");
+        job.without_estimate = true;
+        assert_eq!(job.limit_reached(0.0), Some(StopReason::TimeBudget));
+        job.limits.seconds = Some(120.0);
+        assert_eq!(job.limit_reached(0.0), None, "a longer time was asked for");
+        (job.estimated_error, job.without_estimate) = (Some(0.04), false);
+        assert_eq!(job.limit_reached(0.0), Some(StopReason::TargetError));
     }
 }
