@@ -121,7 +121,7 @@ fn a_glossy_floor_reflects_by_its_albedo_at_each_angle() {
         for (switch, settings) in switches {
             let plain = switch == "none";
             // A face in ten, ten times as bright, is noisy.
-            let iterations = if plain { 100 } else { 200 };
+            let iterations = if plain { 100 } else { 120 };
             let effort = Effort { burn_in: 5, batches: 20, iterations };
             let estimate = estimate(&mut device, &scene, &settings, effort);
             let (mut sum, mut area) = (0.0, 0.0);
