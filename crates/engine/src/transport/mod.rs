@@ -2,7 +2,7 @@
 //! registry, one toolbox, so that a comparison of methods is fair.
 
 mod batches;
-mod known;
+pub mod known;
 pub mod options;
 mod radiosity;
 mod run;

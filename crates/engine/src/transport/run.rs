@@ -20,6 +20,10 @@ pub struct Run<'a> {
     pub tally: Tally,
     /// Estimated rRMSE of the present picture.
     pub estimated_error: Option<f64>,
+    /// Whether there is nothing to estimate the error from: the method can't, or every pixel sees
+    /// an emitter or darkness. Then a target error alone does not end the job, the default time
+    /// budget does.
+    pub without_estimate: bool,
     /// Share of the work done, where the method knows it better than the limits do.
     pub known_fraction: Option<f64>,
 }
@@ -35,6 +39,7 @@ impl<'a> Run<'a> {
             picture_seconds: 0.0,
             tally: Tally::default(),
             estimated_error: None,
+            without_estimate: false,
             known_fraction: None,
         }
     }
@@ -106,7 +111,8 @@ impl<'a> Run<'a> {
     /// The time budget: the asked one, or the default where nothing else would end the job.
     fn seconds_limit(&self) -> Option<f64> {
         let Limits { seconds, iterations, target_error } = self.limits;
-        let unlimited = iterations.is_none() && target_error.is_none();
+        let endless = target_error.is_none() || self.without_estimate;
+        let unlimited = iterations.is_none() && endless;
         seconds.or(unlimited.then_some(Limits::DEFAULT_SECONDS))
     }
 
@@ -137,5 +143,28 @@ impl<'a> Run<'a> {
             seconds_remaining,
             fraction: seconds_remaining.map_or(0.0, |rest| seconds / (seconds + rest).max(1e-9)),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::Unobserved;
+    use std::time::Duration;
+
+    #[test]
+    fn a_target_that_cannot_be_estimated_ends_by_time() {
+        let long_ago = Instant::now().checked_sub(Duration::from_secs(60)).expect("a minute ago");
+        let limits = Limits { target_error: Some(0.05), ..Limits::default() };
+        let mut observer = Unobserved;
+        let mut run = Run::new(long_ago, limits, &mut observer);
+        run.tally.iterations = 1;
+        assert_eq!(run.stop(), None, "an estimate may still come");
+        run.without_estimate = true;
+        assert_eq!(run.stop(), Some(StopReason::TimeBudget));
+        run.limits.seconds = Some(120.0);
+        assert_eq!(run.stop(), None, "a longer time was asked for");
+        (run.estimated_error, run.without_estimate) = (Some(0.04), false);
+        assert_eq!(run.stop(), Some(StopReason::TargetError));
     }
 }

@@ -150,6 +150,7 @@ fn solve(
             if news && estimated.elapsed().as_secs_f64() >= ESTIMATE_PAUSE * estimate_seconds {
                 let began = Instant::now();
                 run.estimated_error = batches.relative_error(measurement, &weights);
+                run.without_estimate = run.estimated_error.is_none() && batches.enough();
                 estimate_seconds = began.elapsed().as_secs_f64();
                 (estimated, news) = (Instant::now(), false);
             }

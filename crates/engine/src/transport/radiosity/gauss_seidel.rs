@@ -46,6 +46,7 @@ impl Method for GaussSeidel {
         let asked = Asked { method: self.name(), reasons, request, settings: &settings };
         let stage = diffuse_stage(asked, device, observer)?;
         let mut run = stage.run(request, observer);
+        run.without_estimate = true;
         let scene = stage.scene.clone();
         if !scene.patches.any_light() {
             let black = (stage.black(), StopReason::NoLight);

@@ -68,6 +68,7 @@ impl Method for MonteCarlo {
             batches.add(Sums { iterations: 1, irradiance, glossy: Vec::new() });
             if run.report_is_due() {
                 run.estimated_error = batches.relative_error(&measurement, &weights);
+                run.without_estimate = run.estimated_error.is_none() && batches.enough();
                 run.report(true, || measurement.picture(&batches.mean()));
             }
         };

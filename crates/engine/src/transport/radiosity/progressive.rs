@@ -39,6 +39,7 @@ impl Method for Progressive {
         let asked = Asked { method: self.name(), reasons, request, settings: &settings };
         let stage = diffuse_stage(asked, device, observer)?;
         let mut run = stage.run(request, observer);
+        run.without_estimate = true;
         let scene = stage.scene.clone();
         let patches = &scene.patches;
         if !patches.any_light() {
