@@ -11,6 +11,7 @@ use crate::device::{Device, ShootingSettings, VarianceReduction};
 use crate::image::Picture;
 use crate::measurement::{Measurement, Solution, viewpoint};
 use crate::patches::PatchedScene;
+use crate::radiometry::Rgb;
 use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
 use crate::scene::Warning;
 use std::collections::BTreeMap;
@@ -23,6 +24,8 @@ const STEP_SECONDS: f64 = 0.04;
 const ESTIMATE_PAUSE: f64 = 10.0;
 /// A Phong lobe sharper than this is not resolved by patches of ordinary size.
 const SHARP_EXPONENT: f32 = 200.0;
+/// A mean albedo that lets light bounce for hundreds of iterations.
+const WHITE: f32 = 0.99;
 
 /// Antal's method with power importance sampling, K stratified shots an iteration, and the
 /// averaged measurement.
@@ -50,7 +53,7 @@ impl Method for Stochastic {
             Asked { method: self.name(), reasons, request, settings: &settings },
             request.scene.clone(),
             device.description(),
-            sharp_lobes,
+            strains,
             observer,
         )?;
         let mut run = stage.run(request, observer);
@@ -90,10 +93,20 @@ fn variance_reduction(
     options.substitute.map(|substitute| VarianceReduction { substitute, shots })
 }
 
-/// Warns of lobes that patches can't resolve.
-fn sharp_lobes(scene: &PatchedScene) -> Vec<Warning> {
+/// Warns of lobes that patches can't resolve, and of light that hardly anything absorbs.
+fn strains(scene: &PatchedScene) -> Vec<Warning> {
     let mut warnings = Vec::new();
     let patches = &scene.patches;
+    let area: f32 = patches.area.iter().sum();
+    let reflected: Rgb = (0..patches.len())
+        .map(|i| patches.area[i] * (patches.diffuse[i] + patches.specular[i]))
+        .sum();
+    if reflected.max_element() > WHITE * area {
+        warnings.push(Warning::new(
+            "materials",
+            "the surfaces reflect more than 99 % of the light; in a closed scene it takes very long to settle, or never does",
+        ));
+    }
     let sharp = (0..patches.len())
         .filter(|p| patches.is_glossy(*p) && patches.exponent[*p] > SHARP_EXPONENT)
         .map(|p| scene.facets[patches.facet[p] as usize].source as usize)

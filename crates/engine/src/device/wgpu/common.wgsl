@@ -121,8 +121,12 @@ struct Patch {
     spare: f32,
 }
 
+// Bit of Facet.divisions.
+const FACET_RECEDES = 0x80000000u;
+
 struct Facet {
     corner: vec3<f32>,
+    // n, and FACET_RECEDES.
     divisions: u32,
     edge_1: vec3<f32>,
     front: u32,

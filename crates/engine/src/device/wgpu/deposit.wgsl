@@ -13,6 +13,9 @@
 @group(0) @binding(6) var atlas: texture_2d<u32>;
 
 const RUN = 16u;
+// Rasterisers move corners to 1/256 of a pixel, so what lies nearer than this to an edge, in
+// pixels, may be the neighbour.
+const SNAP = 1.0 / 64.0;
 
 // patches::cell_index.
 fn cell_index(n: u32, u: f32, v: f32) -> u32 {
@@ -23,6 +26,16 @@ fn cell_index(n: u32, u: f32, v: f32) -> u32 {
     let j = min(u32(fv), last);
     let upper = (fu - f32(i)) + (fv - f32(j)) > 1.0 && j < last;
     return i * (2u * n - i) + 2u * j + select(0u, 1u, upper);
+}
+
+// How far a barycentric coordinate may be off by snapping: `numerator` and `divisor` are the
+// planes whose quotient it is, `right` and `up` a pixel's step on the face.
+fn snap_of(
+    coordinate: f32, divisor: f32, numerator: vec3<f32>, plane: vec3<f32>,
+    right: vec3<f32>, up: vec3<f32>,
+) -> f32 {
+    let slope = numerator - coordinate * plane;
+    return SNAP * (abs(dot(right, slope)) + abs(dot(up, slope))) / abs(divisor);
 }
 
 @compute @workgroup_size(64)
@@ -63,6 +76,7 @@ fn deposit(@builtin(global_invocation_id) id: vec3<u32>) {
     // Of the present item: planes whose products with a direction give u, v and their divisor.
     var first = NO_PATCH;
     var divisions = 1u;
+    var recedes = false;
     var u_plane = vec3(0.0);
     var v_plane = vec3(0.0);
     var plane = vec3(0.0);
@@ -77,7 +91,8 @@ fn deposit(@builtin(global_invocation_id) id: vec3<u32>) {
             if code != 0u {
                 let facet = facets[(code - 1u) >> 1u];
                 first = select(facet.front, facet.back, (code & 1u) == 0u);
-                divisions = facet.divisions;
+                divisions = facet.divisions & ~FACET_RECEDES;
+                recedes = (facet.divisions & FACET_RECEDES) != 0u;
                 let a = facet.corner - shot.position;
                 plane = cross(facet.edge_1, facet.edge_2);
                 u_plane = cross(facet.edge_2, a);
@@ -85,10 +100,22 @@ fn deposit(@builtin(global_invocation_id) id: vec3<u32>) {
             }
         }
         var seen = first;
-        if first < CULLED_BACK && divisions > 1u {
-            let inverse = 1.0 / dot(direction, plane);
-            seen += cell_index(divisions, dot(direction, u_plane) * inverse,
-                dot(direction, v_plane) * inverse);
+        if first < CULLED_BACK && (divisions > 1u || recedes) {
+            let divisor = dot(direction, plane);
+            let u = dot(direction, u_plane) / divisor;
+            let v = dot(direction, v_plane) / divisor;
+            seen += cell_index(divisions, u, v);
+            if recedes {
+                // On a seam a facet that goes on behind another must not be seen at all: what may
+                // be its neighbour's is left out.
+                let right = step * axes.right;
+                let up = step * axes.up;
+                let su = snap_of(u, divisor, u_plane, plane, right, up);
+                let sv = snap_of(v, divisor, v_plane, plane, right, up);
+                if u < su || v < sv || 1.0 - u - v < su + sv {
+                    seen = NO_PATCH;
+                }
+            }
         }
         if seen != current {
             if current < CULLED_BACK {

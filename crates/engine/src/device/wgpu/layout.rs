@@ -22,7 +22,7 @@ pub const FIXED_SCALE: f32 = (1u32 << 31) as f32;
 /// `Facet.back` of a facet that is skipped when its back is seen.
 const CULLED_BACK: u32 = u32::MAX - 1;
 const NOT_GLOSSY: u32 = u32::MAX;
-/// Bit of `Corner.item` in a facet that recedes; item codes are below it.
+/// Bit of `Corner.item` and `Facet.divisions` of a facet that recedes; both are below it.
 const RECEDES: u32 = 1 << 31;
 /// Near value of the depth buffer relative to the size of the scene.
 const NEAR: f32 = 1e-8;
@@ -306,7 +306,7 @@ impl GpuFacet {
             let culled = facet.cull_back && facet.back == NO_PATCH;
             Self {
                 corner: a,
-                divisions: facet.divisions,
+                divisions: facet.divisions | if facet.recedes { RECEDES } else { 0 },
                 edge_1: b - a,
                 front: facet.front,
                 edge_2: c - a,

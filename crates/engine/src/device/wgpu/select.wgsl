@@ -83,7 +83,7 @@ fn point_on_patch(patch_index: u32, xi: vec2<f32>) -> vec3<f32> {
     let facet = facets[patches[patch_index].facet];
     let first = select(facet.front, facet.back,
         facet.back < CULLED_BACK && patch_index >= facet.back);
-    let n = facet.divisions;
+    let n = facet.divisions & ~FACET_RECEDES;
     let index = patch_index - first;
     // Columns of cells start at i(2n − i).
     var i = u32(max(f32(n) - ceil(sqrt(f32(n * n - index))), 0.0));
