@@ -181,41 +181,131 @@ impl FormFactors {
     }
 }
 
-/// Sweeps L_i = L^e_i + ρ_i Σ_j F_ij L_j in place until nothing changes any more.
+/// Radiance and irradiance while L_i = L^e_i + ρ_i Σ_j F_ij L_j is swept.
+struct Balance<'a> {
+    matrix: &'a FormFactors,
+    emission: Vec<DVec3>,
+    albedo: Vec<DVec3>,
+    radiance: Vec<DVec3>,
+    irradiance: Vec<Rgb>,
+}
+
+impl<'a> Balance<'a> {
+    fn new(matrix: &'a FormFactors, emission: &[Rgb], albedo: &[Rgb]) -> Self {
+        let doubles = |values: &[Rgb]| values.iter().map(|v| v.as_dvec3()).collect::<Vec<_>>();
+        let emission = doubles(emission);
+        Self {
+            matrix,
+            radiance: emission.clone(),
+            irradiance: vec![Rgb::ZERO; emission.len()],
+            albedo: doubles(albedo),
+            emission,
+        }
+    }
+
+    /// One sweep in place; whether nothing changes any more.
+    fn sweep(&mut self) -> bool {
+        let (mut change, mut largest) = (0f64, 0f64);
+        for i in 0..self.emission.len() {
+            let mut incident = DVec3::ZERO;
+            for (f, radiance) in self.matrix.row(i).iter().zip(&self.radiance) {
+                incident += *radiance * f64::from(*f);
+            }
+            let next = self.emission[i] + self.albedo[i] * incident;
+            change = change.max((next - self.radiance[i]).abs().max_element());
+            largest = largest.max(next.max_element());
+            self.radiance[i] = next;
+            self.irradiance[i] = (incident * PI).as_vec3();
+        }
+        change <= CONVERGED * largest
+    }
+}
+
+/// Sweeps until nothing changes any more.
 fn sweep(
     scene: &PatchedScene,
     matrix: &FormFactors,
     measurement: &Measurement,
     run: &mut Run<'_>,
 ) -> (crate::image::Picture, StopReason) {
-    let patches = &scene.patches;
-    let emission: Vec<DVec3> = patches.emission.iter().map(|l| l.as_dvec3()).collect();
-    let mut radiance = emission.clone();
-    let mut irradiance = vec![Rgb::ZERO; patches.len()];
+    let mut balance = Balance::new(matrix, &scene.patches.emission, &scene.patches.diffuse);
     let stopped = loop {
-        let (mut change, mut largest) = (0f64, 0f64);
-        for i in 0..patches.len() {
-            let mut incident = DVec3::ZERO;
-            for (f, radiance) in matrix.row(i).iter().zip(&radiance) {
-                incident += *radiance * f64::from(*f);
-            }
-            let next = emission[i] + patches.diffuse[i].as_dvec3() * incident;
-            change = change.max((next - radiance[i]).abs().max_element());
-            largest = largest.max(next.max_element());
-            radiance[i] = next;
-            irradiance[i] = (incident * PI).as_vec3();
-        }
+        let settled = balance.sweep();
         run.tally.iterations += 1;
-        if change <= CONVERGED * largest {
+        if settled {
             break StopReason::Converged;
         }
         if let Some(reason) = run.stop() {
             break reason;
         }
         if run.report_is_due() {
-            run.report(true, || measurement.picture(&solution(&irradiance)));
+            run.report(true, || measurement.picture(&solution(&balance.irradiance)));
         }
     };
     run.known_fraction = Some(1.0);
-    (measurement.picture(&solution(&irradiance)), stopped)
+    (measurement.picture(&solution(&balance.irradiance)), stopped)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Solves a dense system by elimination with pivoting.
+    fn eliminate(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {
+        let n = right.len();
+        for k in 0..n {
+            let largest =
+                |a: &usize, b: &usize| matrix[*a][k].abs().total_cmp(&matrix[*b][k].abs());
+            let pivot = (k..n).max_by(largest).unwrap();
+            matrix.swap(k, pivot);
+            right.swap(k, pivot);
+            for i in k + 1..n {
+                let factor = matrix[i][k] / matrix[k][k];
+                for j in k..n {
+                    matrix[i][j] -= factor * matrix[k][j];
+                }
+                right[i] -= factor * right[k];
+            }
+        }
+        for k in (0..n).rev() {
+            let known: f64 = (k + 1..n).map(|j| matrix[k][j] * right[j]).sum();
+            right[k] = (right[k] - known) / matrix[k][k];
+        }
+        right
+    }
+
+    #[test]
+    fn sweeps_settle_on_the_dense_solution() {
+        // Random form factors whose rows sum to .95, albedos up to .9.
+        let count = 60;
+        let draw = |k: usize| crate::random::uniform(3, crate::random::Stream::Face, k as u64);
+        let mut values = Vec::new();
+        for i in 0..count {
+            let row: Vec<f32> =
+                (0..count).map(|j| if i == j { 0.0 } else { draw(i * count + j) }).collect();
+            let sum: f32 = row.iter().sum();
+            values.extend(row.iter().map(|f| 0.95 * f / sum));
+        }
+        let matrix = FormFactors { count, rows: count, values };
+        let colour = |k: usize, scale: f32| {
+            Rgb::new(draw(10_000 + k), draw(20_000 + k), draw(30_000 + k)) * scale
+        };
+        let emission: Vec<Rgb> = (0..count).map(|i| colour(i, 5.0)).collect();
+        let albedo: Vec<Rgb> = (0..count).map(|i| colour(count + i, 0.9)).collect();
+        let mut balance = Balance::new(&matrix, &emission, &albedo);
+        let sweeps = (1..1000).find(|_| balance.sweep()).expect("settles");
+        assert!(sweeps < 60, "{sweeps} sweeps");
+        for channel in 0..3 {
+            let row = |i: usize| {
+                let reflected =
+                    |j: usize| f64::from(albedo[i][channel]) * f64::from(matrix.row(i)[j]);
+                (0..count).map(|j| f64::from(i == j) - reflected(j)).collect()
+            };
+            let right = emission.iter().map(|e| f64::from(e[channel])).collect();
+            let exact = eliminate((0..count).map(row).collect(), right);
+            for (ours, exact) in balance.radiance.iter().zip(exact) {
+                assert!((ours[channel] / exact - 1.0).abs() < 1e-8, "{ours} {exact}");
+            }
+        }
+    }
 }
