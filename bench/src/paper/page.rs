@@ -1,0 +1,301 @@
+//! The generated parts of the page, and the table of all runs.
+
+use super::measure::{Cell, Gain, Series};
+use super::{Results, Study};
+use crate::regions::REGIONS;
+use crate::statistics::{Estimate, mean};
+use crate::table::Table;
+
+/// Every cell of every study, as figures.
+pub fn runs(results: &Results) -> Table {
+    let mut header = vec!["study", "scene", "variant", "options", "unbiased", "shots"];
+    header.extend(["iterations", "seeds", "seconds_solve", "light_source_selection_ratio"]);
+    let regional: Vec<String> = (REGIONS.iter())
+        .flat_map(|region| {
+            ["rrmse", "rrmse_standard_error", "noise", "bias", "energy", "energy_standard_error"]
+                .map(|figure| format!("{figure}_{region}"))
+        })
+        .collect();
+    header.extend(regional.iter().map(String::as_str));
+    let mut table = Table::new(&header);
+    for study in &results.studies {
+        let scene = &study.view.name;
+        for (name, series) in [
+            ("switches", &study.switches),
+            ("extras", &study.extras),
+            ("reductions", &study.reductions),
+            ("fixed_m", &study.fixed),
+            ("printed", &study.printed),
+        ] {
+            series.iter().for_each(|series| add_runs(&mut table, name, scene, series));
+        }
+    }
+    if let Some((view, series)) = &results.truth {
+        series.iter().for_each(|series| add_runs(&mut table, "truth", &view.name, series));
+    }
+    table
+}
+
+fn add_runs(table: &mut Table, study: &str, scene: &str, series: &Series) {
+    let variant = &series.variant;
+    let options: Vec<String> = variant.options.iter().map(|(n, v)| format!("{n}={v}")).collect();
+    for cell in &series.cells {
+        let mut row = vec![study.to_string(), scene.into(), variant.name.clone()];
+        row.extend([options.join(" "), variant.unbiased.to_string(), cell.shots.to_string()]);
+        row.extend([cell.iterations.to_string(), cell.seconds.len().to_string()]);
+        row.extend([format!("{:.4}", cell.mean_seconds()), format!("{:.4}", cell.light_ratio())]);
+        for region in 0..REGIONS.len() {
+            let (error, energy) = (cell.error(region), cell.energy(region));
+            let figures = [
+                error.value,
+                error.error,
+                cell.noise(region),
+                cell.bias(region),
+                energy.value,
+                energy.error,
+            ];
+            row.extend(figures.map(|figure| format!("{figure:.5}")));
+        }
+        table.add(row);
+    }
+}
+
+/// Names and Markdown of the generated parts.
+pub fn parts(results: &Results) -> Vec<(String, String)> {
+    let mut parts = vec![("conditions".into(), conditions(results))];
+    for study in &results.studies {
+        parts.push((format!("switches {}", study.view.name), switches(study)));
+    }
+    parts.push(("slopes".into(), slopes(results)));
+    parts.push(("light".into(), light(results)));
+    parts.push(("gains".into(), gains(results)));
+    parts.push(("reductions".into(), reductions(results)));
+    parts.push(("fixed m".into(), fixed_m(results)));
+    parts.push(("printed".into(), printed(results)));
+    if results.truth.is_some() {
+        parts.push(("truth".into(), truth(results)));
+    }
+    parts
+}
+
+/// 12.3 %.
+fn percent(value: f64) -> String {
+    format!("{:.1} %", 100.0 * value)
+}
+
+/// 12.3 ± 0.4 %, or without the error where there is none.
+fn percent_with(estimate: Estimate) -> String {
+    let Estimate { value, error } = estimate;
+    if error.is_nan() {
+        return percent(value);
+    }
+    format!("{:.1} ± {:.1} %", 100.0 * value, 100.0 * error)
+}
+
+fn ratio(estimate: Estimate) -> String {
+    format!("{:.2} ± {:.2}", estimate.value, estimate.error)
+}
+
+fn conditions(results: &Results) -> String {
+    let size = &results.size;
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let mode = if results.quick { " (`--quick`)" } else { "" };
+    let reference_error = |study: &Study| {
+        let own = study.view.smooth.own_error(&study.view.regions.masks[0]);
+        format!("{} {}", study.view.name, percent(own))
+    };
+    let references: Vec<String> = results.studies.iter().map(reference_error).collect();
+    format!(
+        "{}, {threads} hardware threads, {} jobs in {:.0} s{mode}. Pictures of {side} × {side} pixels with {} \
+         samples each, about {} patches asked for, hemicubes of R = {} where nothing else is said, \
+         {} seeds. References: two halves of {} shots; noise of their mean: {}. Share of pixels \
+         near an edge: {}.",
+        results.device,
+        results.jobs,
+        results.seconds,
+        size.samples,
+        size.patches,
+        size.resolution,
+        size.seeds,
+        size.reference_shots,
+        references.join(", "),
+        (results.studies.iter())
+            .map(|s| format!("{} {}", s.view.name, percent(s.view.regions.edge_share())))
+            .collect::<Vec<_>>()
+            .join(", "),
+        side = size.side,
+    )
+}
+
+fn switches(study: &Study) -> String {
+    let shots: Vec<u64> = study.switches[0].cells.iter().map(|cell| cell.shots).collect();
+    let last = shots.last().copied().unwrap_or(0);
+    let mut header = vec!["variant".to_string()];
+    header.extend(shots.iter().map(|shots| format!("{shots} shots")));
+    header.push(format!("of that bias, {last}"));
+    header.push(format!("energy, {last}"));
+    header.push(format!("seconds, {last}"));
+    header.extend(["lights selected".into(), "slope".into()]);
+    let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    for series in &study.switches {
+        let mut row = vec![series.variant.name.clone()];
+        row.extend(series.cells.iter().map(|cell| percent_with(cell.error(0))));
+        let Some(cell) = series.cells.last() else { continue };
+        row.push(percent(cell.bias(0)));
+        row.push(format!("{:.3}", cell.energy(0).value));
+        row.push(format!("{:.2}", cell.mean_seconds()));
+        row.push(percent(cell.light_ratio()));
+        row.push(if series.variant.unbiased { ratio(series.slope()) } else { String::new() });
+        table.add(row);
+    }
+    table.markdown()
+}
+
+fn slopes(results: &Results) -> String {
+    let mut table = Table::new(&["scene", "unbiased variants", "mean slope", "from", "to"]);
+    for study in &results.studies {
+        let unbiased = study.switches.iter().filter(|series| series.variant.unbiased);
+        let slopes: Vec<f64> = unbiased.map(|series| series.slope().value).collect();
+        table.add(vec![
+            study.view.name.clone(),
+            slopes.len().to_string(),
+            format!("{:.2}", mean(&slopes)),
+            format!("{:.2}", slopes.iter().copied().fold(f64::INFINITY, f64::min)),
+            format!("{:.2}", slopes.iter().copied().fold(f64::NEG_INFINITY, f64::max)),
+        ]);
+    }
+    table.markdown()
+}
+
+/// The first word of a series' figures in a row a variant, a column a scene.
+fn by_scene(
+    results: &Results,
+    series: impl Fn(&Study) -> &Vec<Series>,
+    figure: impl Fn(&Series) -> String,
+) -> String {
+    let mut header = vec!["variant"];
+    header.extend(results.studies.iter().map(|study| study.view.name.as_str()));
+    let mut table = Table::new(&header);
+    let Some(first) = results.studies.first() else { return String::new() };
+    for (at, variant) in series(first).iter().map(|series| &series.variant).enumerate() {
+        let mut row = vec![variant.name.clone()];
+        row.extend(results.studies.iter().map(|study| figure(&series(study)[at])));
+        table.add(row);
+    }
+    table.markdown()
+}
+
+fn light(results: &Results) -> String {
+    by_scene(
+        results,
+        |study| &study.extras,
+        |series| series.cells.last().map_or(String::new(), |cell| percent(cell.light_ratio())),
+    )
+}
+
+fn gains(results: &Results) -> String {
+    let mut table =
+        Table::new(&["scene", "variant", "rRMSE", "time", "error²", "cost: time × error²"]);
+    for study in &results.studies {
+        for series in &study.extras {
+            let Some(cell) = series.cells.last() else { continue };
+            let gain = Gain::new(series, &study.extras[0]);
+            table.add(vec![
+                study.view.name.clone(),
+                series.variant.name.clone(),
+                percent_with(cell.error(0)),
+                ratio(gain.seconds),
+                ratio(gain.squares),
+                ratio(gain.cost),
+            ]);
+        }
+    }
+    table.markdown()
+}
+
+fn reduction_row(scene: &str, name: &str, cell: &Cell) -> Vec<String> {
+    let mut row = vec![scene.to_string(), cell.shots.to_string(), name.into()];
+    row.extend((0..REGIONS.len()).map(|region| percent_with(cell.error(region))));
+    row.extend((0..REGIONS.len()).map(|region| format!("{:.3}", cell.energy(region).value)));
+    row
+}
+
+fn reductions(results: &Results) -> String {
+    let mut table = Table::new(&[
+        "scene",
+        "shots = M",
+        "rule",
+        "rRMSE",
+        "near edges",
+        "elsewhere",
+        "energy",
+        "near edges",
+        "elsewhere",
+    ]);
+    for study in &results.studies {
+        for at in 0..study.reductions[0].cells.len() {
+            for series in &study.reductions {
+                let name = &series.variant.name;
+                table.add(reduction_row(&study.view.name, name, &series.cells[at]));
+            }
+        }
+    }
+    table.markdown()
+}
+
+fn fixed_m(results: &Results) -> String {
+    by_scene(
+        results,
+        |study| &study.fixed,
+        |series| {
+            let cell = &series.cells[0];
+            format!("{}, {:.3}", percent_with(cell.error(0)), cell.energy(0).value)
+        },
+    )
+}
+
+fn printed(results: &Results) -> String {
+    let mut table = Table::new(&[
+        "scene",
+        "iterations",
+        "rRMSE",
+        "noise",
+        "bias",
+        "energy",
+        "lights selected",
+        "seconds",
+    ]);
+    for study in &results.studies {
+        for cell in study.printed.iter().flat_map(|series| &series.cells) {
+            table.add(vec![
+                study.view.name.clone(),
+                cell.iterations.to_string(),
+                percent_with(cell.error(0)),
+                percent(cell.noise(0)),
+                percent(cell.bias(0)),
+                format!("{:.3}", cell.energy(0).value),
+                percent(cell.light_ratio()),
+                format!("{:.1}", cell.mean_seconds()),
+            ]);
+        }
+    }
+    table.markdown()
+}
+
+fn truth(results: &Results) -> String {
+    let Some((_, series)) = &results.truth else { return String::new() };
+    let shots: Vec<u64> = series[0].cells.iter().map(|cell| cell.shots).collect();
+    let mut header = vec!["variant".to_string()];
+    header.extend(shots.iter().map(|shots| format!("{shots} shots")));
+    header.extend(["near edges".into(), "elsewhere".into(), "energy".into(), "seconds".into()]);
+    let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    for series in series {
+        let mut row = vec![series.variant.name.clone()];
+        row.extend(series.cells.iter().map(|cell| percent(cell.error(0).value)));
+        let Some(cell) = series.cells.last() else { continue };
+        row.extend([percent(cell.error(1).value), percent(cell.error(2).value)]);
+        row.extend([format!("{:.3}", cell.energy(0).value), format!("{:.2}", cell.mean_seconds())]);
+        table.add(row);
+    }
+    table.markdown()
+}
