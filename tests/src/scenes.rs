@@ -97,14 +97,7 @@ impl Builder {
 
 /// Settings with everything random switched on.
 pub fn settings(resolution: u32, shots_per_iteration: u32, seed: u64) -> ShootingSettings {
-    ShootingSettings {
-        resolution,
-        shots_per_iteration,
-        seed,
-        random_azimuth: true,
-        jitter: true,
-        viewpoint: None,
-    }
+    ShootingSettings { resolution, shots_per_iteration, seed, ..ShootingSettings::default() }
 }
 
 /// Runs iterations on the CPU device after `burn_in` that are dropped.

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 use hemilux_engine::device::ShotTrace;
-use hemilux_engine::hemicube::{FACES, Shot, frame};
+use hemilux_engine::hemicube::{Shot, frame};
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::random::{Stream, uniform};
@@ -210,20 +210,7 @@ pub fn random_shots(scene: &PatchedScene, count: u64, seed: u64) -> Vec<Shot> {
 /// A diffuse shot at a point.
 pub fn shot_at(position: Vec3, normal: Vec3, turn: f32, jitter: Vec2) -> Shot {
     let (tangent, bitangent) = frame(normal, TAU * turn);
-    Shot {
-        patch: 0,
-        position,
-        tangent,
-        bitangent,
-        normal,
-        jitter,
-        face_weights: [1.0; FACES],
-        diffuse: Rgb::ONE,
-        lobe: Rgb::ZERO,
-        lobe_axis: Vec3::ZERO,
-        exponent: 1.0,
-        scale: 1.0,
-    }
+    Shot { position, tangent, bitangent, normal, jitter, ..Shot::default() }
 }
 
 /// Largest share of pixels that two devices may see differently: rounding at facet edges.

@@ -1,9 +1,9 @@
 //! Closed forms: furnaces, power balance, sealed walls, view factors, lobe albedo.
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use hemilux_engine::device::Device;
 use hemilux_engine::device::cpu::CpuDevice;
-use hemilux_engine::hemicube::{FACES, Shot, frame};
+use hemilux_engine::hemicube::{Shot, frame};
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::{Rgb, lobe_albedo};
 use hemilux_engine::scene::made;
@@ -109,20 +109,7 @@ fn no_light_behind_a_sealed_wall() {
 
 fn shot(position: Vec3, normal: Vec3) -> Shot {
     let (tangent, bitangent) = frame(normal, 0.3);
-    Shot {
-        patch: 0,
-        position,
-        tangent,
-        bitangent,
-        normal,
-        jitter: Vec2::ZERO,
-        face_weights: [1.0; FACES],
-        diffuse: Rgb::ONE,
-        lobe: Rgb::ZERO,
-        lobe_axis: normal,
-        exponent: 1.0,
-        scale: 1.0,
-    }
+    Shot { position, tangent, bitangent, normal, ..Shot::default() }
 }
 
 /// View factors of unit squares by hemicubes on a grid of points against the closed forms.

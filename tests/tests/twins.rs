@@ -29,9 +29,8 @@ fn settings(resolution: u32, shots_per_iteration: u32, seed: u64) -> ShootingSet
         resolution,
         shots_per_iteration,
         seed,
-        random_azimuth: true,
-        jitter: true,
         viewpoint: Some(Viewpoint::Eye(Vec3::new(0.9, 0.9, 0.9))),
+        ..ShootingSettings::default()
     }
 }
 

@@ -60,6 +60,21 @@ impl Face {
         if self == Face::Top { resolution } else { resolution / 2 }
     }
 
+    /// The face that a direction of the hemicube frame goes through; below the horizon, the side
+    /// that it leans to.
+    pub fn hit_by(direction: Vec3) -> Face {
+        let Vec3 { x, y, z } = direction;
+        if z >= x.abs() && z >= y.abs() {
+            Face::Top
+        } else if x.abs() >= y.abs() {
+            if x > 0.0 { Face::PlusT } else { Face::MinusT }
+        } else if y > 0.0 {
+            Face::PlusB
+        } else {
+            Face::MinusB
+        }
+    }
+
     /// Direction (not normalised, component along the axis 1) of the ray through column `column`
     /// and row `row` of the face, in the hemicube frame; `jitter` in pixels, in [−½, ½).
     pub fn direction(self, resolution: u32, column: u32, row: u32, jitter: Vec2) -> Vec3 {
@@ -160,22 +175,49 @@ pub struct Shot {
     pub jitter: Vec2,
     /// Per face: 0 to leave it out, else the inverse of its probability.
     pub face_weights: [f32; FACES],
-    /// Direction-independent part of the radiance, L^e + E·kd/π.
+    /// Direction-independent part of the radiance, L^e + E·kd/π; where a part K of the light is
+    /// known ([`crate::device::KnownLight`]), the same without K.
     pub diffuse: Rgb,
+    /// K of the shooter: glossy receivers reflect it too.
+    pub known: Rgb,
     /// Radiance at the peak of the Phong lobe, E·ks(n+2)/(2π); zero without one.
     pub lobe: Rgb,
     /// World-space mirror direction of the lobe.
     pub lobe_axis: Vec3,
     /// Phong exponent n of the lobe.
     pub exponent: f32,
+    /// p_j, the probability with which the patch is picked.
+    pub probability: f32,
     /// A_j/(p_j K).
     pub scale: f32,
+}
+
+impl Default for Shot {
+    /// Unit radiance from patch 0 at the origin along +z through all faces.
+    fn default() -> Self {
+        Self {
+            patch: 0,
+            position: Vec3::ZERO,
+            tangent: Vec3::X,
+            bitangent: Vec3::Y,
+            normal: Vec3::Z,
+            jitter: Vec2::ZERO,
+            face_weights: [1.0; FACES],
+            diffuse: Rgb::ONE,
+            known: Rgb::ZERO,
+            lobe: Rgb::ZERO,
+            lobe_axis: Vec3::Z,
+            exponent: 1.0,
+            probability: 1.0,
+            scale: 1.0,
+        }
+    }
 }
 
 impl Shot {
     /// Whether per-pixel lobe weights are needed.
     pub fn has_lobe(&self) -> bool {
-        self.lobe.max_element() > 0.0
+        self.lobe != Rgb::ZERO
     }
 
     /// Brings a world-space direction into the hemicube frame.
@@ -250,6 +292,7 @@ mod tests {
         for face in Face::ALL {
             let (axis, right, up) = face.axes();
             assert_eq!(right.cross(up), axis);
+            assert_eq!(Face::hit_by(axis + 0.9 * right + 0.4 * up), face);
         }
     }
 }

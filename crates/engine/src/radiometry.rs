@@ -96,6 +96,15 @@ impl LobeAlbedo {
     }
 }
 
+impl LobeAlbedo {
+    /// Mean of I_n(θ) over a uniform hemisphere of incident radiance, 2 ∫ I_n cosθ dcosθ.
+    pub fn mean(&self, exponent: f32) -> f32 {
+        const STEPS: u32 = 64;
+        let cosines = (0..STEPS).map(|step| (step as f32 + 0.5) / STEPS as f32);
+        cosines.map(|cosine| self.at(exponent, cosine) * cosine).sum::<f32>() * 2.0 / STEPS as f32
+    }
+}
+
 /// I_n(θ) by quadrature in f64: the integral over the angle around the mirror direction in
 /// closed form, the one over cosⁿ⁺¹α by the midpoint rule.
 pub fn lobe_albedo(exponent: f64, cos_incidence: f64) -> f64 {

@@ -19,6 +19,10 @@ pub enum Stream {
     JitterY = 6,
     /// Which incoming direction's lobe a glossy shooter reflects.
     Lobe = 7,
+    /// Which faces of the hemicube are shot through.
+    Face = 8,
+    /// Where first shots start from.
+    FirstShot = 9,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

@@ -2,6 +2,7 @@
 //! WGSL kernels. Both take the same [`Shot`]s and are compared shot by shot in the tests.
 
 pub mod cpu;
+mod settings;
 #[cfg(feature = "wgpu")]
 pub mod wgpu;
 
@@ -11,6 +12,12 @@ use crate::radiometry::Rgb;
 use glam::Vec3;
 use serde::Serialize;
 use std::sync::Arc;
+
+pub use settings::{
+    Faces, KnownLight, MIRROR_FACE_PROBABILITY, OTHER_FACE_PROBABILITY, Selection,
+    ShootingSettings, Substitute, VarianceReduction,
+};
+use settings::{known_power, sources};
 
 /// What a device is.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -72,23 +79,6 @@ impl Viewpoint {
     }
 }
 
-/// How shots are made.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ShootingSettings {
-    /// Hemicube resolution R: the top has R × R pixels, each side R × R/2. Even, ≥ 8.
-    pub resolution: u32,
-    /// Shots per iteration K ≥ 1; shooters are picked by systematic sampling within an iteration.
-    pub shots_per_iteration: u32,
-    /// Seed of all random numbers.
-    pub seed: u64,
-    /// Turn each hemicube by a random azimuth.
-    pub random_azimuth: bool,
-    /// Move each hemicube's rays by a random sub-pixel offset.
-    pub jitter: bool,
-    /// The viewer, where glossy reflection towards it is to be averaged.
-    pub viewpoint: Option<Viewpoint>,
-}
-
 /// A device that can shoot.
 pub trait Device: Send {
     /// What it is.
@@ -110,7 +100,10 @@ pub trait Shooting {
     /// Runs whole iterations: pick K shooters by power, shoot, update, accumulate.
     fn iterate(&mut self, iterations: u32) -> Result<Tally, DeviceError>;
 
-    /// Sums since the last call; resets them.
+    /// The patches that shot in the last iteration.
+    fn shooters(&mut self) -> Result<Vec<u32>, DeviceError>;
+
+    /// Sums since the last call, known light included; resets them.
     fn drain(&mut self) -> Result<Sums, DeviceError>;
 
     /// Shoots the given shots, leaving the iteration as it is: item buffers and delta-form-factor

@@ -14,7 +14,7 @@ use crate::scene::{Camera, Projection};
 use camera::View;
 use glam::Vec2;
 use rayon::prelude::*;
-use reconstruction::Reconstruction;
+use reconstruction::{Reconstruction, Smoothness};
 use std::sync::Arc;
 
 /// Rows of the picture that are measured together.
@@ -96,9 +96,10 @@ impl Measurement {
         width: u32,
         height: u32,
         samples: u32,
+        smoothness: Smoothness,
     ) -> Self {
         let view = View::new(&scene, camera, width, height);
-        let reconstruction = Reconstruction::new(&scene);
+        let reconstruction = Reconstruction::new(&scene, smoothness);
         Self { reconstruction, view, samples: sample_pattern(samples.max(1)), scene }
     }
 

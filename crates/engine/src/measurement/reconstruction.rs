@@ -5,7 +5,7 @@
 //! meshes show no facets and creases stay sharp. The fit is linear in the patch values: its
 //! coefficients are found once.
 
-use crate::patches::{Facet, PatchedScene, cells};
+use crate::patches::{Facet, PatchedScene, cell_index, cells};
 use crate::radiometry::Rgb;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -22,8 +22,18 @@ const RIDGE: f32 = 0.02;
 const CROWD: usize = 32;
 const NONE: u32 = u32::MAX;
 
+/// How patch values become a function over the surfaces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Smoothness {
+    /// Local linear fits at the patches' corners, interpolated.
+    Smooth,
+    /// Each patch its own value: every vertex of the reconstruction is a patch.
+    Flat,
+}
+
 /// Where corners lie and how patch values turn into corner values.
 pub struct Reconstruction {
+    smoothness: Smoothness,
     /// First entry in `lattice` of each facet's front and back; [`NONE`] for a side without.
     side_start: Vec<[u32; 2]>,
     /// Vertex of each lattice point of each side.
@@ -49,8 +59,9 @@ enum Place {
 
 impl Reconstruction {
     /// Finds the vertices and their fits.
-    pub fn new(scene: &PatchedScene) -> Self {
+    pub fn new(scene: &PatchedScene, smoothness: Smoothness) -> Self {
         let mut this = Self {
+            smoothness,
             side_start: vec![[NONE; 2]; scene.facets.len()],
             lattice: Vec::new(),
             position: Vec::new(),
@@ -60,9 +71,16 @@ impl Reconstruction {
             coefficient: Vec::new(),
             centroid: scene.patches.centroid.clone(),
         };
+        if smoothness == Smoothness::Flat {
+            let count = scene.patches.len() as u32;
+            this.start = (0..=count).collect();
+            this.patch = (0..count).collect();
+            this.coefficient = vec![1.0; count as usize];
+            return this;
+        }
         this.place_vertices(scene);
         let around = this.patches_around(scene);
-        let fits: Vec<Vec<(u32, f32)>> = (0..this.vertices())
+        let fits: Vec<Vec<(u32, f32)>> = (0..this.position.len())
             .into_par_iter()
             .map(|vertex| this.fit(scene, vertex, &around))
             .collect();
@@ -78,7 +96,7 @@ impl Reconstruction {
 
     /// Number of vertices.
     pub fn vertices(&self) -> usize {
-        self.position.len()
+        self.start.len() - 1
     }
 
     /// Values at the vertices from values of the patches.
@@ -97,11 +115,15 @@ impl Reconstruction {
                 let patches = &self.patch[entries.clone()];
                 let unlit = patches.iter().filter(|p| values[**p as usize] == Rgb::ZERO).count();
                 let mut value = Rgb::ZERO;
-                let mut highest = Rgb::ZERO;
+                let (mut lowest, mut highest) = (Rgb::ZERO, Rgb::ZERO);
+                let mut add = |patch: u32, coefficient: f32| {
+                    value += values[patch as usize] * coefficient;
+                    lowest = lowest.min(values[patch as usize]);
+                    highest = highest.max(values[patch as usize]);
+                };
                 if unlit == 0 || unlit == patches.len() {
                     for (patch, coefficient) in patches.iter().zip(&self.coefficient[entries]) {
-                        value += values[*patch as usize] * *coefficient;
-                        highest = highest.max(values[*patch as usize]);
+                        add(*patch, *coefficient);
                     }
                 } else {
                     let lit: Vec<u32> = patches
@@ -112,12 +134,12 @@ impl Reconstruction {
                     for (patch, coefficient) in
                         lit.iter().zip(self.coefficients(vertex, &lit, RIDGE))
                     {
-                        value += values[*patch as usize] * coefficient;
-                        highest = highest.max(values[*patch as usize]);
+                        add(*patch, coefficient);
                     }
                 }
-                // A fit may overshoot at a border; light may not be negative.
-                value.clamp(Rgb::ZERO, 2.0 * highest)
+                // A fit may overshoot at a border. It must not make light negative that isn't;
+                // noise about a known part of the light may be.
+                value.clamp(2.0 * lowest, 2.0 * highest)
             })
             .collect()
     }
@@ -133,11 +155,15 @@ impl Reconstruction {
         u: f32,
         v: f32,
     ) -> Option<[(u32, f32); 3]> {
+        let n = facet.divisions;
+        if self.smoothness == Smoothness::Flat {
+            let patch = facet.first_patch(back)? + cell_index(n, u, v);
+            return Some([(patch, 1.0), (patch, 0.0), (patch, 0.0)]);
+        }
         let start = self.side_start[facet_index][usize::from(back)];
         if start == NONE {
             return None;
         }
-        let n = facet.divisions;
         let (fu, fv) = (u * n as f32, v * n as f32);
         let i = (fu as u32).min(n - 1);
         let j = (fv as u32).min(n - 1 - i);
@@ -185,7 +211,7 @@ impl Reconstruction {
 
     /// Per vertex, the patches that have it as a corner.
     fn patches_around(&self, scene: &PatchedScene) -> Vec<Vec<u32>> {
-        let mut around = vec![Vec::new(); self.vertices()];
+        let mut around = vec![Vec::new(); self.position.len()];
         for (index, facet) in scene.facets.iter().enumerate() {
             for back in [false, true] {
                 let Some(first) = facet.first_patch(back) else { continue };

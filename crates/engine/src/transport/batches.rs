@@ -15,29 +15,46 @@ const FEWEST: usize = 4;
 /// The batches so far. Their length doubles whenever there are [`MOST`], so the boundaries depend
 /// on the iteration count alone and results repeat bit for bit.
 pub struct Batches {
+    /// Iterations to leave out of the average, and their sums.
+    burn_in: u64,
+    burnt: Sums,
     length: u64,
     complete: Vec<Sums>,
     open: Sums,
 }
 
 impl Batches {
-    /// No batches yet.
-    pub fn new() -> Self {
-        Self { length: FIRST_LENGTH, complete: Vec::new(), open: Sums::default() }
+    /// No batches yet; the first `burn_in` iterations are left out as soon as there are as many
+    /// others. Stochastic iteration starts from L^e and lacks the higher bounces at first.
+    pub fn new(burn_in: u64) -> Self {
+        Self {
+            burn_in,
+            burnt: Sums::default(),
+            length: FIRST_LENGTH,
+            complete: Vec::new(),
+            open: Sums::default(),
+        }
     }
 
-    /// Iterations that the open batch still takes.
+    /// Iterations that the burn-in or the open batch still takes.
     pub fn room(&self) -> u64 {
-        self.length - self.open.iterations
+        match self.burn_in - self.burnt.iterations {
+            0 => self.length - self.open.iterations,
+            left => left,
+        }
     }
 
     /// Whether there is anything to average.
     pub fn any(&self) -> bool {
-        self.open.iterations > 0 || !self.complete.is_empty()
+        self.burnt.iterations + self.open.iterations > 0 || !self.complete.is_empty()
     }
 
     /// Adds sums of at most [`Batches::room`] iterations. Whether a batch was completed.
     pub fn add(&mut self, sums: Sums) -> bool {
+        if self.burnt.iterations < self.burn_in {
+            merge(&mut self.burnt, sums);
+            return false;
+        }
         merge(&mut self.open, sums);
         if self.open.iterations < self.length {
             return false;
@@ -54,11 +71,14 @@ impl Batches {
         true
     }
 
-    /// Mean over all iterations so far.
+    /// Mean over the iterations so far.
     pub fn mean(&self) -> Solution {
         let mut total = Sums::default();
         for batch in self.complete.iter().chain([&self.open]) {
             merge(&mut total, batch.clone());
+        }
+        if total.iterations < self.burnt.iterations {
+            merge(&mut total, self.burnt.clone());
         }
         Solution::mean(&total)
     }
@@ -111,6 +131,9 @@ fn merge(into: &mut Sums, other: Sums) {
         *into = other;
         return;
     }
+    if other.iterations == 0 {
+        return;
+    }
     into.iterations += other.iterations;
     for (a, b) in into.irradiance.iter_mut().zip(other.irradiance) {
         *a += b;
@@ -131,7 +154,7 @@ mod tests {
 
     #[test]
     fn batches_double_and_keep_the_mean() {
-        let mut batches = Batches::new();
+        let mut batches = Batches::new(0);
         for i in 0..1000u64 {
             batches.add(sums(1, i as f32));
         }
@@ -139,5 +162,18 @@ mod tests {
         assert!((MOST / 2..MOST).contains(&batches.complete.len()));
         let lengths: Vec<u64> = batches.complete.iter().map(|b| b.iterations).collect();
         assert!(lengths.iter().all(|length| *length == batches.length), "{lengths:?}");
+    }
+
+    #[test]
+    fn burn_in_is_left_out_once_there_is_enough_else() {
+        let mut batches = Batches::new(3);
+        for i in 0..3 {
+            assert_eq!(batches.room(), 3 - i);
+            batches.add(sums(1, 100.0));
+        }
+        batches.add(sums(2, 1.0));
+        assert_eq!(batches.mean().irradiance[0], Rgb::splat(302.0 / 5.0));
+        batches.add(sums(1, 1.0));
+        assert_eq!(batches.mean().irradiance[0], Rgb::ONE);
     }
 }

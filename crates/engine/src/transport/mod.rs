@@ -2,6 +2,7 @@
 //! registry, one toolbox, so that a comparison of methods is fair.
 
 mod batches;
+mod known;
 pub mod options;
 mod stochastic;
 

@@ -1,5 +1,8 @@
 //! Settings of the methods by name, with their defaults and ranges.
 
+use super::known::ConstantRadiance;
+use crate::device::{Faces, Selection, ShootingSettings, Substitute};
+use crate::measurement::reconstruction::Smoothness;
 use crate::patches::MAX_PATCHES;
 use crate::render::RenderError;
 use std::collections::BTreeMap;
@@ -18,9 +21,29 @@ pub struct OptionSpec {
 /// Every setting.
 pub const OPTIONS: &[OptionSpec] = &[
     OptionSpec {
+        name: "burn_in",
+        default: "0",
+        meaning: "iterations left out of the average, 0 to 1000000: L(0) = L^e lacks the higher bounces, a bias of about a²/(M(1−a)) after M iterations",
+    },
+    OptionSpec {
+        name: "constant_radiance",
+        default: "off",
+        meaning: "off, printed or corrected: iterate on ΔL = L − L̄ only, with the source L^e + (a−1)L̄ (printed: closed scenes only) or L^e + (a·V_i−1)L̄, V_i = Σ_j F_ij (corrected)",
+    },
+    OptionSpec {
+        name: "first_shot",
+        default: "false",
+        meaning: "shoot the direct light of the emitters once beforehand and iterate on the rest",
+    },
+    OptionSpec {
+        name: "hemicube_faces",
+        default: "all",
+        meaning: "all; specular: one face of highly specular shooters, by probability .6 the one that the mirror direction hits, .1 each other; top_and_side: the top and one of four sides; randomised: one face of highly specular shooters, top and one side of others. Weighted by 1/probability",
+    },
+    OptionSpec {
         name: "hemicube_resolution",
         default: "256",
-        meaning: "pixels along the top of the hemicube, even, 8 to 2048",
+        meaning: "pixels R along the top of the hemicube, even, 8 to 2048",
     },
     OptionSpec {
         name: "patches",
@@ -33,35 +56,87 @@ pub const OPTIONS: &[OptionSpec] = &[
         meaning: "sub-pixel samples of the picture, 1 to 256",
     },
     OptionSpec {
+        name: "preset",
+        default: "default",
+        meaning: "default, or paper: what is not set otherwise is as Antal et al. print it",
+    },
+    OptionSpec {
         name: "random_azimuth",
         default: "true",
         meaning: "turn each hemicube about its normal by a random angle",
     },
     OptionSpec {
+        name: "reconstruction",
+        default: "smooth",
+        meaning: "smooth: local linear fits through the patches' values; flat: each patch shows its value",
+    },
+    OptionSpec {
+        name: "shooter_point",
+        default: "random",
+        meaning: "random: uniform over the patch; centre: its centroid, which is biased",
+    },
+    OptionSpec {
+        name: "shooter_selection",
+        default: "power",
+        meaning: "power: p_j ∝ Φ_j = Φ^e_j + A_j E_j a(ω'_j), importance sampling; uniform: p_j = 1/N",
+    },
+    OptionSpec {
         name: "shots_per_iteration",
         default: "8",
-        meaning: "shots K of one iteration, stratified by power, 1 to 64",
+        meaning: "shots K of one iteration, 1 to 64",
+    },
+    OptionSpec {
+        name: "stratified",
+        default: "true",
+        meaning: "pick the K shooters of an iteration by systematic sampling, not independently",
     },
     OptionSpec {
         name: "subpixel_jitter",
         default: "true",
         meaning: "move each hemicube's rays by a random fraction of a pixel",
     },
+    OptionSpec {
+        name: "variance_reduction",
+        default: "none",
+        meaning: "none, zero or mean: where p_j < F_{Ai→Aj}/(2M), leave the transfer out or put its expectation in its place; biased, asymptotically right",
+    },
+    OptionSpec {
+        name: "variance_reduction_shots",
+        default: "auto",
+        meaning: "M, shots of the whole run, 1 to 10^12; growing: the shots so far; auto: the iteration limit times K where there is one, else growing",
+    },
 ];
 
-/// Settings in force: the request's over the defaults.
+/// What the paper prints, where it differs from the defaults.
+const PAPER: &[(&str, &str)] = &[
+    ("constant_radiance", "printed"),
+    ("hemicube_faces", "randomised"),
+    ("hemicube_resolution", "600"),
+    ("pixel_samples", "1"),
+    ("random_azimuth", "false"),
+    ("reconstruction", "flat"),
+    ("shots_per_iteration", "1"),
+    ("stratified", "false"),
+    ("subpixel_jitter", "false"),
+    ("variance_reduction", "zero"),
+];
+
+/// Settings in force: the request's over the preset's over the defaults.
 pub struct Settings {
     values: BTreeMap<String, String>,
 }
 
 impl Settings {
-    /// Overlays `given` on the defaults.
+    /// Overlays `given` on the preset that it names and on the defaults.
     ///
     /// # Errors
-    /// [`RenderError::Parameter`] for a name that is not in [`OPTIONS`].
+    /// [`RenderError::Parameter`] for a name that is not in [`OPTIONS`] or a value out of range.
     pub fn new(given: &BTreeMap<String, String>) -> Result<Self, RenderError> {
         let mut values: BTreeMap<String, String> =
             OPTIONS.iter().map(|option| (option.name.into(), option.default.into())).collect();
+        if given.get("preset").is_some_and(|preset| preset == "paper") {
+            values.extend(PAPER.iter().map(|(name, value)| ((*name).into(), (*value).into())));
+        }
         for (name, value) in given {
             match values.get_mut(name) {
                 Some(slot) => slot.clone_from(value),
@@ -87,18 +162,68 @@ impl Settings {
     /// # Errors
     /// [`RenderError::Parameter`] for a value out of range.
     pub fn stochastic(&self) -> Result<StochasticSettings, RenderError> {
-        let settings = StochasticSettings {
-            hemicube_resolution: self.whole("hemicube_resolution", 8, 2048)? as u32,
-            patches: self.whole("patches", 1, MAX_PATCHES as u64)? as usize,
-            pixel_samples: self.whole("pixel_samples", 1, 256)? as u32,
-            random_azimuth: self.switch("random_azimuth")?,
+        self.choice("preset", &[("default", ()), ("paper", ())])?;
+        let shooting = ShootingSettings {
+            resolution: self.whole("hemicube_resolution", 8, 2048)? as u32,
             shots_per_iteration: self.whole("shots_per_iteration", 1, 64)? as u32,
-            subpixel_jitter: self.switch("subpixel_jitter")?,
+            selection: self.choice(
+                "shooter_selection",
+                &[("power", Selection::Power), ("uniform", Selection::Uniform)],
+            )?,
+            stratified: self.switch("stratified")?,
+            random_point: self.choice("shooter_point", &[("random", true), ("centre", false)])?,
+            random_azimuth: self.switch("random_azimuth")?,
+            jitter: self.switch("subpixel_jitter")?,
+            faces: self.choice(
+                "hemicube_faces",
+                &[
+                    ("all", Faces::All),
+                    ("specular", Faces::Specular),
+                    ("top_and_side", Faces::TopAndSide),
+                    ("randomised", Faces::Randomised),
+                ],
+            )?,
+            ..ShootingSettings::default()
         };
-        if !settings.hemicube_resolution.is_multiple_of(2) {
+        if !shooting.resolution.is_multiple_of(2) {
             return Err(RenderError::parameter("options.hemicube_resolution", "must be even"));
         }
-        Ok(settings)
+        Ok(StochasticSettings {
+            shooting,
+            substitute: self.choice(
+                "variance_reduction",
+                &[
+                    ("none", None),
+                    ("zero", Some(Substitute::Zero)),
+                    ("mean", Some(Substitute::Mean)),
+                ],
+            )?,
+            substitute_shots: match self.values["variance_reduction_shots"].as_str() {
+                "auto" => ExpectedShots::Auto,
+                "growing" => ExpectedShots::Growing,
+                _ => ExpectedShots::Given(self.whole(
+                    "variance_reduction_shots",
+                    1,
+                    1_000_000_000_000,
+                )?),
+            },
+            constant: self.choice(
+                "constant_radiance",
+                &[
+                    ("off", ConstantRadiance::Off),
+                    ("printed", ConstantRadiance::Printed),
+                    ("corrected", ConstantRadiance::Corrected),
+                ],
+            )?,
+            first_shot: self.switch("first_shot")?,
+            burn_in: self.whole("burn_in", 0, 1_000_000)?,
+            patches: self.whole("patches", 1, MAX_PATCHES as u64)? as usize,
+            pixel_samples: self.whole("pixel_samples", 1, 256)? as u32,
+            smoothness: self.choice(
+                "reconstruction",
+                &[("smooth", Smoothness::Smooth), ("flat", Smoothness::Flat)],
+            )?,
+        })
     }
 
     fn whole(&self, name: &str, low: u64, high: u64) -> Result<u64, RenderError> {
@@ -120,23 +245,59 @@ impl Settings {
             }
         }
     }
+
+    fn choice<T: Copy>(&self, name: &str, choices: &[(&str, T)]) -> Result<T, RenderError> {
+        let value = &self.values[name];
+        let found = choices.iter().find(|(word, _)| word == value);
+        found.map(|(_, meaning)| *meaning).ok_or_else(|| {
+            let words: Vec<_> = choices.iter().map(|(word, _)| *word).collect();
+            let what = format!("must be one of {words:?}, not {value:?}");
+            RenderError::parameter(format!("options.{name}"), what)
+        })
+    }
 }
 
 /// Checked settings of stochastic iteration; see [`OPTIONS`] for their meaning.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)]
+#[derive(Clone, Debug)]
 pub struct StochasticSettings {
-    pub hemicube_resolution: u32,
+    /// What the device is told; seed, viewer, known light and variance reduction are not yet in.
+    pub shooting: ShootingSettings,
+    /// Variance reduction, if any.
+    pub substitute: Option<Substitute>,
+    /// Its M.
+    pub substitute_shots: ExpectedShots,
+    /// The constant radiance term.
+    pub constant: ConstantRadiance,
+    /// Whether direct light is shot beforehand.
+    pub first_shot: bool,
+    /// Iterations left out of the average.
+    pub burn_in: u64,
+    /// Wanted number of patches.
     pub patches: usize,
+    /// Sub-pixel samples of the picture.
     pub pixel_samples: u32,
-    pub random_azimuth: bool,
-    pub shots_per_iteration: u32,
-    pub subpixel_jitter: bool,
+    /// How patch values become a picture.
+    pub smoothness: Smoothness,
+}
+
+/// M of the variance reduction, in shots.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExpectedShots {
+    /// From the iteration limit, else as [`ExpectedShots::Growing`].
+    Auto,
+    /// The shots so far.
+    Growing,
+    /// This many.
+    Given(u64),
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn settings(given: &[(&str, &str)]) -> Result<Settings, RenderError> {
+        Settings::new(&given.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect())
+    }
 
     #[test]
     fn bad_settings_are_named() {
@@ -145,12 +306,25 @@ mod tests {
             ("patches", "many"),
             ("hemicube_resolution", "33"),
             ("hemicube_resolution", "4096"),
+            ("hemicube_faces", "six"),
             ("random_azimuth", "perhaps"),
+            ("variance_reduction_shots", "0"),
+            ("preset", "Paper"),
             ("colour", "blue"),
         ] {
-            let given = BTreeMap::from([(name.to_string(), value.to_string())]);
-            let error = Settings::new(&given).err().expect("must be refused").to_string();
+            let error = settings(&[(name, value)]).err().expect("must be refused").to_string();
             assert!(error.starts_with(&format!("options.{name}: ")), "{error}");
         }
+    }
+
+    #[test]
+    fn the_paper_is_a_preset_that_can_be_overridden() {
+        let names: Vec<_> = OPTIONS.iter().map(|option| option.name).collect();
+        assert!(PAPER.iter().all(|(name, _)| names.contains(name)));
+        let paper = settings(&[("preset", "paper")]).unwrap().stochastic().unwrap();
+        assert_eq!((paper.shooting.resolution, paper.shooting.shots_per_iteration), (600, 1));
+        assert_eq!(paper.constant, ConstantRadiance::Printed);
+        let mixed = settings(&[("preset", "paper"), ("hemicube_resolution", "64")]).unwrap();
+        assert_eq!(mixed.stochastic().unwrap().shooting.resolution, 64);
     }
 }

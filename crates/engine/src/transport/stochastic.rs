@@ -3,8 +3,9 @@
 
 use super::Method;
 use super::batches::Batches;
-use super::options::Settings;
-use crate::device::{Device, ShootingSettings, Tally};
+use super::known::known_light;
+use super::options::{ExpectedShots, Settings, StochasticSettings};
+use crate::device::{Device, ShootingSettings, Tally, VarianceReduction};
 use crate::image::Picture;
 use crate::measurement::{Measurement, Solution, viewpoint};
 use crate::patches::PatchedScene;
@@ -65,7 +66,7 @@ impl Method for Stochastic {
             start,
             limits: request.limits,
             tally: Tally::default(),
-            batches: Batches::new(),
+            batches: Batches::new(options.burn_in),
             estimated_error: None,
         };
         let (picture, stopped) = if scene.patches.any_light() {
@@ -75,15 +76,17 @@ impl Method for Stochastic {
                 request.width,
                 request.height,
                 options.pixel_samples,
+                options.smoothness,
             );
-            let shooting = ShootingSettings {
-                resolution: options.hemicube_resolution,
-                shots_per_iteration: options.shots_per_iteration,
+            let mut shooting = ShootingSettings {
                 seed: request.seed,
-                random_azimuth: options.random_azimuth,
-                jitter: options.subpixel_jitter,
+                variance_reduction: variance_reduction(&options, request.limits.iterations),
                 viewpoint: Some(viewpoint(&camera)),
+                ..options.shooting
             };
+            let (constant, first_shot) = (options.constant, options.first_shot);
+            shooting.known =
+                known_light(device, &scene, &shooting, constant, first_shot)?.map(Arc::new);
             job.solve(device, scene.clone(), &shooting, &measurement, observer)?
         } else {
             (Picture::black(request.width, request.height), StopReason::NoLight)
@@ -107,6 +110,21 @@ impl Method for Stochastic {
         };
         Ok(Rendered { picture, stats })
     }
+}
+
+fn variance_reduction(
+    options: &StochasticSettings,
+    iterations: Option<u64>,
+) -> Option<VarianceReduction> {
+    let shots = match options.substitute_shots {
+        ExpectedShots::Given(shots) => Some(shots),
+        ExpectedShots::Growing => None,
+        ExpectedShots::Auto => {
+            let per_iteration = u64::from(options.shooting.shots_per_iteration);
+            iterations.map(|iterations| iterations.saturating_mul(per_iteration))
+        }
+    };
+    options.substitute.map(|substitute| VarianceReduction { substitute, shots })
 }
 
 fn collect_warnings(scene: &PatchedScene, made_up_camera: Option<Warning>) -> Vec<Warning> {

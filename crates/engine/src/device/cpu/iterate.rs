@@ -1,13 +1,15 @@
-//! Stochastic iteration on the CPU: select, shoot, update (Antal eq. 2, 4, §2.4).
+//! Stochastic iteration on the CPU: select, shoot, update (Antal eq. 2, 4).
 
 use super::kernel;
 use super::raster::Raster;
-use crate::device::{DeviceError, Shooting, ShootingSettings, ShotTrace, Sums, Tally};
-use crate::hemicube::{DeltaFormFactors, FACES, Shot, frame};
+use crate::device::{
+    DeviceError, Shooting, ShootingSettings, ShotTrace, Substitute, Sums, Tally, VarianceReduction,
+    known_power, sources,
+};
+use crate::hemicube::{DeltaFormFactors, Shot};
 use crate::patches::PatchedScene;
 use crate::radiometry::{LobeAlbedo, Rgb, importance};
-use crate::random::{Stream, uniform};
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::{PI, TAU};
 use std::sync::{Arc, Mutex, TryLockError};
@@ -16,18 +18,21 @@ use std::sync::{Arc, Mutex, TryLockError};
 const CHUNK: usize = 2048;
 
 /// Incoming light of the last iteration and sums over all of them.
-struct State {
+pub struct State {
     /// Whole iterations done.
-    iteration: u64,
-    /// Per patch: Σ_k E_k of the last iteration.
-    irradiance: Vec<Rgb>,
+    pub iteration: u64,
+    /// Per patch: Σ_k E_k of the last iteration, without known light.
+    pub irradiance: Vec<Rgb>,
     /// Positions that the last iteration's shots came from.
-    sources: Vec<Vec3>,
-    /// Per glossy patch and shot: E_k of the last iteration, K values a patch.
-    incoming: Vec<Rgb>,
+    pub sources: Vec<Vec3>,
+    /// Per glossy patch and shot: E_k of the last iteration, K values a patch; known light
+    /// included.
+    pub incoming: Vec<Rgb>,
     /// Importance of each patch's power, and its running sum.
-    power: Vec<f32>,
-    cumulative: Vec<f64>,
+    pub power: Vec<f32>,
+    pub cumulative: Vec<f64>,
+    /// Patches that shot in the last iteration.
+    shooters: Vec<u32>,
     sums: Sums,
 }
 
@@ -40,19 +45,25 @@ struct ShotSums {
 /// An iteration under way.
 pub struct CpuShooting<'device> {
     pool: &'device rayon::ThreadPool,
-    scene: Arc<PatchedScene>,
-    settings: ShootingSettings,
+    pub scene: Arc<PatchedScene>,
+    pub settings: ShootingSettings,
     table: DeltaFormFactors,
     /// One a thread.
     rasters: Vec<Mutex<Raster>>,
     /// One a shot of the iteration.
     shot_sums: Vec<ShotSums>,
     /// Row of [`State::incoming`] for each patch; `u32::MAX` for diffuse ones.
-    glossy_row: Vec<u32>,
-    state: State,
+    pub glossy_row: Vec<u32>,
+    /// Radiance that each patch sends by itself: L^e, or with a known part K of the light
+    /// L^e − K + kd·E_K/π.
+    pub source: Vec<Rgb>,
+    /// What the power of each patch has on top, so that it can be picked wherever it sends known
+    /// light to glossy receivers; empty where there is no need.
+    known_power: Vec<f32>,
+    pub state: State,
 }
 
-const NOT_GLOSSY: u32 = u32::MAX;
+pub const NOT_GLOSSY: u32 = u32::MAX;
 
 /// Memory that an iteration takes, bytes, with the batches and fits that the solver keeps of it.
 pub fn needed_bytes(scene: &PatchedScene, settings: &ShootingSettings, threads: usize) -> u64 {
@@ -65,7 +76,7 @@ pub fn needed_bytes(scene: &PatchedScene, settings: &ShootingSettings, threads: 
     let pixels = 3 * u64::from(settings.resolution).pow(2);
     let corners = scene.positions.len() as u64;
     let raster = 8 * pixels + 13 * corners + 16 * scene.facets.len() as u64;
-    per_shot + (52 + SOLVER_BYTES_PER_PATCH) * patches + raster * threads as u64 + 4 * pixels
+    per_shot + (68 + SOLVER_BYTES_PER_PATCH) * patches + raster * threads as u64 + 4 * pixels
 }
 
 impl<'device> CpuShooting<'device> {
@@ -89,6 +100,8 @@ impl<'device> CpuShooting<'device> {
         let glossy = glossy as usize;
         let threads = pool.current_num_threads().min(shots);
         let seen = settings.viewpoint.is_some() && glossy > 0;
+        let source = sources(&scene, settings);
+        let known_power = known_power(&scene, settings);
         Self {
             rasters: (0..threads)
                 .map(|_| Mutex::new(Raster::new(settings.resolution, &scene)))
@@ -105,9 +118,13 @@ impl<'device> CpuShooting<'device> {
                 sources: vec![Vec3::ZERO; shots],
                 incoming: vec![Rgb::ZERO; glossy * shots],
                 power: (0..count)
-                    .map(|i| importance(PI * patches.area[i] * patches.emission[i]))
+                    .map(|i| {
+                        let known = known_power.get(i).copied().unwrap_or(0.0);
+                        importance(PI * patches.area[i] * source[i]) + known
+                    })
                     .collect(),
                 cumulative: vec![0.0; count],
+                shooters: Vec::new(),
                 sums: Sums {
                     iterations: 0,
                     irradiance: vec![Rgb::ZERO; count],
@@ -117,113 +134,18 @@ impl<'device> CpuShooting<'device> {
             table: DeltaFormFactors::new(settings.resolution),
             settings: settings.clone(),
             glossy_row,
+            source,
+            known_power,
             pool,
             scene,
         }
     }
 
-    /// Picks this iteration's shooters by systematic sampling of power: shooter k is where the
-    /// cumulative power passes (k + ξ)/K of the total. `None` where there is no power at all.
-    fn select(&mut self) -> Option<Vec<Shot>> {
-        let mut total = 0f64;
-        for (sum, power) in self.state.cumulative.iter_mut().zip(&self.state.power) {
-            total += f64::from(*power);
-            *sum = total;
-        }
-        if total <= 0.0 || !total.is_finite() {
-            return None;
-        }
-        let count = self.settings.shots_per_iteration;
-        let offset = uniform(self.settings.seed, Stream::Shooter, self.state.iteration);
-        let cumulative = &self.state.cumulative;
-        let shots = (0..count)
-            .map(|k| {
-                let at = (f64::from(k) + f64::from(offset)) / f64::from(count) * total;
-                let patch = cumulative.partition_point(|sum| *sum <= at).min(cumulative.len() - 1);
-                let probability = (f64::from(self.state.power[patch]) / total) as f32;
-                self.shot_from(patch as u32, probability, k)
-            })
-            .collect();
-        Some(shots)
-    }
-
-    /// Shot k of this iteration from a patch that was picked with the given probability.
-    fn shot_from(&self, patch: u32, probability: f32, k: u32) -> Shot {
-        let patches = &self.scene.patches;
-        let (seed, shots) = (self.settings.seed, self.settings.shots_per_iteration);
-        let counter = self.state.iteration * u64::from(shots) + u64::from(k);
-        let draw = |stream| uniform(seed, stream, counter);
-        let i = patch as usize;
-        let normal = patches.normal[i];
-        let azimuth = if self.settings.random_azimuth { TAU * draw(Stream::Azimuth) } else { 0.0 };
-        let (tangent, bitangent) = frame(normal, azimuth);
-        let jitter = if self.settings.jitter {
-            Vec2::new(draw(Stream::JitterX), draw(Stream::JitterY)) - 0.5
-        } else {
-            Vec2::ZERO
-        };
-        let (lobe, lobe_axis) = self.reflected_lobe(i, draw(Stream::Lobe));
-        Shot {
-            patch,
-            position: self
-                .scene
-                .point_on_patch(patch, Vec2::new(draw(Stream::PointU), draw(Stream::PointV))),
-            tangent,
-            bitangent,
-            normal,
-            jitter,
-            face_weights: [1.0; FACES],
-            diffuse: patches.emission[i] + self.state.irradiance[i] * patches.diffuse[i] / PI,
-            lobe,
-            lobe_axis,
-            exponent: patches.exponent[i],
-            scale: patches.area[i] / (probability * shots as f32),
-        }
-    }
-
-    /// Peak radiance and axis of the Phong lobe that a patch sends: one of its K incoming
-    /// directions, picked by reflected power and divided by that probability.
-    fn reflected_lobe(&self, patch: usize, xi: f32) -> (Rgb, Vec3) {
-        let row = self.glossy_row[patch];
-        if row == NOT_GLOSSY {
-            return (Rgb::ZERO, Vec3::ZERO);
-        }
-        let patches = &self.scene.patches;
-        let exponent = patches.exponent[patch];
-        let shots = self.settings.shots_per_iteration as usize;
-        let incoming = &self.state.incoming[row as usize * shots..][..shots];
-        let direction =
-            |k: usize| (self.state.sources[k] - patches.centroid[patch]).normalize_or_zero();
-        let weight = |k: usize| {
-            let cosine = patches.normal[patch].dot(direction(k));
-            importance(patches.specular[patch] * incoming[k])
-                * LobeAlbedo::shared().at(exponent, cosine)
-        };
-        let total: f32 = (0..shots).map(weight).sum();
-        if total <= 0.0 {
-            return (Rgb::ZERO, Vec3::ZERO);
-        }
-        let (mut left, mut picked, mut picked_weight) = (xi * total, 0, 0.0);
-        for k in 0..shots {
-            let weight = weight(k);
-            if weight > 0.0 {
-                (picked, picked_weight) = (k, weight);
-                if left < weight {
-                    break;
-                }
-            }
-            left -= weight;
-        }
-        let normal = patches.normal[patch];
-        let to_source = direction(picked);
-        let peak = (exponent + 2.0) / TAU * total / picked_weight;
-        let axis = 2.0 * normal.dot(to_source) * normal - to_source;
-        (patches.specular[patch] * incoming[picked] * peak, axis)
-    }
-
     /// Renders and deposits the shots, several at a time.
     fn shoot(&mut self, shots: &[Shot]) {
         let (scene, table, rasters) = (&*self.scene, &self.table, &self.rasters);
+        let so_far = (self.state.iteration + 1) * u64::from(self.settings.shots_per_iteration);
+        let rule = self.settings.variance_reduction;
         let run = |(shot, sums): (&Shot, &mut ShotSums)| {
             sums.form_factor.fill(0.0);
             sums.lobe_factor.fill(0.0);
@@ -246,18 +168,23 @@ impl<'device> CpuShooting<'device> {
                 form_factor: &mut sums.form_factor,
                 lobe_factor: &mut sums.lobe_factor,
             });
+            if let Some(rule) = rule {
+                reduce_variance(scene, shot, rule, rule.shots.unwrap_or(so_far), sums);
+            }
         };
         shots.par_iter().zip(self.shot_sums.par_iter_mut()).with_max_len(1).for_each(run);
     }
 
     /// Turns the shots' sums into incoming light, next powers and running sums.
     fn update(&mut self, shots: &[Shot]) {
-        let Self { scene, settings, shot_sums, glossy_row, state, .. } = self;
+        let Self { scene, settings, shot_sums, glossy_row, source, known_power, state, .. } = self;
         let (patches, shot_count) = (&scene.patches, settings.shots_per_iteration as usize);
         let viewpoint = settings.viewpoint;
         for (source, shot) in state.sources.iter_mut().zip(shots) {
             *source = shot.position;
         }
+        state.shooters.clear();
+        state.shooters.extend(shots.iter().map(|shot| shot.patch));
         let seen = !state.sums.glossy.is_empty();
         // Glossy rows ascend with the patch index, so each chunk of patches owns a range of rows.
         let mut incoming = state.incoming.as_mut_slice();
@@ -309,7 +236,8 @@ impl<'device> CpuShooting<'device> {
                         row.fill(Rgb::ZERO);
                         for ((k, shot), e) in shots.iter().enumerate().zip(row) {
                             let share = PI * shot.scale / patches.area[i];
-                            let mut radiance = shot.diffuse * shot_sums[k].form_factor[i];
+                            let mut radiance =
+                                (shot.diffuse + shot.known) * shot_sums[k].form_factor[i];
                             if shot.has_lobe() {
                                 radiance += shot.lobe * shot_sums[k].lobe_factor[i];
                             }
@@ -336,8 +264,9 @@ impl<'device> CpuShooting<'device> {
                         }
                     }
                     sum[offset] += irradiance[offset];
+                    let known = known_power.get(i).copied().unwrap_or(0.0);
                     power[offset] =
-                        importance(patches.area[i] * (PI * patches.emission[i] + reflected));
+                        importance(patches.area[i] * (PI * source[i] + reflected)) + known;
                 }
             },
         );
@@ -354,6 +283,37 @@ impl<'device> CpuShooting<'device> {
         tally.shots += shots.len() as u64;
         tally.light_shots +=
             shots.iter().filter(|shot| patches.emits(shot.patch as usize)).count() as u64;
+    }
+}
+
+/// Replaces the transfers that [`VarianceReduction`] is about.
+fn reduce_variance(
+    scene: &PatchedScene,
+    shot: &Shot,
+    rule: VarianceReduction,
+    total_shots: u64,
+    sums: &mut ShotSums,
+) {
+    let limit = 2.0 * total_shots as f32 * shot.probability;
+    // No form factor exceeds 1.
+    if limit >= 1.0 {
+        return;
+    }
+    let areas = &scene.patches.area;
+    let shooter_area = areas[shot.patch as usize];
+    let factor = match rule.substitute {
+        Substitute::Zero => 0.0,
+        // A_j over the scale A_j/(p_j K).
+        Substitute::Mean => shooter_area / shot.scale,
+    };
+    for (i, area) in areas.iter().enumerate() {
+        let form_factor = (sums.form_factor[i] * shooter_area / area).min(1.0);
+        if form_factor > limit {
+            sums.form_factor[i] *= factor;
+            if let Some(sum) = sums.lobe_factor.get_mut(i) {
+                *sum *= factor;
+            }
+        }
     }
 }
 
@@ -389,7 +349,18 @@ impl Shooting for CpuShooting<'_> {
             irradiance: vec![Rgb::ZERO; self.state.sums.irradiance.len()],
             glossy: vec![Rgb::ZERO; self.state.sums.glossy.len()],
         };
-        Ok(std::mem::replace(&mut self.state.sums, fresh))
+        let mut sums = std::mem::replace(&mut self.state.sums, fresh);
+        if let Some(known) = &self.settings.known {
+            let iterations = sums.iterations as f32;
+            for (sum, known) in sums.irradiance.iter_mut().zip(&known.irradiance) {
+                *sum += *known * iterations;
+            }
+        }
+        Ok(sums)
+    }
+
+    fn shooters(&mut self) -> Result<Vec<u32>, DeviceError> {
+        Ok(self.state.shooters.clone())
     }
 
     fn trace(&mut self, shots: &[Shot]) -> Result<Vec<ShotTrace>, DeviceError> {

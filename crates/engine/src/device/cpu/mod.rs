@@ -7,6 +7,10 @@ mod deposit;
 mod iterate;
 mod lobe;
 mod raster;
+mod select;
+mod visible;
+
+pub use visible::visible_share;
 
 use super::{Device, DeviceDescription, DeviceError, Shooting, ShootingSettings};
 use crate::hemicube::{DeltaFormFactors, Shot};

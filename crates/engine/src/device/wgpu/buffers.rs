@@ -263,7 +263,7 @@ impl Buffers {
         let corners = filled("corners", bytemuck::cast_slice(&corners), BufferUsages::VERTEX);
         let irradiance = make("irradiance", 32 * plan.patches, readable);
         let incoming = make("incoming", 16 * (plan.shots + 1) * plan.glossy, readable);
-        let shots = make("shots", GpuShot::SIZE * plan.shots, storage);
+        let shots = make("shots", GpuShot::SIZE * plan.shots, readable);
         let sums = make("sums", plan.sums_bytes() * plan.pass_shots, readable);
         let views = make("views", UNIFORM_STRIDE * lists, storage | BufferUsages::UNIFORM);
         let marks =

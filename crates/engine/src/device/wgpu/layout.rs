@@ -168,6 +168,16 @@ impl GpuShot {
         };
         (packed, fixed_scale.recip())
     }
+
+    /// The patches that shoot, of shots as the device holds them.
+    pub fn shooters(words: &[u32]) -> impl Iterator<Item = u32> + '_ {
+        let shots = words.chunks_exact(Self::SIZE as usize / 4);
+        shots
+            .map(bytemuck::cast_slice::<u32, Self>)
+            .map(|shot| shot[0])
+            .filter(|shot| shot.scale > 0.0)
+            .map(|shot| shot.patch)
+    }
 }
 
 /// `Patch`.

@@ -341,6 +341,19 @@ impl Shooting for WgpuShooting<'_> {
         Ok(sums)
     }
 
+    fn shooters(&mut self) -> Result<Vec<u32>, DeviceError> {
+        self.gpu.check()?;
+        if self.is_empty() {
+            return Ok(Vec::new());
+        }
+        let bytes = GpuShot::SIZE * self.plan.shots;
+        let staging = self.gpu.staging(bytes)?;
+        let mut encoder = self.encoder();
+        encoder.copy_buffer_to_buffer(&self.buffers.shots, 0, &staging, 0, bytes);
+        let words = self.gpu.read(encoder, &staging)?;
+        Ok(GpuShot::shooters(&words).collect())
+    }
+
     fn trace(&mut self, shots: &[Shot]) -> Result<Vec<ShotTrace>, DeviceError> {
         self.gpu.check()?;
         if self.is_empty() {
@@ -400,9 +413,7 @@ mod tests {
             resolution: 32,
             shots_per_iteration: 2,
             seed: 1,
-            random_azimuth: true,
-            jitter: true,
-            viewpoint: None,
+            ..ShootingSettings::default()
         }
     }
 
@@ -419,14 +430,10 @@ mod tests {
                     position: scene.patches.centroid[k as usize],
                     tangent,
                     bitangent,
-                    normal: Vec3::Z,
                     jitter: Vec2::splat(0.1 * k as f32 - 0.4),
-                    face_weights: [1.0; FACES],
-                    diffuse: Rgb::ONE,
                     lobe: Rgb::ONE,
-                    lobe_axis: Vec3::Z,
                     exponent: 3.0,
-                    scale: 1.0,
+                    ..Shot::default()
                 }
             })
             .collect();
