@@ -30,8 +30,15 @@ const LETTER: f64 = 6.9;
 pub struct Line {
     /// Name in the legend.
     pub name: String,
-    /// Points from left to right.
+    /// Points from left to right; those that a logarithmic axis can't show are left out.
     pub points: Vec<(f64, f64)>,
+}
+
+impl Line {
+    fn shown(&self) -> impl Iterator<Item = (f64, f64)> {
+        let finite = |value: f64| value > 0.0 && value.is_finite();
+        self.points.iter().copied().filter(move |(x, y)| finite(*x) && finite(*y))
+    }
 }
 
 /// One pair of axes.
@@ -134,7 +141,7 @@ fn draw_legend(root: &Area, names: &[&str], places: &[(i32, i32)]) -> Drawn {
 }
 
 fn draw_panel(root: &Area, area: &Area, panel: &Panel, names: &[&str]) -> Drawn {
-    let points = || panel.lines.iter().flat_map(|line| line.points.iter().copied());
+    let points = || panel.lines.iter().flat_map(Line::shown);
     let Some((x_range, y_range)) = range(points().map(|p| p.0)).zip(range(points().map(|p| p.1)))
     else {
         return area.draw(&Text::new(panel.title.clone(), (60, 14), (FONT, 15).into_font()));
@@ -162,7 +169,7 @@ fn draw_panel(root: &Area, area: &Area, panel: &Panel, names: &[&str]) -> Drawn 
         .y_label_formatter(&|value| number(*value))
         .draw()?;
     if let (Some(slope), Some(first)) =
-        (panel.guide_slope, panel.lines.first().and_then(|line| line.points.first()))
+        (panel.guide_slope, panel.lines.first().and_then(|line| line.shown().next()))
     {
         let at = |x: f64| (x, first.1 * (x / first.0).powf(slope));
         let guide = [at(x_range.start), at(x_range.end)];
@@ -171,9 +178,9 @@ fn draw_panel(root: &Area, area: &Area, panel: &Panel, names: &[&str]) -> Drawn 
     for line in &panel.lines {
         let index = names.iter().position(|name| *name == line.name).unwrap_or(0);
         let style = color(index).stroke_width(2);
-        chart.draw_series(LineSeries::new(line.points.iter().copied(), style))?;
-        for point in &line.points {
-            draw_marker(root, index, chart.backend_coord(point))?;
+        chart.draw_series(LineSeries::new(line.shown(), style))?;
+        for point in line.shown() {
+            draw_marker(root, index, chart.backend_coord(&point))?;
         }
     }
     Ok(())
@@ -190,9 +197,13 @@ fn range(values: impl Iterator<Item = f64>) -> Option<Range<f64>> {
     })
 }
 
-/// 1, 2 and 5 times powers of ten within a range; only powers of ten in a wide one.
+/// Round numbers within a range, so many that the axis can be read and none touch.
 fn ticks(range: &Range<f64>) -> Vec<f64> {
-    let factors: &[f64] = if range.end / range.start > 300.0 { &[1.0] } else { &[1.0, 2.0, 5.0] };
+    let factors: &[f64] = match range.end / range.start {
+        wide if wide > 300.0 => &[1.0],
+        narrow if narrow < 8.0 => &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0],
+        _ => &[1.0, 2.0, 5.0],
+    };
     let (first, last) = (range.start.log10().floor() as i32, range.end.log10().ceil() as i32);
     let powers =
         (first..=last).flat_map(|power| factors.iter().map(move |f| f * 10f64.powi(power)));
@@ -251,7 +262,10 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_panel_is_drawn() {
+    fn what_has_no_logarithm_is_left_out() {
         assert!(svg(&[panel(&[])], 1).unwrap().contains("a title"));
+        let text = svg(&[panel(&[0.1, -0.1, f64::NAN, 0.05])], 1).unwrap();
+        assert!(!text.contains("NaN") && !text.contains("inf"));
+        assert_eq!(text.matches("<circle").count(), 3, "two points and the legend");
     }
 }

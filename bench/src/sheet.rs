@@ -28,14 +28,15 @@ pub struct Row {
 /// # Errors
 /// Where the encoder fails.
 pub fn png(rows: &[Row], scale: u32) -> Result<Vec<u8>, ImageError> {
-    let cell_width = |(label, picture): &(String, Picture)| {
-        let letters = label.lines().map(str::len).max().unwrap_or(0) as u32;
-        (picture.width * scale).max(letters * LETTER) + GAP
-    };
-    let row_width = |row: &Row| {
-        let cells: u32 = row.cells.iter().map(cell_width).sum();
-        cells.max(row.title.len() as u32 * LETTER + GAP)
-    };
+    let cells = || rows.iter().flat_map(|row| &row.cells);
+    let letters = |text: &str| text.lines().map(str::len).max().unwrap_or(0) as u32 * LETTER;
+    // All columns of the sheet are as wide as the widest.
+    let column = cells()
+        .map(|(label, picture)| (picture.width * scale).max(letters(label)))
+        .max()
+        .unwrap_or(0)
+        + 2 * GAP;
+    let row_width = |row: &Row| (row.cells.len() as u32 * column).max(letters(&row.title) + GAP);
     let text_height = |lines: usize| lines as u32 * (LETTER + 2) + GAP;
     let label_lines = |row: &Row| row.cells.iter().map(|c| c.0.lines().count()).max().unwrap_or(0);
     let picture_height =
@@ -57,7 +58,7 @@ pub fn png(rows: &[Row], scale: u32) -> Result<Vec<u8>, ImageError> {
                 write(&mut sheet, x, labels + line as u32 * (LETTER + 2), text);
             }
             paste(&mut sheet, x, pictures, &cell.1, row.exposure, scale);
-            x += cell_width(cell);
+            x += column;
         }
         y += row_height(row);
     }

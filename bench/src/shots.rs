@@ -89,9 +89,7 @@ fn measure(
         resolution,
         shots_per_iteration: arguments.shots_per_iteration,
         seed: 1,
-        random_azimuth: true,
-        jitter: true,
-        viewpoint: None,
+        ..ShootingSettings::default()
     };
     let mut rates = vec![Vec::new(); ids.len()];
     let mut names = vec![String::new(); ids.len()];

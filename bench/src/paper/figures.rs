@@ -98,7 +98,11 @@ pub fn sheets(results: &Results) -> Result<Vec<(String, Vec<u8>)>, Failure> {
         regions.push(regions_cell(study));
     }
     let regions = Row { title: "near edges: red".into(), exposure: 1.0, cells: regions };
-    Ok(vec![("corners.png".into(), png(&corners, 3)?), ("constant.png".into(), png(&constant, 1)?)])
+    Ok(vec![
+        ("corners.png".into(), png(&corners, 2)?),
+        ("constant.png".into(), png(&constant, 1)?),
+        ("regions.png".into(), png(&[regions], 1)?),
+    ])
 }
 
 /// The converged picture, with red where a pixel is near an edge and black at emitters.

@@ -76,45 +76,50 @@ pub struct Series {
 }
 
 impl Series {
-    /// Slope of ln error over ln shots, with its standard error over the seeds.
-    pub fn slope(&self) -> Estimate {
+    /// Slope of ln error over ln shots in a region, with its standard error over the seeds.
+    pub fn slope(&self, region: usize) -> Estimate {
         let seeds = self.cells[0].seconds.len();
         jackknife(seeds, |chosen| {
-            let point = |cell: &Cell| (cell.shots as f64, error(mean_of(&cell.squared[0], chosen)));
+            let point =
+                |cell: &Cell| (cell.shots as f64, error(mean_of(&cell.squared[region], chosen)));
             log_slope(&self.cells.iter().map(point).collect::<Vec<_>>())
         })
     }
 }
 
-/// What `variant` costs against `base` for the same error: the ratio of error² × seconds at the
+/// What a variant costs against a base for the same error: the ratio of error² × seconds at the
 /// last number of shots, paired by seed. Seconds are those beyond the first cell's, so that
 /// preparing and showing, alike for all, don't hide the shooting.
 pub struct Gain {
     /// Ratio of seconds.
     pub seconds: Estimate,
-    /// Ratio of squared errors.
-    pub squares: Estimate,
-    /// Their product.
-    pub cost: Estimate,
+    /// Ratio of squared errors by region.
+    pub squares: [Estimate; 3],
+    /// Their products.
+    pub cost: [Estimate; 3],
 }
 
 impl Gain {
-    /// Of `variant` over `base`, of the same view and shots.
+    /// Of `variant` over `base`, of the same view, shots and seeds.
     pub fn new(variant: &Series, base: &Series) -> Self {
         let shooting = |series: &Series, chosen: &[usize]| {
             let last = series.cells.last().map_or(f64::NAN, |c| mean_of(&c.seconds, chosen));
             last - mean_of(&series.cells[0].seconds, chosen)
         };
-        let squares = |series: &Series, chosen: &[usize]| {
-            series.cells.last().map_or(f64::NAN, |c| mean_of(&c.squared[0], chosen))
+        let squares = |series: &Series, region: usize, chosen: &[usize]| {
+            series.cells.last().map_or(f64::NAN, |c| mean_of(&c.squared[region], chosen))
         };
         let seeds = base.cells[0].seconds.len();
         let time = |chosen: &[usize]| shooting(variant, chosen) / shooting(base, chosen);
-        let error = |chosen: &[usize]| squares(variant, chosen) / squares(base, chosen);
+        let error = |region: usize, chosen: &[usize]| {
+            squares(variant, region, chosen) / squares(base, region, chosen)
+        };
+        let regions = [0, 1, 2];
         Self {
             seconds: jackknife(seeds, time),
-            squares: jackknife(seeds, error),
-            cost: jackknife(seeds, |chosen| time(chosen) * error(chosen)),
+            squares: regions.map(|region| jackknife(seeds, |chosen| error(region, chosen))),
+            cost: regions
+                .map(|region| jackknife(seeds, |chosen| time(chosen) * error(region, chosen))),
         }
     }
 }

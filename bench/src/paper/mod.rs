@@ -67,7 +67,8 @@ struct Size {
     reference_shots: u64,
     /// Shots of the table of switches.
     shots: &'static [u64],
-    /// Seeds of the table of switches and of the studies of variance reduction.
+    /// Seeds of the table of switches and of the studies of variance reduction, in a view of
+    /// effort 1.
     seeds: u64,
     /// Shots of the efficiency study; the first prices what is not shooting.
     extra_shots: &'static [u64],
@@ -81,8 +82,21 @@ struct Size {
     fixed_shots: u64,
     /// Iterations of the algorithm exactly as printed.
     printed: &'static [u64],
+    /// Its seeds.
+    printed_seeds: u64,
     /// Shots against the path-traced reference.
     true_shots: &'static [u64],
+}
+
+impl Size {
+    /// Seeds of the table of switches in a view.
+    fn seeds_of(&self, view: &View) -> u64 {
+        scaled(self.seeds, view)
+    }
+}
+
+fn scaled(seeds: u64, view: &View) -> u64 {
+    ((seeds as f64 * view.effort).round() as u64).max(2)
 }
 
 const FULL: Size = Size {
@@ -90,25 +104,26 @@ const FULL: Size = Size {
     samples: 4,
     patches: 4000,
     resolution: 128,
-    reference_shots: 32768,
+    reference_shots: 16384,
     shots: &[256, 1024, 4096],
     seeds: 4,
     extra_shots: &[1, 512],
-    extra_seeds: 24,
+    extra_seeds: 16,
     reduction_shots: &[64, 256, 1024, 4096],
     fixed_m: &[64, 256, 1024, 4096],
     fixed_shots: 1024,
     printed: &[500, 600],
+    printed_seeds: 2,
     true_shots: &[256, 1024, 4096, 16384],
 };
 
 const QUICK: Size = Size {
     side: 125,
-    reference_shots: 8192,
-    shots: &[64, 256, 1024],
+    reference_shots: 4096,
+    shots: &[64, 256],
     seeds: 2,
     extra_shots: &[1, 256],
-    extra_seeds: 6,
+    extra_seeds: 4,
     reduction_shots: &[64, 256],
     fixed_m: &[64, 1024],
     fixed_shots: 256,
@@ -240,11 +255,13 @@ fn study(bench: &mut Bench, view: View) -> Result<Study, Failure> {
     let mut run = |variants: &[Variant], shots: &[u64], seeds| -> Result<Vec<Series>, Failure> {
         measure(bench, &view, variants, shots, seeds)
     };
-    let switches = run(&switches, size.shots, size.seeds)?;
-    let extras = run(&variants::paper_extras(), size.extra_shots, size.extra_seeds)?;
-    let reductions = run(&variants::paper_reductions(), size.reduction_shots, size.seeds)?;
-    let fixed = run(&variants::fixed_m(size.fixed_m), &[size.fixed_shots], size.seeds)?;
-    let printed = run(&[variants::printed()], size.printed, size.seeds)?;
+    let seeds = size.seeds_of(&view);
+    let switches = run(&switches, size.shots, seeds)?;
+    let extra_seeds = scaled(size.extra_seeds, &view);
+    let extras = run(&variants::paper_extras(), size.extra_shots, extra_seeds)?;
+    let reductions = run(&variants::paper_reductions(), size.reduction_shots, seeds)?;
+    let fixed = run(&variants::fixed_m(size.fixed_m), &[size.fixed_shots], seeds)?;
+    let printed = run(&[variants::printed()], size.printed, size.printed_seeds)?;
     Ok(Study { view, switches, extras, reductions, fixed, printed })
 }
 

@@ -8,7 +8,7 @@ use crate::table::Table;
 
 /// Every cell of every study, as figures.
 pub fn runs(results: &Results) -> Table {
-    let mut header = vec!["study", "scene", "variant", "options", "unbiased", "shots"];
+    let mut header = vec!["study", "scene", "variant", "options", "converges", "shots"];
     header.extend(["iterations", "seeds", "seconds_solve", "light_source_selection_ratio"]);
     let regional: Vec<String> = (REGIONS.iter())
         .flat_map(|region| {
@@ -41,7 +41,7 @@ fn add_runs(table: &mut Table, study: &str, scene: &str, series: &Series) {
     let options: Vec<String> = variant.options.iter().map(|(n, v)| format!("{n}={v}")).collect();
     for cell in &series.cells {
         let mut row = vec![study.to_string(), scene.into(), variant.name.clone()];
-        row.extend([options.join(" "), variant.unbiased.to_string(), cell.shots.to_string()]);
+        row.extend([options.join(" "), variant.converges.to_string(), cell.shots.to_string()]);
         row.extend([cell.iterations.to_string(), cell.seconds.len().to_string()]);
         row.extend([format!("{:.4}", cell.mean_seconds()), format!("{:.4}", cell.light_ratio())]);
         for region in 0..REGIONS.len() {
@@ -104,11 +104,14 @@ fn conditions(results: &Results) -> String {
         let own = study.view.smooth.own_error(&study.view.regions.masks[0]);
         format!("{} {}", study.view.name, percent(own))
     };
+    let seeds: Vec<String> = (results.studies.iter())
+        .map(|study| format!("{} {}", study.view.name, size.seeds_of(&study.view)))
+        .collect();
     let references: Vec<String> = results.studies.iter().map(reference_error).collect();
     format!(
         "{}, {threads} hardware threads, {} jobs in {:.0} s{mode}. Pictures of {side} × {side} pixels with {} \
          samples each, about {} patches asked for, hemicubes of R = {} where nothing else is said, \
-         {} seeds. References: two halves of {} shots; noise of their mean: {}. Share of pixels \
+         seeds: {}. References: two halves of {} shots; noise of their mean: {}. Share of pixels \
          near an edge: {}.",
         results.device,
         results.jobs,
@@ -116,7 +119,7 @@ fn conditions(results: &Results) -> String {
         size.samples,
         size.patches,
         size.resolution,
-        size.seeds,
+        seeds.join(", "),
         size.reference_shots,
         references.join(", "),
         (results.studies.iter())
@@ -145,29 +148,29 @@ fn switches(study: &Study) -> String {
         row.push(format!("{:.3}", cell.energy(0).value));
         row.push(format!("{:.2}", cell.mean_seconds()));
         row.push(percent(cell.light_ratio()));
-        row.push(if series.variant.unbiased { ratio(series.slope()) } else { String::new() });
+        row.push(if series.variant.converges { ratio(series.slope(0)) } else { String::new() });
         table.add(row);
     }
     table.markdown()
 }
 
 fn slopes(results: &Results) -> String {
-    let mut table = Table::new(&["scene", "unbiased variants", "mean slope", "from", "to"]);
+    let mut table = Table::new(&["scene", "converging variants", "all pixels", "elsewhere"]);
     for study in &results.studies {
-        let unbiased = study.switches.iter().filter(|series| series.variant.unbiased);
-        let slopes: Vec<f64> = unbiased.map(|series| series.slope().value).collect();
-        table.add(vec![
-            study.view.name.clone(),
-            slopes.len().to_string(),
-            format!("{:.2}", mean(&slopes)),
-            format!("{:.2}", slopes.iter().copied().fold(f64::INFINITY, f64::min)),
-            format!("{:.2}", slopes.iter().copied().fold(f64::NEG_INFINITY, f64::max)),
-        ]);
+        let converging = || study.switches.iter().filter(|series| series.variant.converges);
+        let words = |region: usize| {
+            let slopes: Vec<f64> = converging().map(|series| series.slope(region).value).collect();
+            let low = slopes.iter().copied().fold(f64::INFINITY, f64::min);
+            let high = slopes.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            format!("{:.2} ({low:.2} … {high:.2})", mean(&slopes))
+        };
+        let name = study.view.name.clone();
+        table.add(vec![name, converging().count().to_string(), words(0), words(2)]);
     }
     table.markdown()
 }
 
-/// The first word of a series' figures in a row a variant, a column a scene.
+/// A figure of every series: a row a variant, a column a scene.
 fn by_scene(
     results: &Results,
     series: impl Fn(&Study) -> &Vec<Series>,
@@ -194,20 +197,24 @@ fn light(results: &Results) -> String {
 }
 
 fn gains(results: &Results) -> String {
-    let mut table =
-        Table::new(&["scene", "variant", "rRMSE", "time", "error²", "cost: time × error²"]);
+    let mut table = Table::new(&[
+        "scene",
+        "variant",
+        "rRMSE",
+        "elsewhere",
+        "time",
+        "error²",
+        "time × error²",
+        "time × error², elsewhere",
+    ]);
     for study in &results.studies {
         for series in &study.extras {
             let Some(cell) = series.cells.last() else { continue };
             let gain = Gain::new(series, &study.extras[0]);
-            table.add(vec![
-                study.view.name.clone(),
-                series.variant.name.clone(),
-                percent_with(cell.error(0)),
-                ratio(gain.seconds),
-                ratio(gain.squares),
-                ratio(gain.cost),
-            ]);
+            let mut row = vec![study.view.name.clone(), series.variant.name.clone()];
+            row.extend([percent_with(cell.error(0)), percent_with(cell.error(2))]);
+            row.extend([gain.seconds, gain.squares[0], gain.cost[0], gain.cost[2]].map(ratio));
+            table.add(row);
         }
     }
     table.markdown()

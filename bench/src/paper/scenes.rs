@@ -26,6 +26,8 @@ pub struct View {
     pub name: String,
     /// The scene.
     pub scene: Arc<Scene>,
+    /// Seeds in times of the usual number: more where shots are cheap.
+    pub effort: f64,
     /// Width and height, pixels.
     pub side: u32,
     /// Sub-pixel samples.
@@ -64,12 +66,12 @@ fn regions(scene: &Scene, side: u32, samples: u32) -> Regions {
 /// patches.
 pub fn own(bench: &mut Bench) -> Result<Vec<View>, Failure> {
     let scenes = [
-        ("cornell", made::cornell()),
-        ("cornell_phong", made::phong_cornell()),
-        ("office", made::office()),
+        ("cornell", made::cornell(), 1.5),
+        ("cornell_phong", made::phong_cornell(), 1.0),
+        ("office", made::office(), 0.75),
     ];
     let mut views = Vec::new();
-    for (name, glb) in scenes {
+    for (name, glb, effort) in scenes {
         if !bench.wants_scene(name) {
             continue;
         }
@@ -78,7 +80,7 @@ pub fn own(bench: &mut Bench) -> Result<Vec<View>, Failure> {
         let (side, samples) = (bench.size.side, bench.size.samples);
         let regions = regions(&scene, side, samples);
         let [smooth, flat] = references(bench, &scene)?;
-        views.push(View { name: name.into(), scene, side, samples, regions, smooth, flat });
+        views.push(View { name: name.into(), scene, effort, side, samples, regions, smooth, flat });
     }
     Ok(views)
 }
@@ -129,6 +131,7 @@ pub fn path_traced(folder: &Path, scene: Option<&Path>, side: u32) -> Result<Vie
     Ok(View {
         name: "path-traced".into(),
         scene: Arc::new(scene),
+        effort: 1.0,
         side,
         samples,
         regions,

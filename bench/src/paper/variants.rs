@@ -7,21 +7,22 @@ pub struct Variant {
     pub name: String,
     /// Options over the base.
     pub options: Vec<(&'static str, String)>,
-    /// Whether its expected picture is the solution, so that its error falls with the square root
-    /// of the shots.
-    pub unbiased: bool,
+    /// Whether the mean over many shots is the solution, so that the error falls with the square
+    /// root of the shots.
+    pub converges: bool,
 }
 
 impl Variant {
-    /// An unbiased variant.
+    /// A variant that converges.
     pub fn new(name: &str, options: &[(&'static str, &str)]) -> Self {
         let options = options.iter().map(|(name, value)| (*name, (*value).to_string())).collect();
-        Self { name: name.into(), options, unbiased: true }
+        Self { name: name.into(), options, converges: true }
     }
 
-    /// A variant whose expected picture is not the solution, at least after few iterations.
-    pub fn biased(name: &str, options: &[(&'static str, &str)]) -> Self {
-        Self { unbiased: false, ..Self::new(name, options) }
+    /// A variant with a part of its error that more shots of the same job don't take away, or
+    /// that depends on the length of the job.
+    pub fn stuck(name: &str, options: &[(&'static str, &str)]) -> Self {
+        Self { converges: false, ..Self::new(name, options) }
     }
 
     fn option(&self, wanted: &str) -> Option<&str> {
@@ -68,9 +69,9 @@ pub fn switches() -> Vec<Group> {
     let sampling = vec![
         Variant::new("uniform selection", &[("shooter_selection", "uniform")]),
         Variant::new("unstratified", &[("stratified", "false")]),
-        Variant::biased("centre point", &[("shooter_point", "centre")]),
-        Variant::biased("azimuth fixed", &[("random_azimuth", "false")]),
-        Variant::biased("no jitter", &[("subpixel_jitter", "false")]),
+        Variant::stuck("centre point", &[("shooter_point", "centre")]),
+        Variant::stuck("azimuth fixed", &[("random_azimuth", "false")]),
+        Variant::stuck("no jitter", &[("subpixel_jitter", "false")]),
     ];
     let iteration = vec![
         Variant::new("K = 1", &[("shots_per_iteration", "1")]),
@@ -84,27 +85,27 @@ pub fn switches() -> Vec<Group> {
         Variant::new("faces: randomised", &[("hemicube_faces", "randomised")]),
     ];
     let reduction = vec![
-        Variant::biased("zero", &[("variance_reduction", "zero")]),
-        Variant::biased("mean", &[("variance_reduction", "mean")]),
-        Variant::biased(
+        Variant::stuck("zero", &[("variance_reduction", "zero")]),
+        Variant::stuck("mean", &[("variance_reduction", "mean")]),
+        Variant::stuck(
             "zero, growing M",
             &[("variance_reduction", "zero"), ("variance_reduction_shots", "growing")],
         ),
-        Variant::biased(
+        Variant::stuck(
             "mean, growing M",
             &[("variance_reduction", "mean"), ("variance_reduction_shots", "growing")],
         ),
     ];
     let constant = vec![
-        Variant::biased("constant: printed", &[("constant_radiance", "printed")]),
+        Variant::stuck("constant: printed", &[("constant_radiance", "printed")]),
         Variant::new("constant: corrected", &[("constant_radiance", "corrected")]),
-        Variant::new("first shot", &[("first_shot", "true")]),
-        Variant::new(
+        // Shot by shot exact on the average, but a job keeps the noise of its first shots.
+        Variant::stuck("first shot", &[("first_shot", "true")]),
+        Variant::stuck(
             "first shot + corrected",
             &[("first_shot", "true"), ("constant_radiance", "corrected")],
         ),
-        // At the resolution of the others, so that only the algorithm differs.
-        Variant::biased("paper", &[("preset", "paper"), ("hemicube_resolution", "128")]),
+        Variant::stuck("paper, R = 128", PAPER),
     ];
     [
         ("sampling", sampling),
@@ -117,11 +118,22 @@ pub fn switches() -> Vec<Group> {
     .into()
 }
 
-/// The paper's algorithm without its extras, which [`paper_extras`] add one by one: single
-/// independent shots, flat pictures, all faces.
+/// The paper's algorithm with smaller hemicubes, turned and jittered so that their coarser pixels
+/// don't show.
+const PAPER: &[(&str, &str)] = &[
+    ("preset", "paper"),
+    ("hemicube_resolution", "128"),
+    ("random_azimuth", "true"),
+    ("subpixel_jitter", "true"),
+];
+
+/// The same without the extras that [`paper_extras`] and [`paper_reductions`] add one by one:
+/// single independent shots, flat pictures, all faces.
 const BARE: &[(&str, &str)] = &[
     ("preset", "paper"),
     ("hemicube_resolution", "128"),
+    ("random_azimuth", "true"),
+    ("subpixel_jitter", "true"),
     ("hemicube_faces", "all"),
     ("variance_reduction", "none"),
     ("constant_radiance", "off"),
@@ -173,7 +185,7 @@ pub fn fixed_m(values: &[u64]) -> Vec<Variant> {
 
 /// The algorithm exactly as printed, hemicubes of 600 × 600 pixels.
 pub fn printed() -> Variant {
-    Variant::biased("paper", &[("preset", "paper")])
+    Variant::stuck("paper", &[("preset", "paper")])
 }
 
 /// What a picture's true error comes from: patches and their reconstruction.
@@ -185,7 +197,7 @@ pub fn discretisations() -> Vec<Variant> {
             variants.push(Variant::new(&name, &[("reconstruction", rule), ("patches", patches)]));
         }
     }
-    variants.push(Variant::biased("paper", &[("preset", "paper"), ("hemicube_resolution", "128")]));
+    variants.push(Variant::stuck("paper, R = 128", PAPER));
     variants
 }
 
