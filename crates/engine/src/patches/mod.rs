@@ -6,6 +6,7 @@
 //! follows from the facet and the barycentric coordinates of the hit ([`cell_index`]).
 
 mod bodies;
+mod seams;
 mod split;
 
 use crate::radiometry::{Rgb, importance};
@@ -49,6 +50,9 @@ pub struct Facet {
     /// Whether the back is never seen by light: the facet bounds a closed body without light
     /// inside, so rasterisers may skip it when it faces away.
     pub cull_back: bool,
+    /// Whether it gives way to others where depths tie within rounding: it goes on behind a
+    /// neighbour at a shared edge.
+    pub recedes: bool,
 }
 
 impl Facet {
@@ -176,6 +180,7 @@ impl PatchedScene {
         facets.retain(|facet| facet_area(&positions, facet) > 0.0);
 
         let closed = bodies::facets_of_dark_closed_bodies(&scene, &positions, &facets);
+        let recedes = seams::facets_that_recede(&scene, &positions, &facets);
         let mut patches = Patches::default();
         for (index, facet) in facets.iter_mut().enumerate() {
             let [a, b, c] = facet.corners.map(|p| positions[p as usize]);
@@ -183,6 +188,7 @@ impl PatchedScene {
             let wanted = (area / cell_area.max(f32::MIN_POSITIVE)).sqrt().round();
             facet.divisions = wanted.clamp(1.0, 1024.0) as u32;
             facet.cull_back = closed[index];
+            facet.recedes = recedes[index];
             let material =
                 &scene.materials[scene.triangles[facet.source as usize].material as usize];
             facet.front = patches.len() as u32;
@@ -270,6 +276,7 @@ fn weld(scene: &Scene) -> (Vec<Vec3>, Vec<Facet>) {
             front: NO_PATCH,
             back: NO_PATCH,
             cull_back: false,
+            recedes: false,
         });
     }
     facets.retain(|facet| facet_area(&positions, facet) > 0.0);

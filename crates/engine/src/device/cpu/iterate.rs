@@ -6,7 +6,7 @@ use crate::device::{
     DeviceError, Shooting, ShootingSettings, ShotTrace, Substitute, Sums, Tally, VarianceReduction,
     known_power, sources,
 };
-use crate::hemicube::{DeltaFormFactors, Shot};
+use crate::hemicube::{DeltaFormFactors, FACES, Shot};
 use crate::patches::PatchedScene;
 use crate::radiometry::{LobeAlbedo, Rgb, importance};
 use glam::Vec3;
@@ -16,6 +16,9 @@ use std::sync::{Arc, Mutex, TryLockError};
 
 /// Patches per task of an update.
 const CHUNK: usize = 2048;
+/// Faces that are rendered by one task each, where an iteration has a single shot: as many pixels
+/// in one as in the other. The cut does not depend on the threads, so the bits don't either.
+const HALVES: [[f32; FACES]; 2] = [[1.0, 1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0, 1.0]];
 
 /// Incoming light of the last iteration and sums over all of them.
 pub struct State {
@@ -50,7 +53,7 @@ pub struct CpuShooting<'device> {
     table: DeltaFormFactors,
     /// One a thread.
     rasters: Vec<Mutex<Raster>>,
-    /// One a shot of the iteration.
+    /// One a shot of the iteration; one a half of its only shot.
     shot_sums: Vec<ShotSums>,
     /// Row of [`State::incoming`] for each patch; `u32::MAX` for diffuse ones.
     pub glossy_row: Vec<u32>,
@@ -70,7 +73,7 @@ pub fn needed_bytes(scene: &PatchedScene, settings: &ShootingSettings, threads: 
     const SOLVER_BYTES_PER_PATCH: u64 = 16 * 24 * 2 + 400;
     let patches = scene.patches.len() as u64;
     let glossy = (0..scene.patches.len()).filter(|p| scene.patches.is_glossy(*p)).count() as u64;
-    let shots = u64::from(settings.shots_per_iteration);
+    let shots = u64::from(settings.shots_per_iteration).max(HALVES.len() as u64);
     let lobes = if glossy > 0 { 2 } else { 1 };
     let per_shot = shots * (4 * lobes * patches + 12 * glossy);
     let pixels = 3 * u64::from(settings.resolution).pow(2);
@@ -98,7 +101,8 @@ impl<'device> CpuShooting<'device> {
             })
             .collect();
         let glossy = glossy as usize;
-        let threads = pool.current_num_threads().min(shots);
+        let tasks = if shots == 1 { HALVES.len() } else { shots };
+        let threads = pool.current_num_threads().min(tasks);
         let seen = settings.viewpoint.is_some() && glossy > 0;
         let source = sources(&scene, settings);
         let known_power = known_power(&scene, settings);
@@ -106,7 +110,7 @@ impl<'device> CpuShooting<'device> {
             rasters: (0..threads)
                 .map(|_| Mutex::new(Raster::new(settings.resolution, &scene)))
                 .collect(),
-            shot_sums: (0..shots)
+            shot_sums: (0..tasks)
                 .map(|_| ShotSums {
                     form_factor: vec![0.0; count],
                     lobe_factor: vec![0.0; if glossy > 0 { count } else { 0 }],
@@ -146,6 +150,7 @@ impl<'device> CpuShooting<'device> {
         let (scene, table, rasters) = (&*self.scene, &self.table, &self.rasters);
         let so_far = (self.state.iteration + 1) * u64::from(self.settings.shots_per_iteration);
         let rule = self.settings.variance_reduction;
+        let halved = shots.len() == 1;
         let run = |(shot, sums): (&Shot, &mut ShotSums)| {
             sums.form_factor.fill(0.0);
             sums.lobe_factor.fill(0.0);
@@ -168,11 +173,29 @@ impl<'device> CpuShooting<'device> {
                 form_factor: &mut sums.form_factor,
                 lobe_factor: &mut sums.lobe_factor,
             });
-            if let Some(rule) = rule {
+            // One shot's two halves are not yet whole.
+            if let (Some(rule), false) = (rule, halved) {
                 reduce_variance(scene, shot, rule, rule.shots.unwrap_or(so_far), sums);
             }
         };
-        shots.par_iter().zip(self.shot_sums.par_iter_mut()).with_max_len(1).for_each(run);
+        if !halved {
+            shots.par_iter().zip(self.shot_sums.par_iter_mut()).with_max_len(1).for_each(run);
+            return;
+        }
+        let shot = shots[0];
+        let part = |drawn: [f32; FACES]| {
+            let face_weights = std::array::from_fn(|face| shot.face_weights[face] * drawn[face]);
+            Shot { face_weights, ..shot }
+        };
+        let parts = HALVES.map(part);
+        parts.par_iter().zip(self.shot_sums.par_iter_mut()).with_max_len(1).for_each(run);
+        let (whole, half) = self.shot_sums.split_at_mut(1);
+        let (whole, half) = (&mut whole[0], &half[0]);
+        add(&mut whole.form_factor, &half.form_factor);
+        add(&mut whole.lobe_factor, &half.lobe_factor);
+        if let Some(rule) = rule {
+            reduce_variance(scene, &shot, rule, rule.shots.unwrap_or(so_far), whole);
+        }
     }
 
     /// Turns the shots' sums into incoming light, next powers and running sums.
@@ -284,6 +307,14 @@ impl<'device> CpuShooting<'device> {
         tally.light_shots +=
             shots.iter().filter(|shot| patches.emits(shot.patch as usize)).count() as u64;
     }
+}
+
+fn add(sums: &mut [f32], more: &[f32]) {
+    sums.par_chunks_mut(CHUNK).zip(more.par_chunks(CHUNK)).for_each(|(sums, more)| {
+        for (sum, more) in sums.iter_mut().zip(more) {
+            *sum += more;
+        }
+    });
 }
 
 /// Replaces the transfers that [`VarianceReduction`] is about.

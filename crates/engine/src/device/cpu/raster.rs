@@ -10,8 +10,9 @@ use crate::patches::PatchedScene;
 use crate::raster::{self, PixelPlane, PixelTriangle, Target, centre_range, edge_planes};
 use glam::Vec3;
 
-/// Inverse depth of a back relative to a coincident front, which must win.
-const BACK_DEPTH: f32 = 1.0 - 2e-5;
+/// Inverse depth of what gives way where depths tie: backs to coincident fronts, and facets that
+/// recede.
+const GIVES_WAY: f32 = 1.0 - 2e-5;
 /// Relative rounding noise of the distance between eye and facet plane.
 const PLANE_NOISE: f32 = 4e-7;
 
@@ -55,7 +56,7 @@ impl Setup {
         let back = volume > 0.0;
         let mut inverse_depth = sum * volume.recip();
         if back {
-            inverse_depth *= BACK_DEPTH;
+            inverse_depth *= GIVES_WAY;
         } else {
             edges = [-edges[0], -edges[1], -edges[2]];
         }
@@ -165,16 +166,19 @@ fn outside(face: Face, all: u8, any: u8) -> bool {
 struct Outline {
     corners: [u32; 3],
     cull_back: u32,
+    /// Factor of the inverse depth.
+    nearness: f32,
 }
 
 impl Raster {
     /// Buffers for hemicubes of resolution R over a scene.
     pub fn new(resolution: u32, scene: &PatchedScene) -> Self {
         let pixels = 3 * (resolution * resolution) as usize;
-        let outlines = scene
-            .facets
-            .iter()
-            .map(|facet| Outline { corners: facet.corners, cull_back: u32::from(facet.cull_back) });
+        let outlines = scene.facets.iter().map(|facet| Outline {
+            corners: facet.corners,
+            cull_back: u32::from(facet.cull_back),
+            nearness: if facet.recedes { GIVES_WAY } else { 1.0 },
+        });
         Self {
             resolution,
             items: vec![item::EMPTY; pixels],
@@ -195,7 +199,11 @@ impl Raster {
     #[inline(always)]
     pub fn render(&mut self, scene: &PatchedScene, shot: &Shot) {
         self.items.fill(item::EMPTY);
-        self.depth.fill(0.0);
+        for (face, _) in Face::ALL.iter().zip(shot.face_weights).filter(|(_, w)| *w > 0.0) {
+            let start = (face.first_row(self.resolution) * self.resolution) as usize;
+            let pixels = (face.rows(self.resolution) * self.resolution) as usize;
+            self.depth[start..start + pixels].fill(0.0);
+        }
         for ((corner, code), position) in
             self.corners.iter_mut().zip(&mut self.codes).zip(&scene.positions)
         {
@@ -223,6 +231,7 @@ impl Raster {
                 any: codes[0] | codes[1] | codes[2],
                 corners,
                 extent,
+                nearness: outline.nearness,
                 setup: None,
             };
             // Unrolled by hand, so that each face's axes are constants.
@@ -265,7 +274,7 @@ impl Raster {
         let [e0, e1, e2] = &setup.edges;
         let triangle = PixelTriangle {
             edges: [grid.plane(*e0), grid.plane(*e1), grid.plane(*e2)],
-            nearness: grid.plane(setup.inverse_depth),
+            nearness: grid.plane(setup.inverse_depth * facet.nearness),
             rows,
             code: item::encode(facet.index, setup.back),
         };
@@ -281,6 +290,7 @@ struct Seen {
     any: u8,
     corners: [Vec3; 3],
     extent: f32,
+    nearness: f32,
     setup: Option<Setup>,
 }
 

@@ -20,6 +20,8 @@ pub const FIXED_SCALE: f32 = (1u32 << 31) as f32;
 /// `Facet.back` of a facet that is skipped when its back is seen.
 const CULLED_BACK: u32 = u32::MAX - 1;
 const NOT_GLOSSY: u32 = u32::MAX;
+/// Bit of `Corner.item` in a facet that recedes; item codes are below it.
+const RECEDES: u32 = 1 << 31;
 /// Near value of the depth buffer relative to the size of the scene.
 const NEAR: f32 = 1e-8;
 
@@ -284,7 +286,8 @@ impl GpuCorner {
     pub fn all(scene: &PatchedScene) -> Vec<Self> {
         let corners = scene.facets.iter().zip(0..).flat_map(|(facet, index)| {
             [false, true].into_iter().flat_map(move |back| {
-                let item = crate::hemicube::item::encode(index, back);
+                let recedes = if facet.recedes { RECEDES } else { 0 };
+                let item = crate::hemicube::item::encode(index, back) | recedes;
                 facet
                     .corners
                     .map(|corner| Self { position: scene.positions[corner as usize], item })

@@ -2,8 +2,11 @@
 
 @group(0) @binding(0) var<uniform> view: View;
 
-// Inverse depth of a back relative to a coincident front, which must win.
-const BACK_DEPTH = 1.0 - 2e-5;
+// Inverse depth of what gives way where depths tie: backs to coincident fronts, and facets that
+// recede.
+const GIVES_WAY = 1.0 - 2e-5;
+// Bit of an item that marks a corner of a facet that recedes.
+const RECEDES = 0x80000000u;
 
 struct Corner {
     @builtin(position) position: vec4<f32>,
@@ -14,7 +17,8 @@ struct Corner {
 fn corner(@location(0) position: vec3<f32>, @location(1) item: u32) -> Corner {
     let relative = position - view.eye;
     // Item codes of backs are even.
-    let depth = view.near * select(1.0, BACK_DEPTH, (item & 1u) == 0u);
+    let depth = view.near * select(1.0, GIVES_WAY, (item & 1u) == 0u)
+        * select(1.0, GIVES_WAY, (item & RECEDES) != 0u);
     return Corner(
         vec4(
             dot(view.clip_x, relative),
@@ -22,7 +26,7 @@ fn corner(@location(0) position: vec3<f32>, @location(1) item: u32) -> Corner {
             depth,
             dot(view.clip_w, relative),
         ),
-        item,
+        item & ~RECEDES,
     );
 }
 
