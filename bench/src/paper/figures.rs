@@ -93,7 +93,7 @@ pub fn sheets(results: &Results) -> Result<Vec<(String, Vec<u8>)>, Failure> {
     let mut constant = Vec::new();
     let mut regions = Vec::new();
     for study in &results.studies {
-        corners.extend(corner_rows(study));
+        corners.push(corner_row(study));
         constant.push(constant_row(study));
         regions.push(regions_cell(study));
     }
@@ -119,34 +119,24 @@ fn regions_cell(study: &Study) -> (String, Picture) {
     (study.view.name.clone(), picture)
 }
 
-/// Crops where the bare method is worst, for run lengths like the paper's: reference, bare, zero
-/// and mean.
-fn corner_rows(study: &Study) -> Vec<Row> {
+/// Crops where the bare method is worst, for two run lengths like the paper's: converged, and
+/// after each length bare, zero and mean.
+fn corner_row(study: &Study) -> Row {
     let view = &study.view;
     let reference = view.flat.picture();
     let bare = &study.reductions[0];
-    // The shortest and the middle of the run lengths.
-    let lengths = [0, bare.cells.len() / 2];
+    let lengths = [(bare.cells.len() - 1) / 3, bare.cells.len() / 2];
     let window = worst_window(&bare.cells[lengths[1]].picture, &reference, view);
-    let exposure = reference.exposure_factor(Exposure::Auto);
-    let mut rows = Vec::new();
-    for (number, at) in lengths.into_iter().enumerate() {
-        let shots = bare.cells[at].shots;
-        let mut cells = vec![("converged".to_string(), window.crop(&reference))];
+    let mut cells = vec![("converged".to_string(), window.crop(&reference))];
+    for at in lengths {
         for series in &study.reductions {
-            let (name, cell) = (&series.variant.name, &series.cells[at]);
-            let label = match name.as_str() {
-                "none" => "unbiased".into(),
-                rule => format!("{rule}, M = {shots}"),
-            };
+            let cell = &series.cells[at];
+            let label = format!("{}\n{} shots", series.variant.name, cell.shots);
             cells.push((label, window.crop(&cell.picture)));
         }
-        let title = format!("{}, {shots} shots", view.name);
-        if number == 0 || shots != bare.cells[lengths[0]].shots {
-            rows.push(Row { title, exposure, cells });
-        }
     }
-    rows
+    let exposure = reference.exposure_factor(Exposure::Auto);
+    Row { title: view.name.clone(), exposure, cells }
 }
 
 fn worst_window(picture: &Picture, reference: &Picture, view: &super::View) -> Window {

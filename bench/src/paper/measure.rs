@@ -87,38 +87,35 @@ impl Series {
     }
 }
 
-/// What a variant costs against a base for the same error: the ratio of error² × seconds at the
-/// last number of shots, paired by seed. Seconds are those beyond the first cell's, so that
-/// preparing and showing, alike for all, don't hide the shooting.
+/// A variant and a base, after the same shots from the same seeds.
 pub struct Gain {
     /// Ratio of seconds.
     pub seconds: Estimate,
-    /// Ratio of squared errors by region.
-    pub squares: [Estimate; 3],
-    /// Their products.
+    /// Ratio of squared errors over all pixels.
+    pub squares: Estimate,
+    /// By region, what the variant costs against the base for the same error: seconds × error².
     pub cost: [Estimate; 3],
 }
 
 impl Gain {
-    /// Of `variant` over `base`, of the same view, shots and seeds.
-    pub fn new(variant: &Series, base: &Series) -> Self {
-        let shooting = |series: &Series, chosen: &[usize]| {
-            let last = series.cells.last().map_or(f64::NAN, |c| mean_of(&c.seconds, chosen));
-            last - mean_of(&series.cells[0].seconds, chosen)
+    /// Of `variant` over `base`. The seconds of `starts`, jobs of a single iteration, are taken
+    /// off, so that preparing and showing don't hide the shooting; seeds are paired.
+    pub fn new([variant, base]: [&Cell; 2], starts: [&Cell; 2]) -> Self {
+        let seeds = variant.seconds.len().min(base.seconds.len());
+        let shooting = |cell: &Cell, start: &Cell, chosen: &[usize]| {
+            mean_of(&cell.seconds, chosen) - start.mean_seconds()
         };
-        let squares = |series: &Series, region: usize, chosen: &[usize]| {
-            series.cells.last().map_or(f64::NAN, |c| mean_of(&c.squared[region], chosen))
+        let time = |chosen: &[usize]| {
+            shooting(variant, starts[0], chosen) / shooting(base, starts[1], chosen)
         };
-        let seeds = base.cells[0].seconds.len();
-        let time = |chosen: &[usize]| shooting(variant, chosen) / shooting(base, chosen);
         let error = |region: usize, chosen: &[usize]| {
-            squares(variant, region, chosen) / squares(base, region, chosen)
+            let squares = |cell: &Cell| mean_of(&cell.squared[region], chosen);
+            squares(variant) / squares(base)
         };
-        let regions = [0, 1, 2];
         Self {
             seconds: jackknife(seeds, time),
-            squares: regions.map(|region| jackknife(seeds, |chosen| error(region, chosen))),
-            cost: regions
+            squares: jackknife(seeds, |chosen| error(0, chosen)),
+            cost: [0, 1, 2]
                 .map(|region| jackknife(seeds, |chosen| time(chosen) * error(region, chosen))),
         }
     }
@@ -140,6 +137,9 @@ pub fn measure(
     for seed in 1..=seeds {
         bench.say(&format!("{}: seed {seed} of {seeds}, {} variants", view.name, variants.len()));
         for (variant, cells) in variants.iter().zip(&mut pending) {
+            if seed > view.seeds(variant, seeds, bench.size.slow_seeds) {
+                continue;
+            }
             for (&shots, cell) in shots.iter().zip(cells) {
                 let mut job = bench.job(&view.scene, view.side, view.samples, variant);
                 job.seed = seed;

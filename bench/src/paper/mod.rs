@@ -31,7 +31,7 @@ pub struct Arguments {
     /// Device: `cpu`, `auto` or an id of `hemilux devices`.
     #[arg(long, default_value = "cpu")]
     device: String,
-    /// About two minutes instead of twelve: fewer shots, fewer seeds; writes to out/paper.
+    /// About three minutes instead of fifteen: fewer shots, fewer seeds; writes to out/paper.
     #[arg(long)]
     quick: bool,
     /// Folder for tables, charts and crops; `docs/paper`, with --quick `out/paper`.
@@ -70,9 +70,11 @@ struct Size {
     /// Seeds of the table of switches and of the studies of variance reduction, in a view of
     /// effort 1.
     seeds: u64,
-    /// Shots of the efficiency study; the first prices what is not shooting.
-    extra_shots: &'static [u64],
-    /// Its seeds.
+    /// Seeds of variants that start slowly, in scenes of many patches.
+    slow_seeds: u64,
+    /// Shots of the efficiency study.
+    extra_shots: u64,
+    /// Its seeds, in a view of effort 1.
     extra_seeds: u64,
     /// Run lengths of the study of variance reduction.
     reduction_shots: &'static [u64],
@@ -107,7 +109,8 @@ const FULL: Size = Size {
     reference_shots: 16384,
     shots: &[256, 1024, 4096],
     seeds: 4,
-    extra_shots: &[1, 512],
+    slow_seeds: 2,
+    extra_shots: 512,
     extra_seeds: 16,
     reduction_shots: &[64, 256, 1024, 4096],
     fixed_m: &[64, 256, 1024, 4096],
@@ -122,7 +125,8 @@ const QUICK: Size = Size {
     reference_shots: 4096,
     shots: &[64, 256],
     seeds: 2,
-    extra_shots: &[1, 256],
+    slow_seeds: 1,
+    extra_shots: 256,
     extra_seeds: 4,
     reduction_shots: &[64, 256],
     fixed_m: &[64, 1024],
@@ -186,6 +190,8 @@ struct Study {
     /// `plain` first, then the switches by group.
     switches: Vec<Series>,
     extras: Vec<Series>,
+    /// The same for a single shot: seconds of preparing and showing.
+    starts: Vec<Series>,
     reductions: Vec<Series>,
     fixed: Vec<Series>,
     printed: Vec<Series>,
@@ -258,11 +264,12 @@ fn study(bench: &mut Bench, view: View) -> Result<Study, Failure> {
     let seeds = size.seeds_of(&view);
     let switches = run(&switches, size.shots, seeds)?;
     let extra_seeds = scaled(size.extra_seeds, &view);
-    let extras = run(&variants::paper_extras(), size.extra_shots, extra_seeds)?;
+    let extras = run(&variants::paper_extras(), &[size.extra_shots], extra_seeds)?;
+    let starts = run(&variants::paper_extras(), &[1], 2)?;
     let reductions = run(&variants::paper_reductions(), size.reduction_shots, seeds)?;
     let fixed = run(&variants::fixed_m(size.fixed_m), &[size.fixed_shots], seeds)?;
     let printed = run(&[variants::printed()], size.printed, size.printed_seeds)?;
-    Ok(Study { view, switches, extras, reductions, fixed, printed })
+    Ok(Study { view, switches, extras, starts, reductions, fixed, printed })
 }
 
 fn against_path_tracing(

@@ -80,7 +80,7 @@ pub fn parts(results: &Results) -> Vec<(String, String)> {
 
 /// 12.3 %.
 fn percent(value: f64) -> String {
-    format!("{:.1} %", 100.0 * value)
+    if value.is_nan() { "–".into() } else { format!("{:.1} %", 100.0 * value) }
 }
 
 /// 12.3 ± 0.4 %, or without the error where there is none.
@@ -93,7 +93,8 @@ fn percent_with(estimate: Estimate) -> String {
 }
 
 fn ratio(estimate: Estimate) -> String {
-    format!("{:.2} ± {:.2}", estimate.value, estimate.error)
+    let Estimate { value, error } = estimate;
+    if error.is_nan() { format!("{value:.2}") } else { format!("{value:.2} ± {error:.2}") }
 }
 
 fn conditions(results: &Results) -> String {
@@ -189,11 +190,7 @@ fn by_scene(
 }
 
 fn light(results: &Results) -> String {
-    by_scene(
-        results,
-        |study| &study.extras,
-        |series| series.cells.last().map_or(String::new(), |cell| percent(cell.light_ratio())),
-    )
+    by_scene(results, |study| &study.extras, |series| percent(series.cells[0].light_ratio()))
 }
 
 fn gains(results: &Results) -> String {
@@ -208,12 +205,13 @@ fn gains(results: &Results) -> String {
         "time × error², elsewhere",
     ]);
     for study in &results.studies {
-        for series in &study.extras {
-            let Some(cell) = series.cells.last() else { continue };
-            let gain = Gain::new(series, &study.extras[0]);
+        let base = [&study.extras[0].cells[0], &study.starts[0].cells[0]];
+        for (series, start) in study.extras.iter().zip(&study.starts) {
+            let cell = &series.cells[0];
+            let gain = Gain::new([cell, base[0]], [&start.cells[0], base[1]]);
             let mut row = vec![study.view.name.clone(), series.variant.name.clone()];
             row.extend([percent_with(cell.error(0)), percent_with(cell.error(2))]);
-            row.extend([gain.seconds, gain.squares[0], gain.cost[0], gain.cost[2]].map(ratio));
+            row.extend([gain.seconds, gain.squares, gain.cost[0], gain.cost[2]].map(ratio));
             table.add(row);
         }
     }

@@ -41,6 +41,11 @@ pub struct View {
 }
 
 impl View {
+    /// How many of `seeds` a variant gets: few where they take too long.
+    pub fn seeds(&self, variant: &Variant, seeds: u64, slow_seeds: u64) -> u64 {
+        if variant.starts_slowly() && self.effort <= 1.0 { seeds.min(slow_seeds) } else { seeds }
+    }
+
     /// The reference that a variant's pictures converge to.
     pub fn reference(&self, variant: &Variant) -> &Reference {
         if variant.is_flat() { &self.flat } else { &self.smooth }

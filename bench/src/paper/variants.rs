@@ -13,6 +13,14 @@ pub struct Variant {
 }
 
 impl Variant {
+    /// Whether it computes something for every patch before the first shot, which takes far
+    /// longer than the shots in scenes of many patches.
+    pub fn starts_slowly(&self) -> bool {
+        self.option("constant_radiance") == Some("corrected")
+    }
+}
+
+impl Variant {
     /// A variant that converges.
     pub fn new(name: &str, options: &[(&'static str, &str)]) -> Self {
         let options = options.iter().map(|(name, value)| (*name, (*value).to_string())).collect();
