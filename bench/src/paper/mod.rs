@@ -206,19 +206,40 @@ struct Results {
     device: String,
     jobs: u64,
     seconds: f64,
+    /// Mean number of runnable threads of the machine at the end of each scene, where the system
+    /// tells; beyond the number of hardware threads, others were working too.
+    loads: Vec<f64>,
+}
+
+/// Runnable threads, averaged over the last five minutes.
+fn load() -> Option<f64> {
+    let text = std::fs::read_to_string("/proc/loadavg").ok()?;
+    text.split_whitespace().nth(1)?.parse().ok()
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let size = if arguments.quick { QUICK } else { FULL };
+    let default_out = if arguments.quick { "out/paper" } else { "docs/paper" };
+    let out = arguments.out.clone().unwrap_or_else(|| default_out.into());
+    let default_page = (!arguments.quick).then(|| PathBuf::from("docs/paper.md"));
+    let page = arguments.page.clone().or(default_page);
+    // What can't be written should be known before the minutes of measuring.
+    std::fs::create_dir_all(&out)
+        .map_err(|error| format!("cannot make the folder {}: {error}", out.display()))?;
+    if let Some(path) = &page {
+        std::fs::metadata(path)
+            .map_err(|error| format!("cannot rewrite {}: {error}", path.display()))?;
+    }
     let device = device::open(&arguments.device)?;
     let description = device.description();
     let wanted = arguments.scenes.clone();
     let mut bench = Bench { device, size, wanted, begun: Instant::now(), jobs: 0 };
     bench.say(&format!("{} ({})", description.name, description.driver));
 
-    let mut studies = Vec::new();
+    let (mut studies, mut loads) = (Vec::new(), Vec::new());
     for view in scenes::own(&mut bench)? {
         studies.push(study(&mut bench, view)?);
+        loads.extend(load());
     }
     let truth = match &arguments.reference {
         Some(folder) => Some(against_path_tracing(&mut bench, arguments, folder)?),
@@ -232,11 +253,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         device: format!("{} ({})", description.name, description.driver),
         jobs: bench.jobs,
         seconds: bench.begun.elapsed().as_secs_f64(),
+        loads,
     };
 
-    let default_out = if arguments.quick { "out/paper" } else { "docs/paper" };
-    let out = arguments.out.clone().unwrap_or_else(|| default_out.into());
-    std::fs::create_dir_all(&out)?;
     std::fs::write(out.join("runs.csv"), page::runs(&results).csv())?;
     for (name, text) in figures::charts(&results)? {
         std::fs::write(out.join(name), text)?;
@@ -244,9 +263,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     for (name, bytes) in figures::sheets(&results)? {
         std::fs::write(out.join(name), bytes)?;
     }
-    let default_page = (!arguments.quick).then(|| PathBuf::from("docs/paper.md"));
     let parts = page::parts(&results);
-    match arguments.page.clone().or(default_page) {
+    match page {
         Some(path) => rewrite(&path, &parts)?,
         None => parts.iter().for_each(|(name, text)| println!("{name}\n\n{text}\n")),
     }

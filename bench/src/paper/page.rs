@@ -109,26 +109,34 @@ fn conditions(results: &Results) -> String {
         .map(|study| format!("{} {}", study.view.name, size.seeds_of(&study.view)))
         .collect();
     let references: Vec<String> = results.studies.iter().map(reference_error).collect();
-    format!(
-        "{}, {threads} hardware threads, {} jobs in {:.0} s{mode}. Pictures of {side} × {side} pixels with {} \
-         samples each, about {} patches asked for, hemicubes of R = {} where nothing else is said, \
-         seeds: {}. References: two halves of {} shots; noise of their mean: {}. Share of pixels \
-         near an edge: {}.",
-        results.device,
-        results.jobs,
-        results.seconds,
-        size.samples,
-        size.patches,
-        size.resolution,
-        seeds.join(", "),
-        size.reference_shots,
-        references.join(", "),
-        (results.studies.iter())
-            .map(|s| format!("{} {}", s.view.name, percent(s.view.regions.edge_share())))
-            .collect::<Vec<_>>()
-            .join(", "),
-        side = size.side,
-    )
+    let edges: Vec<String> = (results.studies.iter())
+        .map(|s| format!("{} {}", s.view.name, percent(s.view.regions.edge_share())))
+        .collect();
+    let loads: Vec<String> = results.loads.iter().map(|load| format!("{load:.1}")).collect();
+    let mut lines = vec![
+        format!("{}, {threads} hardware threads; {} jobs{mode}", results.device, results.jobs),
+        format!("{:.0} seconds for everything", results.seconds),
+        format!(
+            "pictures of {side} × {side} pixels, {} samples each; {} patches asked for; hemicubes of \
+             R = {} where nothing else is said",
+            size.samples,
+            size.patches,
+            size.resolution,
+            side = size.side
+        ),
+        format!("seeds: {}", seeds.join(", ")),
+        format!(
+            "references: two halves of {} shots; rRMSE of their mean: {}",
+            size.reference_shots,
+            references.join(", ")
+        ),
+        format!("pixels near an edge: {}", edges.join(", ")),
+    ];
+    if !loads.is_empty() {
+        let loads = loads.join(", ");
+        lines.push(format!("load average (5 minutes) after each scene: {loads}"));
+    }
+    lines.iter().map(|line| format!("- {line}\n")).collect()
 }
 
 fn switches(study: &Study) -> String {
