@@ -1,7 +1,11 @@
 //! Helpers of the tests across the whole product.
 
 pub mod comparison;
+pub mod devices;
+pub mod iterations;
 pub mod malformed;
+pub mod oracle;
 pub mod scenes;
 pub mod server;
+pub mod stability;
 pub mod twins;

@@ -365,16 +365,21 @@ impl ZTest {
 
     /// Whether the devices agree but for chance.
     pub fn passes(&self) -> bool {
-        self.rms < 1.6 && self.outliers < 0.005 && self.overall < 0.01
+        self.passes_within(0.01)
+    }
+
+    /// The same where chance moves the overall mean by up to the given share.
+    pub fn passes_within(&self, overall: f64) -> bool {
+        self.rms < 1.6 && self.outliers < 0.005 && self.overall < overall
     }
 }
 
-/// Relative L1 distance of per-patch sums of two devices, weighted by area.
+/// Relative L1 distance of per-patch sums of two devices, weighted by area; NaN without light.
 pub fn distance(areas: &[f32], a: &[Rgb], b: &[Rgb]) -> f64 {
     let (mut distance, mut size) = (0.0, 0.0);
     for ((area, a), b) in areas.iter().zip(a).zip(b) {
         distance += f64::from(area * (*a - *b).abs().element_sum());
-        size += f64::from(area * a.element_sum());
+        size += f64::from(area * a.abs().element_sum());
     }
     distance / size
 }

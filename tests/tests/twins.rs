@@ -2,37 +2,14 @@
 
 use glam::{Vec2, Vec3};
 use hemilux_engine::device::cpu::CpuDevice;
-use hemilux_engine::device::wgpu::{self, WgpuDevice};
-use hemilux_engine::device::{Device, ShootingSettings, ShotTrace, Sums, Viewpoint};
+use hemilux_engine::device::{Device, ShootingSettings, ShotTrace, Sums};
 use hemilux_engine::hemicube::{Shot, item};
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::scene::Material;
+use hemilux_tests::iterations::*;
 use hemilux_tests::twins::*;
 use std::sync::Arc;
-
-/// The first wgpu adapter; `None` where the environment says to do without.
-fn adapter() -> Option<WgpuDevice> {
-    if std::env::var_os("HEMILUX_NO_WGPU").is_some_and(|value| value == "1") {
-        println!("skipped: HEMILUX_NO_WGPU=1");
-        return None;
-    }
-    let found = wgpu::list();
-    let first = found
-        .first()
-        .expect("no wgpu adapter: install mesa-vulkan-drivers, or set HEMILUX_NO_WGPU=1 to skip");
-    Some(WgpuDevice::open(first.id.parse().expect("an index")).expect("the adapter opens"))
-}
-
-fn settings(resolution: u32, shots_per_iteration: u32, seed: u64) -> ShootingSettings {
-    ShootingSettings {
-        resolution,
-        shots_per_iteration,
-        seed,
-        viewpoint: Some(Viewpoint::Eye(Vec3::new(0.9, 0.9, 0.9))),
-        ..ShootingSettings::default()
-    }
-}
 
 fn trace(device: &mut dyn Device, scene: &Arc<PatchedScene>, shots: &[Shot]) -> Vec<ShotTrace> {
     trace_at(256, device, scene, shots)
@@ -284,37 +261,14 @@ fn tracing_leaves_the_iteration_as_it_is() {
     assert_eq!(disturbed, shooting.drain().expect("drains").irradiance);
 }
 
-struct Averages {
-    irradiance: Batches,
-    glossy: Batches,
-    light_ratio: f64,
-}
-
-fn averages(device: &mut dyn Device, scene: &Arc<PatchedScene>, seed: u64) -> Averages {
-    let mut shooting = device.begin(scene.clone(), &settings(64, 4, seed)).expect("begins");
-    let (mut irradiance, mut glossy) = (Batches::default(), Batches::default());
-    // What the start at L^e leaves behind.
-    shooting.iterate(60).expect("iterates");
-    shooting.drain().expect("drains");
-    let (mut shots, mut light_shots) = (0, 0);
-    for _ in 0..40 {
-        let tally = shooting.iterate(60).expect("iterates");
-        (shots, light_shots) = (shots + tally.shots, light_shots + tally.light_shots);
-        let sums = shooting.drain().expect("drains");
-        irradiance.push(&sums.irradiance, sums.iterations);
-        glossy.push(&sums.glossy, sums.iterations);
-    }
-    Averages { irradiance, glossy, light_ratio: light_shots as f64 / shots as f64 }
-}
-
 #[test]
 fn averages_agree_but_for_chance() {
     let Some(mut gpu) = adapter() else { return };
     let mut cpu = CpuDevice::new(None).expect("threads");
     for (name, scene) in [("screens", screens(300)), ("glossy", glossy(300))] {
         let areas = &scene.patches.area;
-        let on_cpu = averages(&mut cpu, &scene, 21);
-        let on_gpu = averages(&mut gpu, &scene, 22);
+        let on_cpu = Averages::new(&mut cpu, &scene, &settings(64, 4, 21));
+        let on_gpu = Averages::new(&mut gpu, &scene, &settings(64, 4, 22));
         let test = ZTest::between(areas, &on_cpu.irradiance, &on_gpu.irradiance);
         println!("{name}: {test:?}, light {} {}", on_cpu.light_ratio, on_gpu.light_ratio);
         assert!(test.passes(), "{name}: {test:?}");

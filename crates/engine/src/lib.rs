@@ -2,7 +2,7 @@
 //!
 //! The modules follow the light: [`radiometry`] names the quantities, [`scene`] says what is
 //! there, [`patches`] cuts it into finite elements, [`hemicube`] turns a shot into pixels,
-//! [`device`] runs shots, [`transport`] holds the methods that decide which shots to run,
+//! [`device`] runs shots, [`form_factors`] knows the classic routes to compare them with, [`transport`] holds the methods that decide which shots to run,
 //! [`measurement`] turns the solution into camera radiance and [`image`] into files.
 //! [`render`] ties them together for one job.
 //!
@@ -19,6 +19,8 @@ pub mod hemicube;
 pub mod raster;
 
 pub mod device;
+
+pub mod form_factors;
 
 pub mod transport;
 

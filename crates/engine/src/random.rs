@@ -23,6 +23,8 @@ pub enum Stream {
     Face = 8,
     /// Where first shots start from.
     FirstShot = 9,
+    /// Whether a chain of bounces goes on.
+    Roulette = 10,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

@@ -132,6 +132,8 @@ pub enum StopReason {
     TargetError,
     /// The observer asked to stop.
     Cancelled,
+    /// The method has nothing more to do.
+    Converged,
     /// There is no light in the scene: the picture is exactly black.
     NoLight,
 }
@@ -165,6 +167,9 @@ pub struct Stats {
     pub device: String,
     /// What the picture does not show as authored.
     pub warnings: Vec<WarningText>,
+    /// Figures of the method's own by name, such as the closure of its form factors.
+    #[serde(default)]
+    pub diagnostics: BTreeMap<String, f64>,
 }
 
 /// A [`Warning`] in a record.

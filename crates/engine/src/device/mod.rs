@@ -100,6 +100,12 @@ pub trait Shooting {
     /// Runs whole iterations: pick K shooters by power, shoot, update, accumulate.
     fn iterate(&mut self, iterations: u32) -> Result<Tally, DeviceError>;
 
+    /// Per shot and patch, Σ ΔF over the pixels of the shot that see the patch: the form factors of
+    /// the point that it is shot from. Leaves the iteration as it is.
+    fn form_factors(&mut self, shots: &[Shot]) -> Result<Vec<Vec<f32>>, DeviceError> {
+        Ok(self.trace(shots)?.into_iter().map(|trace| trace.form_factor).collect())
+    }
+
     /// The patches that shot in the last iteration.
     fn shooters(&mut self) -> Result<Vec<u32>, DeviceError>;
 
@@ -190,7 +196,7 @@ pub fn open(id: &str) -> Result<Box<dyn Device>, DeviceError> {
 }
 
 /// Memory of the machine that is free, bytes; 4 GiB where the system doesn't say.
-fn free_memory() -> u64 {
+pub fn free_memory() -> u64 {
     const UNKNOWN: u64 = 4 << 30;
     let Ok(text) = std::fs::read_to_string("/proc/meminfo") else { return UNKNOWN };
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));

@@ -49,6 +49,11 @@ impl Batches {
         self.burnt.iterations + self.open.iterations > 0 || !self.complete.is_empty()
     }
 
+    /// Whether there are as many batches as an estimate takes.
+    pub fn enough(&self) -> bool {
+        self.complete.len() >= FEWEST
+    }
+
     /// Adds sums of at most [`Batches::room`] iterations. Whether a batch was completed.
     pub fn add(&mut self, sums: Sums) -> bool {
         if self.burnt.iterations < self.burn_in {
@@ -92,10 +97,10 @@ impl Batches {
         measurement: &Measurement,
         weights: &VertexWeights,
     ) -> Option<f64> {
-        let count = self.complete.len();
-        if count < FEWEST || weights.pixels <= 0.0 {
+        if !self.enough() || weights.pixels <= 0.0 {
             return None;
         }
+        let count = self.complete.len();
         let means: Vec<Solution> = self.complete.iter().map(Solution::mean).collect();
         let at_vertices = |values: fn(&Solution) -> &Vec<Rgb>| -> Vec<Vec<Rgb>> {
             means.iter().map(|mean| measurement.reconstruction().apply(values(mean))).collect()

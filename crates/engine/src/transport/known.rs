@@ -66,9 +66,9 @@ pub fn known_light(
             false => patches.emission[i],
         };
         let radiance = equilibrium(scene, left, &visible);
-        for i in 0..patches.len() {
+        for (i, visible) in visible.iter().enumerate() {
             known.radiance[i] += radiance;
-            known.irradiance[i] += PI * visible[i] * radiance;
+            known.irradiance[i] += PI * visible * radiance;
         }
     }
     Ok(Some(known))
@@ -110,9 +110,9 @@ fn direct_light(
     let mut irradiance = vec![Rgb::ZERO; patches.len()];
     let mut shooting = device.begin(scene.clone(), settings)?;
     for some in shots.chunks(TRACED_TOGETHER) {
-        for (shot, trace) in some.iter().zip(shooting.trace(some)?) {
+        for (shot, form_factors) in some.iter().zip(shooting.form_factors(some)?) {
             let power = shot.diffuse * (PI * shot.scale);
-            for (i, form_factor) in trace.form_factor.iter().enumerate() {
+            for (i, form_factor) in form_factors.iter().enumerate() {
                 irradiance[i] += power * (form_factor / patches.area[i]);
             }
         }

@@ -2,8 +2,11 @@
 //! registry, one toolbox, so that a comparison of methods is fair.
 
 mod batches;
-mod known;
+pub mod known;
 pub mod options;
+mod radiosity;
+mod run;
+mod stage;
 mod stochastic;
 
 use crate::device::Device;
@@ -33,10 +36,15 @@ pub trait Method: Sync {
 }
 
 /// All methods by name.
-pub const REGISTRY: &[&dyn Method] = &[&stochastic::Stochastic];
+pub const REGISTRY: &[&dyn Method] = &[
+    &stochastic::Stochastic,
+    &radiosity::MonteCarlo,
+    &radiosity::Progressive,
+    &radiosity::GaussSeidel,
+];
 
 /// Names that a request may use for its method.
-pub const METHODS: &[&str] = &["auto", "stochastic"];
+pub const METHODS: &[&str] = &["auto", "stochastic", "monte-carlo", "progressive", "gauss-seidel"];
 
 /// Runs a request with the method that it names; `auto` picks one and says why.
 ///

@@ -21,6 +21,11 @@ pub struct OptionSpec {
 /// Every setting.
 pub const OPTIONS: &[OptionSpec] = &[
     OptionSpec {
+        name: "ambient",
+        default: "true",
+        meaning: "progressive: show unshot light as an ambient term, π ΔL_mean/(1 − ρ_mean)",
+    },
+    OptionSpec {
         name: "burn_in",
         default: "0",
         meaning: "iterations left out of the average, 0 to 1000000: L(0) = L^e lacks the higher bounces, a bias of about a²/(M(1−a)) after M iterations",
@@ -34,6 +39,11 @@ pub const OPTIONS: &[OptionSpec] = &[
         name: "first_shot",
         default: "false",
         meaning: "shoot the direct light of the emitters once beforehand and iterate on the rest",
+    },
+    OptionSpec {
+        name: "form_factor_points",
+        default: "1",
+        meaning: "gauss-seidel: hemicubes a patch whose mean is its row of form factors, 1 to 64; one stands on the centroid",
     },
     OptionSpec {
         name: "hemicube_faces",
@@ -149,6 +159,8 @@ impl Settings {
         }
         let settings = Self { values };
         settings.stochastic()?;
+        settings.radiosity()?;
+        settings.mesh()?;
         Ok(settings)
     }
 
@@ -217,6 +229,27 @@ impl Settings {
             )?,
             first_shot: self.switch("first_shot")?,
             burn_in: self.whole("burn_in", 0, 1_000_000)?,
+        })
+    }
+
+    /// The settings of the radiosity methods, checked.
+    ///
+    /// # Errors
+    /// [`RenderError::Parameter`] for a value out of range.
+    pub fn radiosity(&self) -> Result<RadiositySettings, RenderError> {
+        Ok(RadiositySettings {
+            shooting: self.stochastic()?.shooting,
+            ambient: self.switch("ambient")?,
+            points: self.whole("form_factor_points", 1, 64)? as u32,
+        })
+    }
+
+    /// The settings of patches and picture, checked.
+    ///
+    /// # Errors
+    /// [`RenderError::Parameter`] for a value out of range.
+    pub fn mesh(&self) -> Result<MeshSettings, RenderError> {
+        Ok(MeshSettings {
             patches: self.whole("patches", 1, MAX_PATCHES as u64)? as usize,
             pixel_samples: self.whole("pixel_samples", 1, 256)? as u32,
             smoothness: self.choice(
@@ -272,6 +305,22 @@ pub struct StochasticSettings {
     pub first_shot: bool,
     /// Iterations left out of the average.
     pub burn_in: u64,
+}
+
+/// Checked settings of the radiosity methods.
+#[derive(Clone, Debug)]
+pub struct RadiositySettings {
+    /// Hemicube resolution and shots that are made together.
+    pub shooting: ShootingSettings,
+    /// Whether unshot light is shown.
+    pub ambient: bool,
+    /// Hemicubes of a row of form factors.
+    pub points: u32,
+}
+
+/// Checked settings of patches and picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MeshSettings {
     /// Wanted number of patches.
     pub patches: usize,
     /// Sub-pixel samples of the picture.

@@ -280,7 +280,8 @@ pub struct Plan {
 pub struct Stats {
     /// The method that ran.
     pub method: String,
-    /// Why it stopped: `time_budget`, `iterations`, `target_error`, `cancelled` or `no_light`.
+    /// Why it stopped: `time_budget`, `iterations`, `target_error`, `converged`, `cancelled` or
+    /// `no_light`.
     pub stopped: String,
     /// Whole iterations.
     pub iterations: u64,
@@ -299,6 +300,9 @@ pub struct Stats {
     pub patches: u64,
     /// Triangles of the scene.
     pub triangles: u64,
+    /// Figures of the method's own by name, such as the closure of its form factors.
+    #[serde(default)]
+    pub diagnostics: BTreeMap<String, f64>,
 }
 
 /// Why a job failed.

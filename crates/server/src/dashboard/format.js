@@ -81,6 +81,7 @@ const STOPPED = {
   iterations: "iterations done",
   target_error: "target error reached",
   cancelled: "cancelled",
+  converged: "the method has nothing more to do",
   no_light: "the scene has no light",
 };
 

@@ -303,6 +303,7 @@ fn to_stats(stats: &Stats, seconds_total: f64) -> api::jobs::Stats {
         seconds_total,
         patches: stats.patches,
         triangles: stats.triangles,
+        diagnostics: stats.diagnostics.iter().map(|(k, v)| (k.clone(), finite(*v))).collect(),
     }
 }
 

@@ -395,21 +395,39 @@ impl Shooting for CpuShooting<'_> {
     }
 
     fn trace(&mut self, shots: &[Shot]) -> Result<Vec<ShotTrace>, DeviceError> {
-        let count = self.scene.patches.len();
-        let mut raster = Raster::new(self.settings.resolution, &self.scene);
-        let traces = shots.iter().map(|shot| {
-            let mut form_factor = vec![0.0; count];
-            let mut lobe_factor = vec![0.0; count];
+        let (scene, resolution) = (&*self.scene, self.settings.resolution);
+        let one = |raster: &mut Raster, shot: &Shot| {
+            let count = scene.patches.len();
+            let (mut form_factor, mut lobe_factor) = (vec![0.0; count], vec![0.0; count]);
             kernel::run(kernel::Job {
-                scene: &self.scene,
+                scene,
                 table: &self.table,
                 shot,
-                raster: &mut raster,
+                raster,
                 form_factor: &mut form_factor,
                 lobe_factor: &mut lobe_factor,
             });
             ShotTrace { items: raster.items.clone(), form_factor, lobe_factor }
-        });
-        Ok(traces.collect())
+        };
+        let raster = || Raster::new(resolution, scene);
+        Ok(self.pool.install(|| shots.par_iter().map_init(raster, one).collect()))
+    }
+
+    fn form_factors(&mut self, shots: &[Shot]) -> Result<Vec<Vec<f32>>, DeviceError> {
+        let (scene, resolution) = (&*self.scene, self.settings.resolution);
+        let one = |raster: &mut Raster, shot: &Shot| {
+            let mut form_factor = vec![0.0; scene.patches.len()];
+            kernel::run(kernel::Job {
+                scene,
+                table: &self.table,
+                shot: &Shot { lobe: Rgb::ZERO, ..*shot },
+                raster,
+                form_factor: &mut form_factor,
+                lobe_factor: &mut [],
+            });
+            form_factor
+        };
+        let raster = || Raster::new(resolution, scene);
+        Ok(self.pool.install(|| shots.par_iter().map_init(raster, one).collect()))
     }
 }

@@ -38,17 +38,21 @@ impl CpuShooting<'_> {
         let patches = self.state.cumulative.len();
         let shots = (0..count)
             .map(|k| {
-                let share = self.share_of_pick(k);
+                let (place, strata) = self.place_of_pick(k);
                 let (patch, probability) = match self.settings.selection {
                     Selection::Power => {
-                        let at = share * total;
+                        let at = place / f64::from(strata) * total;
                         let sums = &self.state.cumulative;
                         let patch = sums.partition_point(|sum| *sum <= at).min(patches - 1);
                         (patch, (f64::from(self.state.power[patch]) / total) as f32)
                     }
                     Selection::Uniform => {
-                        let patch = (share * patches as f64) as usize;
-                        (patch.min(patches - 1), (patches as f32).recip())
+                        // Whole numbers, so that every device picks the same: ξ has 24 bits.
+                        const UNIT: u64 = 1 << 24;
+                        let place = (place * UNIT as f64) as u128;
+                        let whole = u128::from(strata) * u128::from(UNIT);
+                        let patch = (place * patches as u128 / whole) as usize;
+                        (patch, (patches as f32).recip())
                     }
                 };
                 self.shot_from(patch as u32, probability, k)
@@ -57,14 +61,15 @@ impl CpuShooting<'_> {
         Some(shots)
     }
 
-    /// Where in [0, 1) pick k of this iteration falls.
-    fn share_of_pick(&self, k: u32) -> f64 {
-        let (seed, count) = (self.settings.seed, self.settings.shots_per_iteration);
+    /// Where pick k of this iteration falls, and the end of the range from 0 that it is picked
+    /// from: K strata, or one.
+    fn place_of_pick(&self, k: u32) -> (f64, u32) {
+        let seed = self.settings.seed;
         if self.settings.stratified {
             let offset = uniform(seed, Stream::Shooter, self.state.iteration);
-            (f64::from(k) + f64::from(offset)) / f64::from(count)
+            (f64::from(k) + f64::from(offset), self.settings.shots_per_iteration)
         } else {
-            f64::from(uniform(seed, Stream::Shooter, self.counter(k)))
+            (f64::from(uniform(seed, Stream::Shooter, self.counter(k))), 1)
         }
     }
 

@@ -3,7 +3,6 @@
 use super::gpu::Gpu;
 use super::layout::{
     FACET_RUN, GpuCorner, GpuFacet, GpuPass, GpuPatch, GpuSettings, GpuShot, PIXEL_RUN, SPAN,
-    emitted_power,
 };
 use super::pipelines::{Pipelines, UNIFORM_STRIDE};
 use super::shooting::{DEPTH_FORMAT, ITEM_FORMAT};
@@ -158,7 +157,7 @@ impl Plan {
     /// Bytes of what grows with the shots per pass.
     fn pass_bytes(&self) -> u64 {
         let lists = (4 * FACES as u64 + u64::from(FACET_RUN)) * self.facet_runs();
-        let buffers = PIXEL_BYTES * self.pixels() + self.sums_bytes() + lists;
+        let buffers = PIXEL_BYTES * self.pixels() + self.sums_bytes() + lists + GpuShot::SIZE;
         self.pass_shots * buffers + self.index_bytes()
     }
 
@@ -170,7 +169,7 @@ impl Plan {
             GpuCorner::SIZE * GpuCorner::PER_FACET * self.facets,
             self.index_bytes(),
             self.sums_bytes() * self.pass_shots,
-            GpuShot::SIZE * self.shots,
+            GpuShot::SIZE * (self.shots + self.pass_shots),
         ];
         sizes.into_iter().max().unwrap_or(0)
     }
@@ -197,6 +196,7 @@ pub struct Buffers {
     pub passes: wgpu::Buffer,
     pub irradiance: wgpu::Buffer,
     pub incoming: wgpu::Buffer,
+    /// Those of an iteration, and behind them room for traced ones.
     pub shots: wgpu::Buffer,
     pub sums: wgpu::Buffer,
     pub corners: wgpu::Buffer,
@@ -256,14 +256,16 @@ impl Buffers {
         let passes = filled("passes", &pass_uniforms(plan), BufferUsages::UNIFORM);
         let control = make("control", CONTROL_HEADER + 16 * plan.shots, readable);
         let power = make("power", 4 * plan.power_entries(), storage);
-        gpu.queue.write_buffer(&power, 0, bytemuck::cast_slice(&emitted_power(scene)));
-        let patches = filled("patches", bytemuck::cast_slice(&GpuPatch::all(scene)), storage);
+        let patches = GpuPatch::all(scene, settings);
+        let first_powers = GpuPatch::first_powers(&patches);
+        gpu.queue.write_buffer(&power, 0, bytemuck::cast_slice(&first_powers));
+        let patches = filled("patches", bytemuck::cast_slice(&patches), storage);
         let facets = filled("facets", bytemuck::cast_slice(&GpuFacet::all(scene)), storage);
         let corners = GpuCorner::all(scene);
         let corners = filled("corners", bytemuck::cast_slice(&corners), BufferUsages::VERTEX);
         let irradiance = make("irradiance", 32 * plan.patches, readable);
         let incoming = make("incoming", 16 * (plan.shots + 1) * plan.glossy, readable);
-        let shots = make("shots", GpuShot::SIZE * plan.shots, readable);
+        let shots = make("shots", GpuShot::SIZE * (plan.shots + plan.pass_shots), readable);
         let sums = make("sums", plan.sums_bytes() * plan.pass_shots, readable);
         let views = make("views", UNIFORM_STRIDE * lists, storage | BufferUsages::UNIFORM);
         let marks =

@@ -15,6 +15,22 @@ const VIEWER_IS_POINT = 4u;
 const VIEWER_IS_DIRECTION = 8u;
 // Whether per-pixel lobe sums exist: some patch is glossy.
 const LOBES = 16u;
+const UNIFORM_SELECTION = 32u;
+const STRATIFIED = 64u;
+const RANDOM_POINT = 128u;
+// Whether M of the variance reduction is the number of shots so far.
+const GROWING_SHOTS = 256u;
+
+// Settings.faces.
+const ALL_FACES = 0u;
+const SPECULAR_ONE_FACE = 1u;
+const TOP_AND_SIDE = 2u;
+const RANDOMISED_FACES = 3u;
+
+// Settings.substitute.
+const NO_SUBSTITUTE = 0u;
+const SUBSTITUTE_ZERO = 1u;
+const SUBSTITUTE_MEAN = 2u;
 
 struct Settings {
     seed: vec2<u32>,
@@ -33,6 +49,13 @@ struct Settings {
     facet_runs: u32,
     // Hemicubes side by side in the atlas.
     columns: u32,
+    // Which faces are shot through.
+    faces: u32,
+    // What stands in for transfers that the variance reduction leaves out.
+    substitute: u32,
+    // M of the variance reduction.
+    expected_shots: f32,
+    spare: u32,
     // Camera's eye or the direction towards it.
     viewer: vec3<f32>,
     // Depth value at axis distance 1: smaller than any distance in the scene.
@@ -60,6 +83,7 @@ struct Shot {
     scale: f32,
     normal: vec3<f32>,
     has_lobe: u32,
+    // Without the known part of the light.
     diffuse: vec3<f32>,
     // Fixed-point units per form factor in the sums of this shot.
     fixed_scale: f32,
@@ -68,7 +92,11 @@ struct Shot {
     lobe_axis: vec3<f32>,
     jitter_y: f32,
     face_weights: vec4<f32>,
-    last_face_weight: vec4<f32>,
+    last_face_weight: f32,
+    // The variance reduction replaces transfers whose form factor back to the shooter is larger.
+    limit: f32,
+    // Known part of the radiance.
+    known: vec3<f32>,
 }
 
 struct Patch {
@@ -82,9 +110,15 @@ struct Patch {
     // Index among the glossy patches.
     glossy: u32,
     specular: vec3<f32>,
-    spare_a: f32,
-    emission: vec3<f32>,
-    spare_b: f32,
+    // 1 where the patch emits by itself.
+    emits: u32,
+    // Radiance sent by itself: the emission, or settings::sources with known light.
+    source: vec3<f32>,
+    // What the power has on top for known light that glossy receivers reflect.
+    known_power: f32,
+    // Known part of the radiance.
+    known: vec3<f32>,
+    spare: f32,
 }
 
 struct Facet {

@@ -45,7 +45,7 @@ fn make_views(@builtin(global_invocation_id) id: vec3<u32>) {
     } else {
         view.clip_y = (1.0 + 2.0 * shot.jitter_y * step) * axes.axis - 2.0 * axes.up;
     }
-    view.weight = select(shot.last_face_weight.x, shot.face_weights[min(face, 3u)], face < 4u);
+    view.weight = select(shot.last_face_weight, shot.face_weights[min(face, 3u)], face < 4u);
     views[slot * FACES + face] = view;
 }
 
@@ -92,7 +92,7 @@ fn faces_outside(all: u32, none: u32) -> u32 {
 fn drawn_faces(shot: Shot) -> u32 {
     let w = shot.face_weights;
     return select(0u, 1u, w.x > 0.0) | select(0u, 2u, w.y > 0.0) | select(0u, 4u, w.z > 0.0)
-        | select(0u, 8u, w.w > 0.0) | select(0u, 16u, shot.last_face_weight.x > 0.0);
+        | select(0u, 8u, w.w > 0.0) | select(0u, 16u, shot.last_face_weight > 0.0);
 }
 
 fn to_frame(shot: Shot, v: vec3<f32>) -> vec3<f32> {

@@ -45,7 +45,7 @@ fn deposit(@builtin(global_invocation_id) id: vec3<u32>) {
     let delta_row = select(row, resolution + face_row, row >= resolution) * resolution;
 
     let shot = shots[group.first + slot];
-    let weight = select(shot.last_face_weight.x, shot.face_weights[min(face, 3u)], face < 4u);
+    let weight = select(shot.last_face_weight, shot.face_weights[min(face, 3u)], face < 4u);
     if weight <= 0.0 {
         return;
     }

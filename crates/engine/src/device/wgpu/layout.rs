@@ -1,7 +1,9 @@
 //! Scene, settings and shots in the layout of the structures in `common.wgsl`.
 
-use crate::device::{ShootingSettings, Viewpoint};
-use crate::hemicube::Shot;
+use crate::device::{
+    Faces, Selection, ShootingSettings, Substitute, Viewpoint, known_power, sources,
+};
+use crate::hemicube::{FACES, Shot};
 use crate::patches::{NO_PATCH, PatchedScene};
 use crate::radiometry::{LOBE_COLUMNS, LOBE_ROWS, LobeAlbedo, importance};
 use bytemuck::{Pod, Zeroable};
@@ -31,6 +33,10 @@ mod flag {
     pub const VIEWER_IS_POINT: u32 = 4;
     pub const VIEWER_IS_DIRECTION: u32 = 8;
     pub const LOBES: u32 = 16;
+    pub const UNIFORM_SELECTION: u32 = 32;
+    pub const STRATIFIED: u32 = 64;
+    pub const RANDOM_POINT: u32 = 128;
+    pub const GROWING_SHOTS: u32 = 256;
 }
 
 const TABLE: usize = (LOBE_ROWS * LOBE_COLUMNS).div_ceil(4);
@@ -50,6 +56,10 @@ pub struct GpuSettings {
     pub groups: u32,
     pub facet_runs: u32,
     pub columns: u32,
+    pub faces: u32,
+    pub substitute: u32,
+    pub expected_shots: f32,
+    pub spare: u32,
     pub viewer: Vec3,
     pub near: f32,
     pub lobe_albedo: [[f32; 4]; TABLE],
@@ -67,6 +77,9 @@ impl GpuSettings {
         let mut set = |condition: bool, flag: u32| flags |= if condition { flag } else { 0 };
         set(settings.random_azimuth, flag::RANDOM_AZIMUTH);
         set(settings.jitter, flag::JITTER);
+        set(settings.selection == Selection::Uniform, flag::UNIFORM_SELECTION);
+        set(settings.stratified, flag::STRATIFIED);
+        set(settings.random_point, flag::RANDOM_POINT);
         set(glossy > 0, flag::LOBES);
         let viewer = match settings.viewpoint {
             Some(Viewpoint::Eye(eye)) => {
@@ -79,6 +92,14 @@ impl GpuSettings {
             }
             None => Vec3::ZERO,
         };
+        let (substitute, expected_shots) = match settings.variance_reduction {
+            None => (0, None),
+            Some(rule) => match rule.substitute {
+                Substitute::Zero => (1, rule.shots),
+                Substitute::Mean => (2, rule.shots),
+            },
+        };
+        set(expected_shots.is_none(), flag::GROWING_SHOTS);
         let mut lobe_albedo = [[0.0; 4]; TABLE];
         let cells = lobe_albedo.as_flattened_mut().iter_mut();
         cells.zip(&LobeAlbedo::shared().table).for_each(|(cell, value)| *cell = *value);
@@ -97,6 +118,15 @@ impl GpuSettings {
             groups: runs.div_ceil(SPAN),
             facet_runs: facets.div_ceil(FACET_RUN),
             columns,
+            faces: match settings.faces {
+                Faces::All => 0,
+                Faces::Specular => 1,
+                Faces::TopAndSide => 2,
+                Faces::Randomised => 3,
+            },
+            substitute,
+            expected_shots: expected_shots.unwrap_or(0) as f32,
+            spare: 0,
             viewer,
             near: near_value(&scene.positions),
             lobe_albedo,
@@ -138,7 +168,11 @@ pub struct GpuShot {
     jitter_x: f32,
     lobe_axis: Vec3,
     jitter_y: f32,
-    face_weights: [f32; 8],
+    face_weights: [f32; FACES],
+    limit: f32,
+    spare_a: [f32; 2],
+    known: Vec3,
+    spare_b: f32,
 }
 
 impl GpuShot {
@@ -149,8 +183,6 @@ impl GpuShot {
     pub fn new(shot: &Shot) -> (Self, f32) {
         let heaviest = shot.face_weights.iter().fold(1f32, |a, b| a.max(*b));
         let fixed_scale = FIXED_SCALE / heaviest.log2().ceil().exp2();
-        let mut face_weights = [0.0; 8];
-        face_weights[..shot.face_weights.len()].copy_from_slice(&shot.face_weights);
         let packed = Self {
             position: shot.position,
             patch: shot.patch,
@@ -166,7 +198,12 @@ impl GpuShot {
             jitter_x: shot.jitter.x,
             lobe_axis: shot.lobe_axis,
             jitter_y: shot.jitter.y,
-            face_weights,
+            face_weights: shot.face_weights,
+            // Traced shots are not reduced.
+            limit: f32::MAX,
+            spare_a: [0.0; 2],
+            known: shot.known,
+            spare_b: 0.0,
         };
         (packed, fixed_scale.recip())
     }
@@ -195,18 +232,22 @@ pub struct GpuPatch {
     diffuse: Vec3,
     glossy: u32,
     specular: Vec3,
-    spare_a: f32,
-    emission: Vec3,
-    spare_b: f32,
+    emits: u32,
+    source: Vec3,
+    known_power: f32,
+    known: Vec3,
+    spare: f32,
 }
 
 impl GpuPatch {
     /// Bytes of one patch.
     pub const SIZE: u64 = size_of::<Self>() as u64;
 
-    /// All patches of a scene; glossy ones are numbered in order.
-    pub fn all(scene: &PatchedScene) -> Vec<Self> {
+    /// All patches of a scene and what they send; glossy ones are numbered in order.
+    pub fn all(scene: &PatchedScene, settings: &ShootingSettings) -> Vec<Self> {
         let patches = &scene.patches;
+        let (sources, known_power) = (sources(scene, settings), known_power(scene, settings));
+        let known = settings.known.as_deref();
         let mut glossy_count = 0;
         (0..patches.len())
             .map(|i| {
@@ -225,12 +266,20 @@ impl GpuPatch {
                     diffuse: patches.diffuse[i],
                     glossy,
                     specular: patches.specular[i],
-                    spare_a: 0.0,
-                    emission: patches.emission[i],
-                    spare_b: 0.0,
+                    emits: u32::from(patches.emits(i)),
+                    source: sources[i],
+                    known_power: known_power.get(i).copied().unwrap_or(0.0),
+                    known: known.map_or(Vec3::ZERO, |known| known.radiance[i]),
+                    spare: 0.0,
                 }
             })
             .collect()
+    }
+
+    /// Powers at the start, before any light has arrived.
+    pub fn first_powers(patches: &[Self]) -> Vec<f32> {
+        let power = |p: &Self| importance(PI * p.area * p.source) + p.known_power;
+        patches.iter().map(power).collect()
     }
 }
 
@@ -295,13 +344,6 @@ impl GpuCorner {
         });
         corners.collect()
     }
-}
-
-/// Powers at the start: of the emission alone.
-pub fn emitted_power(scene: &PatchedScene) -> Vec<f32> {
-    let patches = &scene.patches;
-    let light = patches.area.iter().zip(&patches.emission);
-    light.map(|(area, emission)| importance(PI * *area * *emission)).collect()
 }
 
 /// Three components of each vector.

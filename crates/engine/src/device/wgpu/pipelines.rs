@@ -72,7 +72,7 @@ impl Pipelines {
         let select = module(
             gpu,
             "select",
-            &[COMMON, REFLECTION, include_str!("select.wgsl")],
+            &[COMMON, REFLECTION, include_str!("random.wgsl"), include_str!("select.wgsl")],
             &[Uniform, Write, Write, Read, Read, Read, Read, Write],
         );
         let cull = module(

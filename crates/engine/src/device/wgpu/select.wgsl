@@ -1,5 +1,6 @@
-// Who shoots: prefix sum over powers, systematic sampling, and a Shot from every pick
-// (Antal eq. 4, §2.4). After common.wgsl and reflection.wgsl.
+// Who shoots: prefix sum over powers, picks, and a Shot from every pick (Antal eq. 4, §2.3,
+// §2.4).
+// After common.wgsl, reflection.wgsl and random.wgsl.
 
 @group(0) @binding(0) var<uniform> settings: Settings;
 @group(0) @binding(1) var<storage, read_write> control: Control;
@@ -66,27 +67,16 @@ fn pick(start: u32, end: u32, rest: f32) -> Pick {
     return picked;
 }
 
-fn pcg(input: u32) -> u32 {
-    let state = input * 747796405u + 2891336453u;
-    let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
-    return (word >> 22u) ^ word;
+// The patch that power picks for share `at` of the total, a sum of powers.
+fn picked_by_power(at: f32) -> u32 {
+    let runs_start = settings.patches;
+    let groups_start = runs_start + settings.runs;
+    let group = pick(groups_start, groups_start + settings.groups, at);
+    let run_start = runs_start + (group.index - groups_start) * SPAN;
+    let run = pick(run_start, min(run_start + SPAN, groups_start), group.rest);
+    let patch_start = (run.index - runs_start) * SPAN;
+    return pick(patch_start, min(patch_start + SPAN, settings.patches), run.rest).index;
 }
-
-// random::uniform.
-fn uniform_number(stream: u32, counter: vec2<u32>) -> f32 {
-    var h = pcg(settings.seed.x ^ pcg(settings.seed.y ^ pcg(stream)));
-    h = pcg(h ^ counter.y);
-    h = pcg(h + pcg(counter.x));
-    return f32(h >> 8u) * (1.0 / 16777216.0);
-}
-
-const STREAM_SHOOTER = 1u;
-const STREAM_POINT_U = 2u;
-const STREAM_POINT_V = 3u;
-const STREAM_AZIMUTH = 4u;
-const STREAM_JITTER_X = 5u;
-const STREAM_JITTER_Y = 6u;
-const STREAM_LOBE = 7u;
 
 // PatchedScene::point_on_patch.
 fn point_on_patch(patch_index: u32, xi: vec2<f32>) -> vec3<f32> {
@@ -131,14 +121,15 @@ fn lobe_weight(patch_index: u32, k: u32) -> f32 {
 }
 
 // Peak radiance and axis of the lobe that a glossy patch sends: one of its K incoming
-// directions, picked by reflected power and divided by that probability.
-fn add_lobe(shot: ptr<function, Shot>, patch_index: u32, xi: f32) {
+// directions, picked by reflected power and divided by that probability. Returns the importance
+// of the power per area that it carries.
+fn add_lobe(shot: ptr<function, Shot>, patch_index: u32, xi: f32) -> f32 {
     var total = 0.0;
     for (var k = 0u; k < settings.shots; k++) {
         total += lobe_weight(patch_index, k);
     }
     if total <= 0.0 {
-        return;
+        return 0.0;
     }
     var left = xi * total;
     var picked = 0u;
@@ -162,6 +153,60 @@ fn add_lobe(shot: ptr<function, Shot>, patch_index: u32, xi: f32) {
     (*shot).lobe = patches[patch_index].specular * e * peak;
     (*shot).lobe_axis = 2.0 * dot(normal, direction) * normal - direction;
     (*shot).has_lobe = 1u;
+    return total;
+}
+
+// hemicube::Face::hit_by, for a direction of the hemicube frame.
+fn face_hit_by(d: vec3<f32>) -> u32 {
+    if d.z >= abs(d.x) && d.z >= abs(d.y) {
+        return 0u;
+    }
+    if abs(d.x) >= abs(d.y) {
+        return select(2u, 1u, d.x > 0.0);
+    }
+    return select(4u, 3u, d.y > 0.0);
+}
+
+// Probabilities of the face that the mirror direction hits and of each other, as in settings.rs.
+const MIRROR_FACE_PROBABILITY = 0.6;
+const OTHER_FACE_PROBABILITY = 0.1;
+
+// Weight of each face: 0 to leave it out, else the inverse of its probability. Takes one uniform
+// number.
+fn set_faces(shot: ptr<function, Shot>, highly_specular: bool, xi: f32) {
+    var weights = array<f32, 5>(1.0, 1.0, 1.0, 1.0, 1.0);
+    var heaviest = 1.0;
+    let one_of_specular =
+        settings.faces == SPECULAR_ONE_FACE || settings.faces == RANDOMISED_FACES;
+    if highly_specular && one_of_specular {
+        let axis = (*shot).lobe_axis;
+        let mirror = vec3(
+            dot((*shot).tangent, axis), dot((*shot).bitangent, axis), dot((*shot).normal, axis));
+        var face = face_hit_by(mirror);
+        heaviest = 1.0 / MIRROR_FACE_PROBABILITY;
+        if xi >= MIRROR_FACE_PROBABILITY {
+            let other = u32((xi - MIRROR_FACE_PROBABILITY) / OTHER_FACE_PROBABILITY);
+            let other_face = min(other, FACES - 2u);
+            face = other_face + select(0u, 1u, other_face >= face);
+            heaviest = 1.0 / OTHER_FACE_PROBABILITY;
+        }
+        weights = array<f32, 5>();
+        weights[face] = heaviest;
+    } else if settings.faces == TOP_AND_SIDE || settings.faces == RANDOMISED_FACES {
+        let sides = FACES - 1u;
+        heaviest = f32(sides);
+        weights = array<f32, 5>();
+        weights[0] = 1.0;
+        weights[1u + min(u32(xi * f32(sides)), sides - 1u)] = heaviest;
+    }
+    (*shot).face_weights = vec4(weights[0], weights[1], weights[2], weights[3]);
+    (*shot).last_face_weight = weights[4];
+    // Room for the heaviest, by a power of two so that nothing is rounded.
+    (*shot).fixed_scale = 2147483648.0;
+    while heaviest > 1.0 {
+        (*shot).fixed_scale *= 0.5;
+        heaviest *= 0.5;
+    }
 }
 
 @compute @workgroup_size(64)
@@ -171,38 +216,48 @@ fn make_shots(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     var shot = Shot();
-    let runs_start = settings.patches;
-    let groups_start = runs_start + settings.runs;
+    let groups_start = settings.patches + settings.runs;
     let total = sum_of(groups_start, groups_start + settings.groups);
     // A number that is not finite compares false: then nothing is shot.
     if !(total > 0.0 && total < 3.0e38) {
         shots[k] = shot;
         return;
     }
-    let offset = uniform_number(STREAM_SHOOTER, control.iteration);
-    let at = (f32(k) + offset) / f32(settings.shots) * total;
-    let group = pick(groups_start, groups_start + settings.groups, at);
-    let run_start = runs_start + (group.index - groups_start) * SPAN;
-    let run = pick(run_start, min(run_start + SPAN, groups_start), group.rest);
-    let patch_start = (run.index - runs_start) * SPAN;
-    let i = pick(patch_start, min(patch_start + SPAN, settings.patches), run.rest).index;
-    let probability = power[i] / total;
-
-    var counter = control.first_shot;
-    counter.x += k;
-    counter.y += select(0u, 1u, counter.x < k);
+    let counter = add_64(control.first_shot, k);
+    // Systematic sampling picks from stratum k of K, independent picks from the one there is.
+    let stratified = (settings.flags & STRATIFIED) != 0u;
+    let stratum = select(0u, k, stratified);
+    let strata = select(1u, settings.shots, stratified);
+    let bits = uniform_bits(STREAM_SHOOTER, select(counter, control.iteration, vec2(stratified)));
+    var i = 0u;
+    var probability = 0.0;
+    if (settings.flags & UNIFORM_SELECTION) != 0u {
+        i = share_of(settings.patches, stratum, strata, bits);
+        probability = 1.0 / f32(settings.patches);
+    } else {
+        i = picked_by_power((f32(stratum) + fraction(bits)) / f32(strata) * total);
+        probability = power[i] / total;
+    }
 
     let surface = patches[i];
     shot.patch_index = i;
-    shot.position = point_on_patch(i,
-        vec2(uniform_number(STREAM_POINT_U, counter), uniform_number(STREAM_POINT_V, counter)));
+    shot.position = surface.centroid;
+    if (settings.flags & RANDOM_POINT) != 0u {
+        let xi = vec2(
+            uniform_number(STREAM_POINT_U, counter), uniform_number(STREAM_POINT_V, counter));
+        shot.position = point_on_patch(i, xi);
+    }
     shot.normal = surface.normal;
     shot.exponent = surface.exponent;
     shot.scale = surface.area / (probability * f32(settings.shots));
-    shot.diffuse = surface.emission + irradiance[i].xyz * surface.diffuse / PI;
-    shot.fixed_scale = 2147483648.0;
-    shot.face_weights = vec4(1.0);
-    shot.last_face_weight = vec4(1.0);
+    shot.diffuse = surface.source + irradiance[i].xyz * surface.diffuse / PI;
+    shot.known = surface.known;
+    var expected_shots = settings.expected_shots;
+    if (settings.flags & GROWING_SHOTS) != 0u {
+        let so_far = add_64(control.first_shot, settings.shots);
+        expected_shots = f32(so_far.y) * 4294967296.0 + f32(so_far.x);
+    }
+    shot.limit = 2.0 * expected_shots * probability;
 
     // hemicube::frame.
     let n = surface.normal;
@@ -221,10 +276,13 @@ fn make_shots(@builtin(global_invocation_id) id: vec3<u32>) {
         shot.jitter_x = uniform_number(STREAM_JITTER_X, counter) - 0.5;
         shot.jitter_y = uniform_number(STREAM_JITTER_Y, counter) - 0.5;
     }
+    var carried = 0.0;
     if surface.glossy != NOT_GLOSSY {
-        add_lobe(&shot, i, uniform_number(STREAM_LOBE, counter));
+        carried = add_lobe(&shot, i, uniform_number(STREAM_LOBE, counter));
     }
-    if max(max(surface.emission.x, surface.emission.y), surface.emission.z) > 0.0 {
+    let highly_specular = carried > importance(PI * shot.diffuse);
+    set_faces(&shot, highly_specular, uniform_number(STREAM_FACE, counter));
+    if surface.emits != 0u {
         atomicAdd(&control.light_shots, 1u);
     }
     shots[k] = shot;

@@ -228,10 +228,14 @@ impl<'device> WgpuShooting<'device> {
     fn trace_some(&self, shots: &[Shot]) -> Result<Vec<ShotTrace>, DeviceError> {
         let (plan, buffers, count) = (&self.plan, &self.buffers, shots.len() as u32);
         let (packed, units): (Vec<_>, Vec<_>) = shots.iter().map(GpuShot::new).unzip();
-        let group = GpuPass { first: 0, count, opens: 0, closes: 0 };
+        let group = GpuPass { first: plan.shots as u32, count, opens: 0, closes: 0 };
         let pass = plan.passes();
         let queue = &self.gpu.queue;
-        queue.write_buffer(&buffers.shots, 0, bytemuck::cast_slice(&packed));
+        queue.write_buffer(
+            &buffers.shots,
+            GpuShot::SIZE * plan.shots,
+            bytemuck::cast_slice(&packed),
+        );
         queue.write_buffer(&buffers.passes, pass * UNIFORM_STRIDE, bytemuck::bytes_of(&group));
 
         let mut encoder = self.encoder();
@@ -332,6 +336,11 @@ impl Shooting for WgpuShooting<'_> {
         let (irradiance, lobes) = words.split_at(4 * patches as usize);
         let mut sums =
             Sums { iterations, irradiance: triples(irradiance).collect(), glossy: vec![] };
+        if let Some(known) = &self.settings.known {
+            for (sum, known) in sums.irradiance.iter_mut().zip(&known.irradiance) {
+                *sum += *known * iterations as f32;
+            }
+        }
         if seen {
             let mut lobes = triples(lobes);
             let all = &self.scene.patches;

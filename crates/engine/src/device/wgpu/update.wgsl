@@ -6,10 +6,10 @@
 @group(0) @binding(2) var<storage, read_write> control: Control;
 @group(0) @binding(3) var<storage, read_write> power: array<f32>;
 @group(0) @binding(4) var<storage, read> patches: array<Patch>;
-// Per patch Σ_k E_k of this iteration, then per patch Σ over iterations.
+// Per patch Σ_k E_k of this iteration, then per patch Σ over iterations; without known light.
 @group(0) @binding(5) var<storage, read_write> irradiance: array<vec4<f32>>;
-// Per shot of this iteration and glossy patch E_k; behind them, per glossy patch, Σ over
-// iterations of the radiance that its lobe sends to the viewer.
+// Per shot of this iteration and glossy patch E_k, known light included; behind them, per glossy
+// patch, Σ over iterations of the radiance that its lobe sends to the viewer.
 @group(0) @binding(6) var<storage, read_write> incoming: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> shots: array<Shot>;
 @group(0) @binding(8) var<storage, read_write> sums: array<u32>;
@@ -67,6 +67,16 @@ fn close_iteration() {
     control.first_shot.y += select(0u, 1u, control.first_shot.x < settings.shots);
 }
 
+// What the sums of shot k at a patch are multiplied by (settings::VarianceReduction).
+fn reduction(k: u32, form_factor: f32, area: f32) -> f32 {
+    let shooter_area = patches[shots[k].patch_index].area;
+    if min(form_factor * shooter_area / area, 1.0) <= shots[k].limit {
+        return 1.0;
+    }
+    // A_j over the scale A_j/(p_j K).
+    return select(0.0, shooter_area / shots[k].scale, settings.substitute == SUBSTITUTE_MEAN);
+}
+
 @compute @workgroup_size(64)
 fn update(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = id.x;
@@ -76,7 +86,8 @@ fn update(@builtin(global_invocation_id) id: vec3<u32>) {
     let glossy = patches[i].glossy;
     let has_lobes = (settings.flags & LOBES) != 0u;
     let planes = select(1u, 2u, has_lobes);
-    let per_area = PI / patches[i].area;
+    let area = patches[i].area;
+    let per_area = PI / area;
     var e = vec3(0.0);
     if group.opens == 0u {
         e = irradiance[i].xyz;
@@ -84,21 +95,32 @@ fn update(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var slot = 0u; slot < group.count; slot++) {
         let k = group.first + slot;
         let at = slot * planes * settings.patches + i;
-        let form_factor = sums[at];
+        let fixed = sums[at];
         var e_k = vec3(0.0);
-        if form_factor != 0u {
+        if fixed != 0u {
             sums[at] = 0u;
             let unit = 1.0 / shots[k].fixed_scale;
-            var radiance = shots[k].diffuse * (f32(form_factor) * unit);
+            var form_factor = f32(fixed) * unit;
+            var factor = 1.0;
+            if settings.substitute != NO_SUBSTITUTE {
+                factor = reduction(k, form_factor, area);
+                form_factor *= factor;
+            }
+            var radiance = shots[k].diffuse * form_factor;
             if has_lobes {
                 let lobe_factor = sums[at + settings.patches];
                 if lobe_factor != 0u {
                     sums[at + settings.patches] = 0u;
-                    radiance += shots[k].lobe * (f32(lobe_factor) * unit);
+                    radiance += shots[k].lobe * (f32(lobe_factor) * unit * factor);
                 }
             }
-            e_k = radiance * (shots[k].scale * per_area);
+            let scale = shots[k].scale * per_area;
+            e_k = radiance * scale;
             e += e_k;
+            if glossy != NOT_GLOSSY {
+                // Lobes reflect the known light too.
+                e_k += shots[k].known * (form_factor * scale);
+            }
         }
         if glossy != NOT_GLOSSY {
             incoming[k * settings.glossy + glossy] = vec4(e_k, 0.0);
@@ -115,7 +137,7 @@ fn update(@builtin(global_invocation_id) id: vec3<u32>) {
         reflected += lobe.total;
         incoming[settings.shots * settings.glossy + glossy] += vec4(lobe.to_viewer, 0.0);
     }
-    power[i] = importance(patches[i].area * (PI * patches[i].emission + reflected));
+    power[i] = importance(area * (PI * patches[i].source + reflected)) + patches[i].known_power;
     if i == 0u {
         close_iteration();
     }

@@ -1,0 +1,170 @@
+//! A job under way, whatever its method: clock, limits, counts, and who is told about them.
+
+use crate::device::Tally;
+use crate::image::Picture;
+use crate::render::{Limits, Observer, Progress, StopReason};
+use std::time::Instant;
+
+/// Least time between progress reports, seconds.
+const REPORT_SECONDS: f64 = 0.2;
+
+/// A job under way.
+pub struct Run<'a> {
+    start: Instant,
+    limits: Limits,
+    observer: &'a mut dyn Observer,
+    reported: Instant,
+    /// The last picture is part of the time budget: seconds that it will take.
+    pub picture_seconds: f64,
+    /// What was done so far.
+    pub tally: Tally,
+    /// Estimated rRMSE of the present picture.
+    pub estimated_error: Option<f64>,
+    /// Whether there is nothing to estimate the error from: the method can't, or every pixel sees
+    /// an emitter or darkness. Then a target error alone does not end the job, the default time
+    /// budget does.
+    pub without_estimate: bool,
+    /// Share of the work done, where the method knows it better than the limits do.
+    pub known_fraction: Option<f64>,
+}
+
+impl<'a> Run<'a> {
+    /// A run that started at `start`.
+    pub fn new(start: Instant, limits: Limits, observer: &'a mut dyn Observer) -> Self {
+        Self {
+            start,
+            limits,
+            observer,
+            reported: Instant::now(),
+            picture_seconds: 0.0,
+            tally: Tally::default(),
+            estimated_error: None,
+            without_estimate: false,
+            known_fraction: None,
+        }
+    }
+
+    /// Why to stop now, if at all. At least one iteration is done, however little time there is.
+    pub fn stop(&self) -> Option<StopReason> {
+        if self.observer.cancelled() {
+            return Some(StopReason::Cancelled);
+        }
+        let Limits { iterations, target_error, .. } = self.limits;
+        if iterations.is_some_and(|limit| self.tally.iterations >= limit) {
+            return Some(StopReason::Iterations);
+        }
+        if self.tally.iterations > 0 && self.out_of_time() {
+            return Some(StopReason::TimeBudget);
+        }
+        let error = self.estimated_error?;
+        target_error.is_some_and(|target| error <= target).then_some(StopReason::TargetError)
+    }
+
+    /// Whether the time budget only suffices for the last picture.
+    fn out_of_time(&self) -> bool {
+        let elapsed = self.start.elapsed().as_secs_f64();
+        self.seconds_limit().is_some_and(|limit| elapsed + self.picture_seconds >= limit)
+    }
+
+    /// Iterations that the limit leaves.
+    pub fn iterations_left(&self) -> u64 {
+        let limit = self.limits.iterations.unwrap_or(u64::MAX);
+        limit.saturating_sub(self.tally.iterations)
+    }
+
+    /// Whether it is time for a report.
+    pub fn report_is_due(&self) -> bool {
+        self.reported.elapsed().as_secs_f64() >= REPORT_SECONDS
+    }
+
+    /// Why to stop in the middle of an iteration, if at all.
+    pub fn stop_early(&self) -> Option<StopReason> {
+        if self.observer.cancelled() {
+            return Some(StopReason::Cancelled);
+        }
+        self.out_of_time().then_some(StopReason::TimeBudget)
+    }
+
+    /// Reports before there is anything to see.
+    pub fn report_progress(&mut self) {
+        self.observer.progress(&self.progress());
+        self.reported = Instant::now();
+    }
+
+    /// Reports; where there is something to see already, with a picture if one is wanted.
+    pub fn report(&mut self, seen: bool, picture: impl FnOnce() -> Picture) {
+        let progress = self.progress();
+        self.observer.progress(&progress);
+        if seen && self.observer.wants_snapshot(&progress) {
+            self.observer.snapshot(&picture(), &progress);
+        }
+        self.reported = Instant::now();
+    }
+
+    /// The last report.
+    pub fn finish(&mut self) -> Progress {
+        let last = Progress { fraction: 1.0, seconds_remaining: Some(0.0), ..self.progress() };
+        self.observer.progress(&last);
+        last
+    }
+
+    /// The time budget: the asked one, or the default where nothing else would end the job.
+    fn seconds_limit(&self) -> Option<f64> {
+        let Limits { seconds, iterations, target_error } = self.limits;
+        let endless = target_error.is_none() || self.without_estimate;
+        let unlimited = iterations.is_none() && endless;
+        seconds.or(unlimited.then_some(Limits::DEFAULT_SECONDS))
+    }
+
+    fn progress(&self) -> Progress {
+        let seconds = self.start.elapsed().as_secs_f64();
+        let Limits { iterations, target_error, .. } = self.limits;
+        let Tally { iterations: done, shots, light_shots } = self.tally;
+        let by_time = self.seconds_limit().map(|limit| (limit - seconds).max(0.0));
+        let by_iterations = iterations
+            .filter(|_| done > 0)
+            .map(|limit| seconds / done as f64 * limit.saturating_sub(done) as f64);
+        // Noise falls with the square root of time.
+        let by_error = target_error
+            .zip(self.estimated_error)
+            .map(|(target, error)| seconds * ((error / target).powi(2) - 1.0).max(0.0));
+        let by_fraction = self
+            .known_fraction
+            .filter(|fraction| *fraction > 0.0)
+            .map(|fraction| seconds * (1.0 / fraction - 1.0).max(0.0));
+        let seconds_remaining =
+            [by_time, by_iterations, by_error, by_fraction].into_iter().flatten().reduce(f64::min);
+        Progress {
+            iterations: done,
+            shots,
+            light_source_selection_ratio: light_shots as f64 / shots.max(1) as f64,
+            estimated_error: self.estimated_error,
+            seconds,
+            seconds_remaining,
+            fraction: seconds_remaining.map_or(0.0, |rest| seconds / (seconds + rest).max(1e-9)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::Unobserved;
+    use std::time::Duration;
+
+    #[test]
+    fn a_target_that_cannot_be_estimated_ends_by_time() {
+        let long_ago = Instant::now().checked_sub(Duration::from_secs(60)).expect("a minute ago");
+        let limits = Limits { target_error: Some(0.05), ..Limits::default() };
+        let mut observer = Unobserved;
+        let mut run = Run::new(long_ago, limits, &mut observer);
+        run.tally.iterations = 1;
+        assert_eq!(run.stop(), None, "an estimate may still come");
+        run.without_estimate = true;
+        assert_eq!(run.stop(), Some(StopReason::TimeBudget));
+        run.limits.seconds = Some(120.0);
+        assert_eq!(run.stop(), None, "a longer time was asked for");
+        (run.estimated_error, run.without_estimate) = (Some(0.04), false);
+        assert_eq!(run.stop(), Some(StopReason::TargetError));
+    }
+}
