@@ -63,6 +63,21 @@ pub fn log_slope(points: &[(f64, f64)]) -> f64 {
     if variance > 0.0 { covariance / variance } else { f64::NAN }
 }
 
+/// [`log_slope`] through independent y with their standard errors.
+pub fn log_slope_of(points: &[(f64, Estimate)]) -> Estimate {
+    let values: Vec<(f64, f64)> = points.iter().map(|(x, y)| (*x, y.value)).collect();
+    // The slope is linear in every ln y.
+    let variance: f64 = (0..points.len())
+        .map(|at| {
+            let mut moved = values.clone();
+            moved[at].1 *= std::f64::consts::E;
+            let weight = log_slope(&moved) - log_slope(&values);
+            (weight * points[at].1.error / points[at].1.value).powi(2)
+        })
+        .sum();
+    Estimate { value: log_slope(&values), error: variance.sqrt() }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -75,6 +90,19 @@ mod tests {
         assert!(log_slope(&stuck) > -0.3, "a bias of .3 must show: {}", log_slope(&stuck));
         assert!(log_slope(&[(1.0, 2.0)]).is_nan());
         assert!(log_slope(&[(1.0, 2.0), (2.0, -1.0)]).is_nan());
+    }
+
+    #[test]
+    fn errors_of_a_slope_come_from_its_points() {
+        let with = |relative: f64| {
+            let y = |value: f64| Estimate { value, error: relative * value };
+            log_slope_of(&[(1.0, y(1.0)), (4.0, y(0.5))])
+        };
+        // Two points: (ln y₂ − ln y₁)/ln 4, errors add in quadrature.
+        let slope = with(0.1);
+        assert!((slope.value + 0.5).abs() < 1e-12);
+        assert!((slope.error - 0.1 * 2f64.sqrt() / 4f64.ln()).abs() < 1e-12);
+        assert_eq!(with(0.0).error, 0.0);
     }
 
     #[test]

@@ -38,11 +38,15 @@ impl Table {
         text
     }
 
-    /// A pipe table; the first column to the left, the others to the right.
+    /// A pipe table: numbers to the right, words to the left.
     pub fn markdown(&self) -> String {
         let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
-        let mut rule = vec!["---:".to_string(); self.header.len()];
-        rule[0] = "---".into();
+        let number =
+            |cell: &str| cell.starts_with(|c: char| c.is_ascii_digit() || "-–".contains(c));
+        let rule: Vec<String> = (0..self.header.len())
+            .map(|at| self.rows.iter().any(|row| number(&row[at])))
+            .map(|numbers| if numbers { "---:".into() } else { "---".into() })
+            .collect();
         let mut text = line(&self.header) + &line(&rule);
         for row in &self.rows {
             let escaped: Vec<_> = row.iter().map(|cell| cell.replace('|', "\\|")).collect();
@@ -77,7 +81,9 @@ mod tests {
         let mut table = Table::new(&["a", "b"]);
         table.add(vec!["x,y".into(), "say \"no\"".into()]);
         assert_eq!(table.csv(), "a,b\n\"x,y\",\"say \"\"no\"\"\"\n");
-        assert_eq!(table.markdown(), "| a | b |\n| --- | ---: |\n| x,y | say \"no\" |\n");
+        assert_eq!(table.markdown(), "| a | b |\n| --- | --- |\n| x,y | say \"no\" |\n");
+        table.add(vec!["z".into(), "-3".into()]);
+        assert!(table.markdown().contains("\n| --- | ---: |\n"));
     }
 
     #[test]

@@ -135,7 +135,10 @@ pub fn measure(
         pending.push(shots.iter().map(|_| Pending::new(view.side)).collect());
     }
     for seed in 1..=seeds {
-        bench.say(&format!("{}: seed {seed} of {seeds}, {} variants", view.name, variants.len()));
+        if seed % 4 == 1 {
+            let count = variants.len();
+            bench.say(&format!("{}: {count} variants, seed {seed} of {seeds}", view.name));
+        }
         for (variant, cells) in variants.iter().zip(&mut pending) {
             if seed > view.seeds(variant, seeds, bench.size.slow_seeds) {
                 continue;

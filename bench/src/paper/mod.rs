@@ -70,6 +70,10 @@ struct Size {
     /// Seeds of the table of switches and of the studies of variance reduction, in a view of
     /// effort 1.
     seeds: u64,
+    /// Shots that the study of the slope spends on each of the lengths above, in as many runs as
+    /// that needs, in a view of effort 1: errors have rare large parts, and short runs must get
+    /// the same chance to meet them.
+    slope_shots: u64,
     /// Seeds of variants that start slowly, in scenes of many patches.
     slow_seeds: u64,
     /// Shots of the efficiency study.
@@ -109,6 +113,7 @@ const FULL: Size = Size {
     reference_shots: 16384,
     shots: &[256, 1024, 4096],
     seeds: 4,
+    slope_shots: 16384,
     slow_seeds: 2,
     extra_shots: 512,
     extra_seeds: 16,
@@ -125,6 +130,7 @@ const QUICK: Size = Size {
     reference_shots: 4096,
     shots: &[64, 256],
     seeds: 2,
+    slope_shots: 1024,
     slow_seeds: 1,
     extra_shots: 256,
     extra_seeds: 4,
@@ -189,6 +195,8 @@ struct Study {
     view: View,
     /// `plain` first, then the switches by group.
     switches: Vec<Series>,
+    /// `plain` once for every length of runs, with as many shots in total.
+    slope: Vec<Series>,
     extras: Vec<Series>,
     /// The same for a single shot: seconds of preparing and showing.
     starts: Vec<Series>,
@@ -281,13 +289,18 @@ fn study(bench: &mut Bench, view: View) -> Result<Study, Failure> {
     };
     let seeds = size.seeds_of(&view);
     let switches = run(&switches, size.shots, seeds)?;
+    let mut slope = Vec::new();
+    for shots in size.shots {
+        let runs = scaled(size.slope_shots / shots, &view);
+        slope.append(&mut run(&[variants::plain()], &[*shots], runs)?);
+    }
     let extra_seeds = scaled(size.extra_seeds, &view);
     let extras = run(&variants::paper_extras(), &[size.extra_shots], extra_seeds)?;
     let starts = run(&variants::paper_extras(), &[1], 2)?;
     let reductions = run(&variants::paper_reductions(), size.reduction_shots, seeds)?;
     let fixed = run(&variants::fixed_m(size.fixed_m), &[size.fixed_shots], seeds)?;
-    let printed = run(&[variants::printed()], size.printed, size.printed_seeds)?;
-    Ok(Study { view, switches, extras, starts, reductions, fixed, printed })
+    let printed = run(&variants::printed(), size.printed, size.printed_seeds)?;
+    Ok(Study { view, switches, slope, extras, starts, reductions, fixed, printed })
 }
 
 fn against_path_tracing(

@@ -3,8 +3,11 @@
 use super::measure::{Cell, Gain, Series};
 use super::{Results, Study};
 use crate::regions::REGIONS;
-use crate::statistics::{Estimate, mean};
+use crate::statistics::{Estimate, log_slope_of, mean};
 use crate::table::Table;
+
+/// [`REGIONS`] in the words of the page.
+const REGION_WORDS: [&str; 3] = ["all pixels", "near edges", "elsewhere"];
 
 /// Every cell of every study, as figures.
 pub fn runs(results: &Results) -> Table {
@@ -22,7 +25,9 @@ pub fn runs(results: &Results) -> Table {
         let scene = &study.view.name;
         for (name, series) in [
             ("switches", &study.switches),
+            ("slope", &study.slope),
             ("extras", &study.extras),
+            ("starts", &study.starts),
             ("reductions", &study.reductions),
             ("fixed_m", &study.fixed),
             ("printed", &study.printed),
@@ -164,17 +169,22 @@ fn switches(study: &Study) -> String {
 }
 
 fn slopes(results: &Results) -> String {
-    let mut table = Table::new(&["scene", "converging variants", "all pixels", "elsewhere"]);
+    let mut header = vec!["scene".to_string(), "region".into()];
+    header.extend(results.size.shots.iter().map(|shots| format!("{shots} shots")));
+    header.extend(["slope of plain".into(), "mean slope of all switches".into()]);
+    let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
     for study in &results.studies {
-        let converging = || study.switches.iter().filter(|series| series.variant.converges);
-        let words = |region: usize| {
-            let slopes: Vec<f64> = converging().map(|series| series.slope(region).value).collect();
-            let low = slopes.iter().copied().fold(f64::INFINITY, f64::min);
-            let high = slopes.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            format!("{:.2} ({low:.2} … {high:.2})", mean(&slopes))
-        };
-        let name = study.view.name.clone();
-        table.add(vec![name, converging().count().to_string(), words(0), words(2)]);
+        for region in 0..REGIONS.len() {
+            let cells: Vec<&Cell> = study.slope.iter().flat_map(|series| &series.cells).collect();
+            let points: Vec<(f64, Estimate)> =
+                cells.iter().map(|cell| (cell.shots as f64, cell.error(region))).collect();
+            let converging = study.switches.iter().filter(|series| series.variant.converges);
+            let others: Vec<f64> = converging.map(|series| series.slope(region).value).collect();
+            let mut row = vec![study.view.name.clone(), REGION_WORDS[region].into()];
+            row.extend(points.iter().map(|(_, error)| percent_with(*error)));
+            row.extend([ratio(log_slope_of(&points)), format!("{:.2}", mean(&others))]);
+            table.add(row);
+        }
     }
     table.markdown()
 }
@@ -270,6 +280,7 @@ fn fixed_m(results: &Results) -> String {
 fn printed(results: &Results) -> String {
     let mut table = Table::new(&[
         "scene",
+        "variant",
         "iterations",
         "rRMSE",
         "noise",
@@ -279,17 +290,20 @@ fn printed(results: &Results) -> String {
         "seconds",
     ]);
     for study in &results.studies {
-        for cell in study.printed.iter().flat_map(|series| &series.cells) {
-            table.add(vec![
-                study.view.name.clone(),
-                cell.iterations.to_string(),
-                percent_with(cell.error(0)),
-                percent(cell.noise(0)),
-                percent(cell.bias(0)),
-                format!("{:.3}", cell.energy(0).value),
-                percent(cell.light_ratio()),
-                format!("{:.1}", cell.mean_seconds()),
-            ]);
+        for series in &study.printed {
+            for cell in &series.cells {
+                table.add(vec![
+                    study.view.name.clone(),
+                    series.variant.name.clone(),
+                    cell.iterations.to_string(),
+                    percent_with(cell.error(0)),
+                    percent(cell.noise(0)),
+                    percent(cell.bias(0)),
+                    format!("{:.3}", cell.energy(0).value),
+                    percent(cell.light_ratio()),
+                    format!("{:.1}", cell.mean_seconds()),
+                ]);
+            }
         }
     }
     table.markdown()

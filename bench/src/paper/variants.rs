@@ -191,9 +191,14 @@ pub fn fixed_m(values: &[u64]) -> Vec<Variant> {
     variants
 }
 
-/// The algorithm exactly as printed, hemicubes of 600 × 600 pixels.
-pub fn printed() -> Variant {
-    Variant::stuck("paper", &[("preset", "paper")])
+/// The algorithm exactly as printed, hemicubes of 600 × 600 pixels; and without the part of it
+/// that needs a closed scene.
+pub fn printed() -> Vec<Variant> {
+    let without = [("preset", "paper"), ("constant_radiance", "off")];
+    vec![
+        Variant::stuck("as printed", &[("preset", "paper")]),
+        Variant::stuck("without the constant term", &without),
+    ]
 }
 
 /// What a picture's true error comes from: patches and their reconstruction.
@@ -222,7 +227,14 @@ mod tests {
         for variant in &switches {
             assert!(names.insert(variant.name.clone()), "{} twice", variant.name);
         }
-        let all = [switches, paper_extras(), paper_reductions(), fixed_m(&[64]), discretisations()];
+        let all = [
+            switches,
+            printed(),
+            paper_extras(),
+            paper_reductions(),
+            fixed_m(&[64]),
+            discretisations(),
+        ];
         for variant in all.iter().flatten() {
             let options: BTreeMap<String, String> =
                 variant.options.iter().map(|(n, v)| ((*n).into(), v.clone())).collect();
