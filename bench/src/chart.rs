@@ -12,8 +12,8 @@ const COLORS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
-    RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
+    RGBColor(230, 159, 0),
 ];
 const GUIDE: RGBColor = RGBColor(150, 150, 150);
 const GRID: RGBColor = RGBColor(225, 225, 225);
@@ -118,13 +118,14 @@ fn color(index: usize) -> RGBColor {
 /// A marker at a pixel of the whole chart, so that lines differ by more than colour.
 fn draw_marker(root: &Area, index: usize, at: (i32, i32)) -> Drawn {
     let color = color(index);
-    match index % 4 {
+    match index % 5 {
         0 => root.draw(&Circle::new(at, 3, color.filled())),
         1 => root.draw(&TriangleMarker::new(at, 5, color.filled())),
         2 => {
             root.draw(&Rectangle::new([(at.0 - 3, at.1 - 3), (at.0 + 3, at.1 + 3)], color.filled()))
         }
-        _ => root.draw(&Cross::new(at, 4, color.stroke_width(2))),
+        3 => root.draw(&Cross::new(at, 4, color.stroke_width(2))),
+        _ => root.draw(&Circle::new(at, 4, color.stroke_width(2))),
     }
 }
 
