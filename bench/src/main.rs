@@ -1,6 +1,17 @@
-//! Benchmarks. `shots` measures whole iterations a second on every device side by side.
+//! Benchmarks. `shots` measures whole iterations a second on every device side by side; `paper`
+//! measures the claims of the paper that the method comes from.
+//!
+//! What benchmarks share: [`accuracy`] and [`regions`] (errors, and over which pixels),
+//! [`statistics`], [`table`], [`chart`] and [`sheet`] (CSV and Markdown, SVG, PNG).
 
+mod accuracy;
+mod chart;
+mod paper;
+mod regions;
+mod sheet;
 mod shots;
+mod statistics;
+mod table;
 
 use clap::{Parser, Subcommand};
 
@@ -15,10 +26,13 @@ struct Arguments {
 enum Benchmark {
     /// Shots per second: triangles × hemicube resolution × device.
     Shots(shots::Arguments),
+    /// Claims of the hemicube shooting paper: error and time of every switch, with page and charts.
+    Paper(paper::Arguments),
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     match Arguments::parse().benchmark {
         Benchmark::Shots(arguments) => shots::run(&arguments),
+        Benchmark::Paper(arguments) => paper::run(&arguments),
     }
 }

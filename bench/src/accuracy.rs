@@ -1,0 +1,217 @@
+//! How far pictures are from a reference: relative errors free of the reference's own noise,
+//! split into noise and bias over repetitions.
+//!
+//! Relative errors are over linear RGB: √mean((x − ref)²)/mean(ref) over the counted pixels.
+
+use hemilux_engine::image::Picture;
+use hemilux_engine::radiometry::Rgb;
+
+/// Two independent pictures A and B of the same truth. mean((x − A)(x − B)) estimates the squared
+/// error of an independent x without the noise of either.
+pub struct Reference {
+    first: Picture,
+    second: Picture,
+}
+
+impl Reference {
+    /// Two halves.
+    ///
+    /// # Panics
+    /// Where their sizes differ.
+    pub fn new(first: Picture, second: Picture) -> Self {
+        assert_eq!(size(&first), size(&second), "the halves of a reference differ in size");
+        Self { first, second }
+    }
+
+    /// Mean of both halves.
+    pub fn picture(&self) -> Picture {
+        let both = self.first.pixels.iter().zip(&self.second.pixels);
+        Picture { pixels: both.map(|(a, b)| (*a + *b) * 0.5).collect(), ..self.first }
+    }
+
+    /// Mean radiance over the counted pixels.
+    pub fn mean(&self, counted: &[bool]) -> f64 {
+        0.5 * (mean(&self.first, counted) + mean(&self.second, counted))
+    }
+
+    /// Estimated relative error of [`Reference::picture`] itself.
+    pub fn own_error(&self, counted: &[bool]) -> f64 {
+        let squares = product(&self.first, &self.second, &self.first, &self.second, 1.0, counted);
+        0.5 * squares.sqrt() / self.mean(counted)
+    }
+
+    /// Squared relative error of `x`: unbiased, so below 0 at times where `x` is about as good as
+    /// the reference.
+    pub fn squared_error(&self, x: &Picture, counted: &[bool]) -> f64 {
+        product(x, &self.first, x, &self.second, 1.0, counted) / self.mean(counted).powi(2)
+    }
+
+    /// Mean radiance of `x` over that of the reference.
+    pub fn energy(&self, x: &Picture, counted: &[bool]) -> f64 {
+        mean(x, counted) / self.mean(counted)
+    }
+}
+
+/// √ of a squared error; an estimate below 0 stays visible as a negative error.
+pub fn error(squared: f64) -> f64 {
+    squared.abs().sqrt().copysign(squared)
+}
+
+/// Repetitions of a picture with independent seeds, for telling noise from bias.
+pub struct Repetitions {
+    sum: Picture,
+    count: usize,
+}
+
+impl Repetitions {
+    /// None yet.
+    pub fn new(width: u32, height: u32) -> Self {
+        Self { sum: Picture::black(width, height), count: 0 }
+    }
+
+    /// One more.
+    pub fn add(&mut self, x: &Picture) {
+        assert_eq!(size(x), size(&self.sum), "repetitions differ in size");
+        self.sum.pixels.iter_mut().zip(&x.pixels).for_each(|(sum, x)| *sum += *x);
+        self.count += 1;
+    }
+
+    /// Squared relative bias: mean over pairs s ≠ t of mean((x_s − A)(x_t − B)), unbiased, so at
+    /// times below 0. `squared_errors` are those of the repetitions over the same pixels. NaN with
+    /// fewer than two.
+    pub fn squared_bias(
+        &self,
+        reference: &Reference,
+        squared_errors: &[f64],
+        counted: &[bool],
+    ) -> f64 {
+        assert_eq!(squared_errors.len(), self.count, "one error a repetition");
+        let n = self.count as f64;
+        if self.count < 2 {
+            return f64::NAN;
+        }
+        let (a, b) = (&reference.first, &reference.second);
+        let all = product(&self.sum, a, &self.sum, b, n, counted) / reference.mean(counted).powi(2);
+        (all - squared_errors.iter().sum::<f64>()) / (n * (n - 1.0))
+    }
+}
+
+/// Mean over counted pixels and channels of (x − scale·a)(y − scale·b).
+fn product(
+    x: &Picture,
+    a: &Picture,
+    y: &Picture,
+    b: &Picture,
+    scale: f64,
+    counted: &[bool],
+) -> f64 {
+    for other in [a, y, b] {
+        assert_eq!(size(x), size(other), "pictures differ in size");
+    }
+    assert_eq!(counted.len(), x.pixels.len(), "a mask is for another size");
+    let scale = scale as f32;
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (at, _) in counted.iter().enumerate().filter(|(_, counted)| **counted) {
+        let left: Rgb = x.pixels[at] - scale * a.pixels[at];
+        let right: Rgb = y.pixels[at] - scale * b.pixels[at];
+        sum += f64::from((left * right).element_sum());
+        count += 3.0;
+    }
+    sum / count
+}
+
+/// Mean radiance over the counted pixels and the channels.
+pub fn mean(x: &Picture, counted: &[bool]) -> f64 {
+    assert_eq!(counted.len(), x.pixels.len(), "a mask is for another size");
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (pixel, _) in x.pixels.iter().zip(counted).filter(|(_, counted)| **counted) {
+        sum += f64::from(pixel.element_sum());
+        count += 3.0;
+    }
+    sum / count
+}
+
+fn size(x: &Picture) -> (u32, u32) {
+    (x.width, x.height)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hemilux_engine::random::{Stream, uniform};
+
+    const SIDE: u32 = 64;
+
+    /// 2 + bias + uniform noise of standard deviation `noise`.
+    fn noisy(seed: u64, bias: f32, noise: f32) -> Picture {
+        let mut at = 0;
+        let mut value = || {
+            at += 1;
+            2.0 + bias + noise * 12f32.sqrt() * (uniform(seed, Stream::PointU, at) - 0.5)
+        };
+        let pixels = (0..SIDE * SIDE).map(|_| Rgb::new(value(), value(), value())).collect();
+        Picture { width: SIDE, height: SIDE, pixels }
+    }
+
+    fn all() -> Vec<bool> {
+        vec![true; (SIDE * SIDE) as usize]
+    }
+
+    fn exact() -> Reference {
+        Reference::new(noisy(1, 0.0, 0.0), noisy(1, 0.0, 0.0))
+    }
+
+    #[test]
+    fn a_planted_error_is_found_where_it_is_counted() {
+        let reference = exact();
+        let mut x = noisy(1, 0.0, 0.0);
+        assert_eq!(reference.squared_error(&x, &all()), 0.0);
+        assert_eq!(reference.energy(&x, &all()), 1.0);
+        x.pixels[5].y += 3.0;
+        let expected = (9.0 / (3.0 * f64::from(SIDE * SIDE))).sqrt() / 2.0;
+        let found = error(reference.squared_error(&x, &all()));
+        assert!((found / expected - 1.0).abs() < 1e-6, "{found} {expected}");
+        assert!(reference.energy(&x, &all()) > 1.0);
+        let mut without = all();
+        without[5] = false;
+        assert_eq!(reference.squared_error(&x, &without), 0.0);
+    }
+
+    /// A reference noisier than the picture hides its error from the plain formula, not from this.
+    #[test]
+    fn noise_of_the_reference_is_left_out() {
+        let reference = Reference::new(noisy(1, 0.0, 0.4), noisy(2, 0.0, 0.4));
+        let own = reference.own_error(&all());
+        assert!((own / (0.4 / 2f64.sqrt() / 2.0) - 1.0).abs() < 0.03, "{own}");
+        let found = error(reference.squared_error(&noisy(3, 0.0, 0.2), &all()));
+        assert!((found / 0.1 - 1.0).abs() < 0.1, "{found}");
+        let found = error(reference.squared_error(&noisy(3, 0.0, 0.1), &all()));
+        assert!((found / 0.05 - 1.0).abs() < 0.2, "{found}");
+    }
+
+    #[test]
+    fn noise_and_bias_are_told_apart() {
+        let reference = Reference::new(noisy(1, 0.0, 0.2), noisy(2, 0.0, 0.2));
+        for bias in [0.0f32, 0.1] {
+            let mut repetitions = Repetitions::new(SIDE, SIDE);
+            let mut errors = Vec::new();
+            for seed in 10..16 {
+                let x = noisy(seed, bias, 0.3);
+                errors.push(reference.squared_error(&x, &all()));
+                repetitions.add(&x);
+            }
+            let squared_bias = repetitions.squared_bias(&reference, &errors, &all());
+            let total = errors.iter().sum::<f64>() / errors.len() as f64;
+            let expected = f64::from(bias / 2.0).powi(2);
+            assert!((squared_bias - expected).abs() < 5e-4, "{squared_bias} {expected}");
+            let noise = error(total - squared_bias);
+            assert!((noise / 0.15 - 1.0).abs() < 0.05, "{noise}");
+        }
+    }
+
+    #[test]
+    fn negative_estimates_stay_visible() {
+        assert_eq!(error(-0.04), -0.2);
+        assert_eq!(error(0.04), 0.2);
+    }
+}
