@@ -200,7 +200,7 @@ impl Tracer<'_> {
             if self.lights.is_of(disk, surface.triangle) {
                 continue;
             }
-            let mut ray = |at, walk: &mut Walk| {
+            let ray = |at, walk: &mut Walk| {
                 let Some((end, direction, light)) = disk.light(from, at) else {
                     return (Rgb::ZERO, 0.0);
                 };
