@@ -111,10 +111,11 @@ fn file_users(sources: &[Source]) -> Vec<String> {
 }
 
 /// The engine's modules in the order that light takes; each may name those before it.
-const ORDER: [&str; 11] = [
+const ORDER: [&str; 12] = [
     "radiometry",
     "random",
     "scene",
+    "rays",
     "patches",
     "hemicube",
     "raster",

@@ -1,8 +1,9 @@
 //! Light transport by hemicube shooting.
 //!
 //! The modules follow the light: [`radiometry`] names the quantities, [`scene`] says what is
-//! there, [`patches`] cuts it into finite elements, [`hemicube`] turns a shot into pixels,
-//! [`device`] runs shots, [`form_factors`] knows the classic routes to compare them with, [`transport`] holds the methods that decide which shots to run,
+//! there, [`rays`] says what a ray meets, [`patches`] cuts the scene into finite elements,
+//! [`hemicube`] turns a shot into pixels, [`device`] runs shots, [`form_factors`] knows the classic
+//! routes to compare them with, [`transport`] holds the methods that decide which shots to run,
 //! [`measurement`] turns the solution into camera radiance and [`image`] into files.
 //! [`render`] ties them together for one job.
 //!
@@ -12,6 +13,8 @@
 pub mod radiometry;
 pub mod random;
 pub mod scene;
+
+pub mod rays;
 
 pub mod patches;
 

@@ -25,6 +25,10 @@ pub enum Stream {
     FirstShot = 9,
     /// Whether a chain of bounces goes on.
     Roulette = 10,
+    /// Walks of rays.
+    Path = 11,
+    /// Which cell of a pixel rays go through.
+    Stratum = 12,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for
@@ -47,6 +51,49 @@ pub fn uniform(seed: u64, stream: Stream, counter: u64) -> f32 {
     (bits(seed, stream, counter) >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
+/// The random numbers of one walk, as many as it takes: each a pure function of (seed, stream,
+/// walk, its place in the sequence). SplitMix64 (Steele, Lea, Flood 2014), for the processor only.
+#[derive(Clone, Debug)]
+pub struct Numbers {
+    state: u64,
+}
+
+impl Numbers {
+    /// The sequence of a walk.
+    pub fn new(seed: u64, stream: Stream, walk: u64) -> Self {
+        Self { state: mix(mix(mix(seed) ^ stream as u64) ^ walk) }
+    }
+
+    /// The next uniform number in [0, 1), with 24 bits.
+    #[inline]
+    pub fn uniform(&mut self) -> f32 {
+        (self.bits() >> 40) as f32 * (1.0 / 16_777_216.0)
+    }
+
+    /// The next uniform number in [0, 1), with 53 bits, for picks of small probability.
+    #[inline]
+    pub fn fine(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
+    }
+
+    #[inline]
+    fn bits(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(GOLDEN);
+        mix(self.state)
+    }
+}
+
+/// 2⁶⁴ over the golden ratio, odd.
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// The output function of SplitMix64, a bijection that scatters neighbours.
+#[inline]
+fn mix(x: u64) -> u64 {
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -61,6 +108,23 @@ mod tests {
         assert!((mean - 0.5).abs() < 3.0 * (1.0 / 12.0 / n as f64).sqrt());
         assert!((variance - 1.0 / 12.0).abs() < 1e-3);
         assert!(serial.abs() < 3.0 * (1.0 / 12.0) / (n as f64).sqrt());
+    }
+
+    #[test]
+    fn walks_are_uniform_along_and_across() {
+        let n = 50_000u64;
+        let mut walk = Numbers::new(7, Stream::Path, 3);
+        let along: Vec<f64> = (0..n).map(|_| walk.uniform() as f64).collect();
+        let first = |i| Numbers::new(7, Stream::Path, i).uniform() as f64;
+        let across: Vec<f64> = (0..n).map(first).collect();
+        for x in [&along, &across] {
+            let mean = x.iter().sum::<f64>() / n as f64;
+            let serial = x.windows(2).map(|w| (w[0] - mean) * (w[1] - mean)).sum::<f64>();
+            assert!((mean - 0.5).abs() < 3.0 * (1.0 / 12.0 / n as f64).sqrt(), "{mean}");
+            assert!((serial / n as f64).abs() < 3.0 / 12.0 / (n as f64).sqrt(), "{serial}");
+        }
+        let other = Numbers::new(8, Stream::Path, 3).uniform();
+        assert_ne!(Numbers::new(7, Stream::Path, 3).uniform(), other);
     }
 
     #[test]

@@ -91,7 +91,7 @@ impl Limits {
 pub struct Progress {
     /// Whole iterations done.
     pub iterations: u64,
-    /// Hemicube shots done.
+    /// Hemicube shots done, or rays traced.
     pub shots: u64,
     /// Share of shots whose shooter emits (Antal §3), 0 before the first shot.
     pub light_source_selection_ratio: f64,
@@ -149,7 +149,7 @@ pub struct Stats {
     pub stopped: StopReason,
     /// Whole iterations.
     pub iterations: u64,
-    /// Hemicube shots.
+    /// Hemicube shots, or rays.
     pub shots: u64,
     /// Share of shots whose shooter emits.
     pub light_source_selection_ratio: f64,

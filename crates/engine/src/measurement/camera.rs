@@ -44,7 +44,7 @@ fn moved(plane: PixelPlane, offset: Vec2) -> PixelPlane {
 }
 
 /// World to homogeneous picture coordinates: x and y over z in [−1, 1] inside the picture.
-struct Frame {
+pub struct Frame {
     eye: Vec3,
     right: Vec3,
     up: Vec3,
@@ -55,7 +55,8 @@ struct Frame {
 }
 
 impl Frame {
-    fn new(camera: &Camera, width: u32, height: u32) -> Self {
+    /// The frame of a camera's picture of `width` × `height` pixels.
+    pub fn new(camera: &Camera, width: u32, height: u32) -> Self {
         let axis = |v: glam::Vec4| v.truncate().normalize_or_zero();
         let m = camera.to_world;
         let (half_height, perspective) = match camera.projection {
@@ -70,6 +71,17 @@ impl Frame {
             forward: -axis(m.z_axis),
             half: Vec2::new(half_height * aspect, half_height),
             perspective,
+        }
+    }
+
+    /// Where the ray through picture coordinates (x right, y up, [−1, 1] each) starts, in world
+    /// space, and its unit direction.
+    pub fn ray(&self, at: Vec2) -> (Vec3, Vec3) {
+        let across = self.right * (at.x * self.half.x) + self.up * (at.y * self.half.y);
+        if self.perspective {
+            (self.eye, (self.forward + across).normalize())
+        } else {
+            (self.eye + across, self.forward)
         }
     }
 

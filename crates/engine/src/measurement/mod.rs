@@ -11,6 +11,7 @@ use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::raster::{Target, fill};
 use crate::scene::{Camera, Projection};
+pub use camera::Frame;
 use camera::View;
 use glam::Vec2;
 use rayon::prelude::*;

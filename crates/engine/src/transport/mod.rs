@@ -5,6 +5,7 @@ mod batches;
 pub mod known;
 pub mod options;
 mod radiosity;
+mod ray_traced;
 mod run;
 mod stage;
 mod stochastic;
@@ -41,10 +42,12 @@ pub const REGISTRY: &[&dyn Method] = &[
     &radiosity::MonteCarlo,
     &radiosity::Progressive,
     &radiosity::GaussSeidel,
+    &ray_traced::RayTraced,
 ];
 
 /// Names that a request may use for its method.
-pub const METHODS: &[&str] = &["auto", "stochastic", "monte-carlo", "progressive", "gauss-seidel"];
+pub const METHODS: &[&str] =
+    &["auto", "stochastic", "monte-carlo", "progressive", "gauss-seidel", "ray-traced"];
 
 /// Runs a request with the method that it names; `auto` picks one and says why.
 ///

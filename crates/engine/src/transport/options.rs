@@ -1,6 +1,7 @@
 //! Settings of the methods by name, with their defaults and ranges.
 
 use super::known::ConstantRadiance;
+use super::ray_traced::RayTracedSettings;
 use crate::device::{Faces, Selection, ShootingSettings, Substitute};
 use crate::measurement::reconstruction::Smoothness;
 use crate::patches::MAX_PATCHES;
@@ -20,6 +21,11 @@ pub struct OptionSpec {
 
 /// Every setting.
 pub const OPTIONS: &[OptionSpec] = &[
+    OptionSpec {
+        name: "adaptive_contrast",
+        default: "0.3",
+        meaning: "rays, pixel_sampling adaptive: a pixel's cells whose samples differ by more than this contrast |a−b|/(a+b) are split, 0 to 1",
+    },
     OptionSpec {
         name: "ambient",
         default: "true",
@@ -56,6 +62,11 @@ pub const OPTIONS: &[OptionSpec] = &[
         meaning: "pixels R along the top of the hemicube, even, 8 to 2048",
     },
     OptionSpec {
+        name: "light_sampling",
+        default: "area",
+        meaning: "rays: area: points of the emissive triangles; disk, rim: each connected group of them as a disk, sampled over its area or along its edge, its centre weighted by cosⁿθ and the random points by 1 − cosⁿθ (Lange; biased)",
+    },
+    OptionSpec {
         name: "patches",
         default: "16000",
         meaning: "wanted number of surface patches, 1 to 4000000; at least one a triangle side",
@@ -63,7 +74,12 @@ pub const OPTIONS: &[OptionSpec] = &[
     OptionSpec {
         name: "pixel_samples",
         default: "16",
-        meaning: "sub-pixel samples of the picture, 1 to 256",
+        meaning: "sub-pixel samples of the picture, 1 to 256; of rays: cells of a jittered pixel, one a pass, or most samples of an adaptive one in each pass",
+    },
+    OptionSpec {
+        name: "pixel_sampling",
+        default: "jittered",
+        meaning: "rays: independent; jittered: stratified; adaptive: Dippé's adaptive rectangular jitter, biased as samples that decide about splits are kept; adaptive_fresh: the same cells with new samples, unbiased",
     },
     OptionSpec {
         name: "preset",
@@ -74,6 +90,21 @@ pub const OPTIONS: &[OptionSpec] = &[
         name: "random_azimuth",
         default: "true",
         meaning: "turn each hemicube about its normal by a random angle",
+    },
+    OptionSpec {
+        name: "ray_depth",
+        default: "0",
+        meaning: "rays: most reflections of a path, 1 to 1000000: 1 is direct light only; 0 is no limit",
+    },
+    OptionSpec {
+        name: "ray_preset",
+        default: "default",
+        meaning: "rays: default, or lange: what is not set otherwise is as Lange's importance sampling has it",
+    },
+    OptionSpec {
+        name: "rays_per_pixel",
+        default: "1",
+        meaning: "rays N that leave the first surface, 1 to 4096: kd·N/(kd+ks) by the cosine, ks·N/(kd+ks) by the Phong lobe, and N light samples; each goes on as one path",
     },
     OptionSpec {
         name: "reconstruction",
@@ -131,6 +162,13 @@ const PAPER: &[(&str, &str)] = &[
     ("variance_reduction", "zero"),
 ];
 
+/// Lange's importance sampling, as Rogers describes it.
+const LANGE: &[(&str, &str)] = &[("light_sampling", "disk"), ("rays_per_pixel", "40")];
+
+/// Values that a setting brings with it: name, value, what that sets.
+type Preset = (&'static str, &'static str, &'static [(&'static str, &'static str)]);
+const PRESETS: &[Preset] = &[("preset", "paper", PAPER), ("ray_preset", "lange", LANGE)];
+
 /// Settings in force: the request's over the preset's over the defaults.
 pub struct Settings {
     values: BTreeMap<String, String>,
@@ -144,8 +182,10 @@ impl Settings {
     pub fn new(given: &BTreeMap<String, String>) -> Result<Self, RenderError> {
         let mut values: BTreeMap<String, String> =
             OPTIONS.iter().map(|option| (option.name.into(), option.default.into())).collect();
-        if given.get("preset").is_some_and(|preset| preset == "paper") {
-            values.extend(PAPER.iter().map(|(name, value)| ((*name).into(), (*value).into())));
+        for (setting, choice, brings) in PRESETS {
+            if given.get(*setting).is_some_and(|value| value == choice) {
+                values.extend(brings.iter().map(|(name, value)| ((*name).into(), (*value).into())));
+            }
         }
         for (name, value) in given {
             match values.get_mut(name) {
@@ -161,6 +201,7 @@ impl Settings {
         settings.stochastic()?;
         settings.radiosity()?;
         settings.mesh()?;
+        RayTracedSettings::new(&settings)?;
         Ok(settings)
     }
 
@@ -259,7 +300,8 @@ impl Settings {
         })
     }
 
-    fn whole(&self, name: &str, low: u64, high: u64) -> Result<u64, RenderError> {
+    /// A whole number in a range.
+    pub(super) fn whole(&self, name: &str, low: u64, high: u64) -> Result<u64, RenderError> {
         let value = &self.values[name];
         value.parse().ok().filter(|number| (low..=high).contains(number)).ok_or_else(|| {
             let what = format!("must be a whole number from {low} to {high}, not {value:?}");
@@ -279,7 +321,21 @@ impl Settings {
         }
     }
 
-    fn choice<T: Copy>(&self, name: &str, choices: &[(&str, T)]) -> Result<T, RenderError> {
+    /// A number in a range.
+    pub(super) fn number(&self, name: &str, low: f64, high: f64) -> Result<f64, RenderError> {
+        let value = &self.values[name];
+        value.parse().ok().filter(|number| (low..=high).contains(number)).ok_or_else(|| {
+            let what = format!("must be a number from {low} to {high}, not {value:?}");
+            RenderError::parameter(format!("options.{name}"), what)
+        })
+    }
+
+    /// What a word stands for.
+    pub(super) fn choice<T: Copy>(
+        &self,
+        name: &str,
+        choices: &[(&str, T)],
+    ) -> Result<T, RenderError> {
         let value = &self.values[name];
         let found = choices.iter().find(|(word, _)| word == value);
         found.map(|(_, meaning)| *meaning).ok_or_else(|| {
@@ -359,6 +415,10 @@ mod tests {
             ("random_azimuth", "perhaps"),
             ("variance_reduction_shots", "0"),
             ("preset", "Paper"),
+            ("ray_depth", "-1"),
+            ("adaptive_contrast", "NaN"),
+            ("pixel_sampling", "Jittered"),
+            ("rays_per_pixel", "0"),
             ("colour", "blue"),
         ] {
             let error = settings(&[(name, value)]).err().expect("must be refused").to_string();
@@ -369,7 +429,11 @@ mod tests {
     #[test]
     fn the_paper_is_a_preset_that_can_be_overridden() {
         let names: Vec<_> = OPTIONS.iter().map(|option| option.name).collect();
-        assert!(PAPER.iter().all(|(name, _)| names.contains(name)));
+        assert!(names.is_sorted());
+        for (setting, _, brings) in PRESETS {
+            assert!(names.contains(setting));
+            assert!(brings.iter().all(|(name, _)| names.contains(name)));
+        }
         let paper = settings(&[("preset", "paper")]).unwrap().stochastic().unwrap();
         assert_eq!((paper.shooting.resolution, paper.shooting.shots_per_iteration), (600, 1));
         assert_eq!(paper.constant, ConstantRadiance::Printed);

@@ -1,0 +1,276 @@
+//! Rays against the scene's own triangles: what one meets first, and whether anything is between
+//! two points.
+//!
+//! Lengths here are in *ray units*: the scene moved and scaled by a power of two so that it is
+//! about 2²⁰ across. So every tolerance is a share of the scene's size, and a scene of a micrometre
+//! is traced like one of a thousand kilometres. Directions and radiance don't depend on it.
+//!
+//! Neighbouring triangles leave no gap (Woop, Benthin, Wald 2013, "Watertight ray/triangle
+//! intersection"), and points on surfaces know how far off rounding may have put them (Pharr,
+//! Jakob, Humphreys, "Physically based rendering", §6.8), so rays start off their surface by no
+//! more than that.
+
+mod hierarchy;
+mod triangle;
+
+use crate::scene::Scene;
+use glam::{DVec3, UVec2, Vec3, Vec3A};
+use hierarchy::{Boxed, Hierarchy};
+use obvhs::ray::Ray as BoxRay;
+use obvhs::traverse;
+use triangle::{Corners, Crossing, Sheared};
+
+/// The scene is scaled to between this and twice this many ray units.
+const SIZE: f64 = 1_048_576.0;
+/// Boxes are larger than what they hold by this share of the scene's size: more than what
+/// rounding does to the distances to their planes.
+const BOX_MARGIN: f32 = 1.0 / 524_288.0;
+/// The black back of a one-sided surface counts as farther away by this share, so that a front at
+/// the same place wins: walls that are modelled as two sheets.
+const BACK_RECEDES: f32 = 1.0 / 65_536.0;
+/// Points of surfaces are off by at most this share of their coordinates.
+const POINT_ERROR: f32 = 1.0 / 1_048_576.0;
+/// Rays between points stop this share short of the end.
+const SHORT_OF_END: f32 = 1.0 - 1.0 / 262_144.0;
+
+/// Who looks along a ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Eye {
+    /// A camera: the backs of one-sided surfaces are invisible.
+    Camera,
+    /// Light: the backs of one-sided surfaces are black and opaque.
+    Light,
+}
+
+/// What a ray met.
+#[derive(Clone, Copy, Debug)]
+pub struct Hit {
+    /// Index into [`Scene::triangles`].
+    pub triangle: u32,
+    /// Barycentric (u, v), as in [`Scene::interpolate`].
+    pub u: f32,
+    /// See [`Hit::u`].
+    pub v: f32,
+    /// Distance in ray units.
+    pub distance: f32,
+    /// Whether the back was met.
+    pub back: bool,
+    leaf: u32,
+}
+
+/// A point of a surface.
+#[derive(Clone, Copy, Debug)]
+pub struct Spot {
+    /// Where, in ray units.
+    pub point: Vec3,
+    /// Unit geometric normal of the front.
+    pub normal: Vec3,
+    /// How far rounding may have moved the point along the normal, ray units.
+    pub error: f32,
+}
+
+impl Spot {
+    /// Uniform over a triangle or anywhere else: the point at barycentric (u, v).
+    pub fn new(corners: [Vec3; 3], u: f32, v: f32) -> Self {
+        let [a, b, c] = corners;
+        let normal = (b - a).cross(c - a).normalize_or(Vec3::Z);
+        let w = 1.0 - u - v;
+        let point = a * w + b * u + c * v;
+        let error = normal.abs().dot(a.abs() * w + b.abs() * u + c.abs() * v) * POINT_ERROR;
+        Self { point, normal, error }
+    }
+
+    /// Where rays that leave on the side of `normal` start.
+    pub fn off_surface(&self, normal: Vec3) -> Vec3 {
+        self.point + normal * self.error
+    }
+}
+
+/// A triangle as rays need it, in the order of the hierarchy's leaves.
+struct Leaf {
+    corners: Corners,
+    /// Index into [`Scene::triangles`].
+    triangle: u32,
+    two_sided: bool,
+}
+
+/// The scene for rays.
+pub struct Rays {
+    hierarchy: Hierarchy,
+    leaves: Vec<Leaf>,
+    center: DVec3,
+    scale: f64,
+    /// Centre and radius of a ball around everything, ray units.
+    ball: (DVec3, f64),
+}
+
+impl Rays {
+    /// Prepares a scene. Triangles without area are left out.
+    pub fn new(scene: &Scene) -> Self {
+        let (low, high) = scene.bounds().unwrap_or((Vec3::ZERO, Vec3::ONE));
+        let (low, high) = (low.as_dvec3(), high.as_dvec3());
+        let extent = (high - low).max_element().max(f64::from(f32::MIN_POSITIVE));
+        let farthest = low.abs().max(high.abs()).max_element();
+        // Moving costs a rounding, so only scenes far from the origin are.
+        let center = if farthest > 4.0 * extent { 0.5 * (low + high) } else { DVec3::ZERO };
+        let scale = (SIZE / extent).log2().floor().exp2();
+        let middle = (0.5 * (low + high) - center) * scale;
+        let mut rays = Self {
+            hierarchy: Hierarchy::default(),
+            leaves: Vec::new(),
+            center,
+            scale,
+            ball: (middle, 0.51 * (high - low).length() * scale),
+        };
+        let mut boxes = Vec::with_capacity(scene.triangles.len());
+        let mut leaves = Vec::with_capacity(scene.triangles.len());
+        let margin = Vec3A::splat((extent * scale) as f32 * BOX_MARGIN);
+        for (index, triangle) in scene.triangles.iter().enumerate() {
+            let corners = scene.corners(triangle).map(|corner| rays.place(corner));
+            let [a, b, c] = corners;
+            if (b - a).cross(c - a).length_squared() <= 0.0 {
+                continue;
+            }
+            let low = Vec3A::from(a.min(b).min(c)) - margin;
+            let high = Vec3A::from(a.max(b).max(c)) + margin;
+            boxes.push(Boxed { low, high, index: leaves.len() as u32 });
+            leaves.push(Leaf {
+                corners: corners.map(|corner| corner.to_array()),
+                triangle: index as u32,
+                two_sided: scene.materials[triangle.material as usize].double_sided,
+            });
+        }
+        rays.hierarchy = Hierarchy::new(&mut boxes);
+        rays.leaves = rays.hierarchy.in_order(leaves);
+        rays
+    }
+
+    /// Whether there is nothing to hit.
+    pub fn is_empty(&self) -> bool {
+        self.leaves.is_empty()
+    }
+
+    /// Bytes that [`Rays::new`] takes at its peak for a scene of so many triangles.
+    pub fn needed_bytes(triangles: u64) -> u64 {
+        triangles * 500
+    }
+
+    /// A world position in ray units.
+    pub fn place(&self, world: Vec3) -> Vec3 {
+        ((world.as_dvec3() - self.center) * self.scale).as_vec3()
+    }
+
+    /// The corners of a triangle in ray units, and its area.
+    pub fn corners(&self, scene: &Scene, triangle: u32) -> ([Vec3; 3], f32) {
+        let corners = scene.corners(&scene.triangles[triangle as usize]);
+        let [a, b, c] = corners.map(|corner| self.place(corner));
+        ([a, b, c], 0.5 * (b - a).cross(c - a).length())
+    }
+
+    /// A world position in ray units, moved along a unit direction to just before the scene: far
+    /// away, single precision would not do. `None` where the ray passes the scene.
+    pub fn approach(&self, world: Vec3, direction: Vec3) -> Option<Vec3> {
+        let origin = (world.as_dvec3() - self.center) * self.scale;
+        let (middle, radius) = self.ball;
+        let direction = direction.as_dvec3();
+        let along = (middle - origin).dot(direction);
+        let square = (origin + along * direction - middle).length_squared();
+        if square > radius * radius {
+            return None;
+        }
+        let before = (along - (radius * radius - square).sqrt()).max(0.0);
+        Some((origin + before * direction).as_vec3())
+    }
+
+    /// What a ray from `origin` (ray units) along the unit `direction` meets first.
+    pub fn closest(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<Hit> {
+        match axis(direction) {
+            0 => self.closest_along::<0>(eye, origin, direction),
+            1 => self.closest_along::<1>(eye, origin, direction),
+            _ => self.closest_along::<2>(eye, origin, direction),
+        }
+    }
+
+    /// Whether any triangle but those that `skip` names lies between two points (ray units).
+    pub fn blocked(&self, from: Vec3, to: Vec3, skip: impl Fn(u32) -> bool) -> bool {
+        let (between, distance) = (to - from, (to - from).length());
+        if distance <= 0.0 {
+            return false;
+        }
+        let (direction, end) = (between / distance, distance * SHORT_OF_END);
+        match axis(direction) {
+            0 => self.blocked_along::<0>(from, direction, end, skip),
+            1 => self.blocked_along::<1>(from, direction, end, skip),
+            _ => self.blocked_along::<2>(from, direction, end, skip),
+        }
+    }
+
+    /// The place that a hit tells.
+    pub fn spot(&self, hit: &Hit) -> Spot {
+        Spot::new(self.leaves[hit.leaf as usize].corners.map(Vec3::from_array), hit.u, hit.v)
+    }
+
+    fn closest_along<const Z: usize>(
+        &self,
+        eye: Eye,
+        origin: Vec3,
+        direction: Vec3,
+    ) -> Option<Hit> {
+        let sheared = Sheared::<Z>::new(origin, direction);
+        let mut ray = BoxRay::new(origin.into(), direction.into(), 0.0, f32::INFINITY);
+        let mut best: Option<(u32, Crossing)> = None;
+        let mut state = self.hierarchy.traversal(ray.direction);
+        let mut node;
+        let tree = self.hierarchy.tree();
+        traverse!(tree, node, state, node.intersect_ray(&ray, state.oct_inv4), {
+            let leaf = &self.leaves[state.primitive_id as usize];
+            if let Some(crossing) = sheared.cross(&leaf.corners, ray.tmax) {
+                let black = !crossing.front && !leaf.two_sided;
+                let seen_at = if black { crossing.t * (1.0 + BACK_RECEDES) } else { crossing.t };
+                if seen_at < ray.tmax && !(black && eye == Eye::Camera) {
+                    ray.tmax = seen_at;
+                    best = Some((state.primitive_id, crossing));
+                }
+            }
+        });
+        let (leaf, Crossing { t, u, v, front }) = best?;
+        let triangle = self.leaves[leaf as usize].triangle;
+        Some(Hit { triangle, u, v, distance: t, back: !front, leaf })
+    }
+
+    fn blocked_along<const Z: usize>(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        end: f32,
+        skip: impl Fn(u32) -> bool,
+    ) -> bool {
+        let sheared = Sheared::<Z>::new(origin, direction);
+        let ray = BoxRay::new(origin.into(), direction.into(), 0.0, end);
+        let mut state = self.hierarchy.traversal(ray.direction);
+        let mut node;
+        let tree = self.hierarchy.tree();
+        traverse!(tree, node, state, node.intersect_ray(&ray, state.oct_inv4), {
+            let leaf = &self.leaves[state.primitive_id as usize];
+            if sheared.cross(&leaf.corners, end).is_some() && !skip(leaf.triangle) {
+                return true;
+            }
+        });
+        false
+    }
+}
+
+/// The axis along which a direction goes most.
+fn axis(direction: Vec3) -> usize {
+    let Vec3 { x, y, z } = direction.abs();
+    if x > y && x > z {
+        0
+    } else if y > z {
+        1
+    } else {
+        2
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,205 @@
+//! Surfaces as rays meet them: diffuse plus modified Phong with full-detail textures, evaluated
+//! and importance sampled.
+
+use crate::hemicube::frame;
+use crate::radiometry::{LobeAlbedo, Reflectance, Rgb, importance};
+use crate::rays::{Eye, Hit, Rays, Spot};
+use crate::scene::Scene;
+use glam::Vec3;
+use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
+
+/// A scene for rays, with what its triangles reflect and emit.
+pub struct World {
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// Its triangles.
+    pub rays: Rays,
+    finishes: Vec<Finish>,
+}
+
+/// What a triangle reflects and emits.
+struct Finish {
+    /// At its first corner; everywhere where nothing varies.
+    reflectance: Reflectance,
+    emission: Rgb,
+    two_sided: bool,
+    varies: bool,
+}
+
+/// A point of a surface, seen from the side that reflects.
+#[derive(Clone, Copy, Debug)]
+pub struct Surface {
+    /// Index into [`Scene::triangles`].
+    pub triangle: u32,
+    /// Where.
+    pub spot: Spot,
+    /// Unit geometric normal of the side that is seen.
+    pub normal: Vec3,
+    /// Unit shading normal of that side: the lobe is about its mirror direction.
+    pub shading_normal: Vec3,
+    /// What it reflects.
+    pub reflectance: Reflectance,
+    /// Radiance that it emits.
+    pub emission: Rgb,
+}
+
+/// A direction that was picked for light to come from.
+pub struct Scattered {
+    /// Unit direction away from the surface.
+    pub direction: Vec3,
+    /// f_r·cosθ over the density.
+    pub factor: Rgb,
+    /// Density per solid angle.
+    pub density: f32,
+}
+
+impl World {
+    /// Prepares a scene.
+    pub fn new(scene: Arc<Scene>) -> Self {
+        let finish = |triangle: &crate::scene::Triangle| {
+            let material = &scene.materials[triangle.material as usize];
+            let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize].color);
+            Finish {
+                reflectance: material.reflectance(scene.base_color(triangle, 0.0, 0.0)),
+                emission: scene.emission(triangle, 0.0, 0.0),
+                two_sided: material.double_sided,
+                varies: material.base_color_texture.is_some()
+                    || (material.emits() && material.emission_texture.is_some())
+                    || a != b
+                    || b != c,
+            }
+        };
+        let finishes = scene.triangles.iter().map(finish).collect();
+        Self { rays: Rays::new(&scene), finishes, scene }
+    }
+
+    /// Whether a triangle's back reflects and emits too.
+    pub fn is_two_sided(&self, triangle: u32) -> bool {
+        self.finishes[triangle as usize].two_sided
+    }
+
+    /// Radiance that a triangle emits at barycentric (u, v).
+    pub fn emission(&self, triangle: u32, u: f32, v: f32) -> Rgb {
+        let finish = &self.finishes[triangle as usize];
+        if finish.varies {
+            self.scene.emission(&self.scene.triangles[triangle as usize], u, v)
+        } else {
+            finish.emission
+        }
+    }
+
+    /// The surface that a ray along the unit `direction` meets first; `None` where there is
+    /// nothing or a black back.
+    pub fn meet(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<(Surface, f32)> {
+        let hit = self.rays.closest(eye, origin, direction)?;
+        let finish = &self.finishes[hit.triangle as usize];
+        let black = hit.back && !finish.two_sided;
+        (!black).then(|| (self.surface(&hit, finish), hit.distance))
+    }
+
+    fn surface(&self, hit: &Hit, finish: &Finish) -> Surface {
+        let triangle = &self.scene.triangles[hit.triangle as usize];
+        let spot = self.rays.spot(hit);
+        let side = if hit.back { -1.0 } else { 1.0 };
+        let normal = spot.normal * side;
+        let (reflectance, emission) = if finish.varies {
+            let material = &self.scene.materials[triangle.material as usize];
+            let color = self.scene.base_color(triangle, hit.u, hit.v);
+            (material.reflectance(color), self.scene.emission(triangle, hit.u, hit.v))
+        } else {
+            (finish.reflectance, finish.emission)
+        };
+        let mut shading_normal = normal;
+        if reflectance.is_glossy() {
+            let given = self.scene.interpolate(triangle, hit.u, hit.v, |vertex| vertex.normal);
+            let given = (given * side).normalize_or(normal);
+            if given.dot(normal) > 0.0 {
+                shading_normal = given;
+            }
+        }
+        Surface { triangle: hit.triangle, spot, normal, shading_normal, reflectance, emission }
+    }
+}
+
+impl Surface {
+    /// Where rays that leave start.
+    pub fn start(&self) -> Vec3 {
+        self.spot.off_surface(self.normal)
+    }
+
+    /// Whether it reflects anything.
+    pub fn reflects(&self) -> bool {
+        self.reflectance.diffuse != Rgb::ZERO || self.reflectance.is_glossy()
+    }
+
+    /// The share of rays that are to sample the diffuse part: its share of what is reflected
+    /// towards `viewer`.
+    pub fn diffuse_share(&self, viewer: Vec3) -> f32 {
+        let Reflectance { diffuse, specular, exponent } = self.reflectance;
+        let cosine = self.shading_normal.dot(viewer);
+        if !self.reflectance.is_glossy() || cosine <= 0.0 {
+            return 1.0;
+        }
+        let diffuse = importance(diffuse);
+        let lobe = importance(specular) * LobeAlbedo::shared().at(exponent, cosine).max(1e-3);
+        diffuse / (diffuse + lobe)
+    }
+
+    /// f_r and, for directions picked diffusely with probability `diffuse_share`, their density.
+    pub fn evaluate(&self, viewer: Vec3, source: Vec3, diffuse_share: f32) -> (Rgb, f32) {
+        let Reflectance { diffuse, specular, exponent } = self.reflectance;
+        let cosine = self.normal.dot(source).max(0.0);
+        let (mut value, mut density) = (diffuse / PI, diffuse_share * cosine / PI);
+        if self.reflectance.is_glossy() {
+            let power = self.lobe(viewer, source);
+            value += specular * ((exponent + 2.0) / TAU * power);
+            density += (1.0 - diffuse_share) * ((exponent + 1.0) / TAU * power);
+        }
+        (value, density)
+    }
+
+    /// Picks a direction for light that leaves towards `viewer`: by the cosine if `diffusely`,
+    /// which must be so with probability `diffuse_share`, or else by the lobe. `None` where the
+    /// pick lies below the horizon.
+    pub fn scatter(
+        &self,
+        viewer: Vec3,
+        diffuse_share: f32,
+        diffusely: bool,
+        xi: [f32; 2],
+    ) -> Option<Scattered> {
+        let (cosine, axis) = if diffusely {
+            ((1.0 - xi[0]).sqrt(), self.normal)
+        } else {
+            let mirror = 2.0 * self.shading_normal.dot(viewer) * self.shading_normal - viewer;
+            let power = 1.0 / (self.reflectance.exponent + 1.0);
+            ((1.0 - xi[0]).powf(power), mirror.normalize_or(self.shading_normal))
+        };
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        let (tangent, bitangent) = frame(axis, 0.0);
+        let (sin, cos) = (TAU * xi[1]).sin_cos();
+        let direction = axis * cosine + (tangent * cos + bitangent * sin) * sine;
+        let cosine = self.normal.dot(direction);
+        if cosine <= 0.0 {
+            return None;
+        }
+        let (value, density) = self.evaluate(viewer, direction, diffuse_share);
+        (density > 0.0).then(|| Scattered {
+            direction,
+            factor: value * (cosine / density),
+            density,
+        })
+    }
+
+    /// cosⁿα between the mirror of `viewer` and `source`; 0 where either is below the horizon.
+    fn lobe(&self, viewer: Vec3, source: Vec3) -> f32 {
+        let (to_viewer, to_source) =
+            (self.shading_normal.dot(viewer), self.shading_normal.dot(source));
+        if to_viewer <= 0.0 || to_source <= 0.0 {
+            return 0.0;
+        }
+        let cosine = 2.0 * to_viewer * to_source - viewer.dot(source);
+        if cosine <= 0.0 { 0.0 } else { cosine.min(1.0).powf(self.reflectance.exponent) }
+    }
+}
