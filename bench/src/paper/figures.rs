@@ -93,7 +93,7 @@ pub fn sheets(results: &Results) -> Result<Vec<(String, Vec<u8>)>, Failure> {
     let mut constant = Vec::new();
     let mut regions = Vec::new();
     for study in &results.studies {
-        corners.push(corner_row(study));
+        corners.extend(corner_rows(study));
         constant.push(constant_row(study));
         regions.push(regions_cell(study));
     }
@@ -119,24 +119,22 @@ fn regions_cell(study: &Study) -> (String, Picture) {
     (study.view.name.clone(), picture)
 }
 
-/// Crops where the bare method is worst, for two run lengths like the paper's: converged, and
-/// after each length bare, zero and mean.
-fn corner_row(study: &Study) -> Row {
+/// Crops where the bare method is worst: a row for each rule, converged and after each length.
+fn corner_rows(study: &Study) -> impl Iterator<Item = Row> {
     let view = &study.view;
     let reference = view.flat.picture();
     let bare = &study.reductions[0];
-    let lengths = [(bare.cells.len() - 1) / 3, bare.cells.len() / 2];
-    let window = worst_window(&bare.cells[lengths[1]].picture, &reference, view);
-    let mut cells = vec![("converged".to_string(), window.crop(&reference))];
-    for at in lengths {
-        for series in &study.reductions {
-            let cell = &series.cells[at];
-            let label = format!("{}\n{} shots", series.variant.name, cell.shots);
-            cells.push((label, window.crop(&cell.picture)));
-        }
-    }
+    let middle = &bare.cells[bare.cells.len() / 2];
+    let window = worst_window(&middle.picture, &reference, view);
     let exposure = reference.exposure_factor(Exposure::Auto);
-    Row { title: view.name.clone(), exposure, cells }
+    study.reductions.iter().map(move |series| {
+        let converged = ("converged".to_string(), window.crop(&reference));
+        let lengths = series.cells.iter();
+        let crops =
+            lengths.map(|cell| (format!("{} shots", cell.shots), window.crop(&cell.picture)));
+        let title = format!("{}: {}", view.name, series.variant.name);
+        Row { title, exposure, cells: std::iter::once(converged).chain(crops).collect() }
+    })
 }
 
 fn worst_window(picture: &Picture, reference: &Picture, view: &super::View) -> Window {

@@ -1,0 +1,2 @@
+"""Open Image Denoise, with albedo and normals."""
+
