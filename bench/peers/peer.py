@@ -16,12 +16,13 @@ import numpy as np
 
 SIZE = 500
 
+# Programs print to standard output, some when they are imported; the answers need it alone.
+answers = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)
+
 
 def serve(make):
     """`make(scene path, size)` gives a function (effort, seed) → {name: (seconds, picture)}."""
-    # Programs print to standard output; the answers need it alone.
-    answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
     began = time.perf_counter()
     render = make(sys.argv[1], SIZE)
     render(1, 0)

@@ -4,12 +4,13 @@ import os
 import tempfile
 import time
 
+import peer  # first: it takes standard output
+
 import bpy
 import mathutils
 import numpy as np
 import OpenEXR
 
-import peer
 import scene as scenes
 
 

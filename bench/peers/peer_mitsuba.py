@@ -2,12 +2,13 @@
 
 import time
 
+import peer  # first: it takes standard output
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 import denoise
-import peer
 import scene as scenes
 
 mi.set_variant("llvm_ad_rgb")
