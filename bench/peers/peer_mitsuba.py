@@ -42,8 +42,7 @@ def shape(mesh):
     parameters["vertex_positions"] = mesh.positions.ravel()
     parameters["faces"] = mesh.triangles.ravel()
     if mesh.uvs is not None:
-        # Mitsuba's v goes upwards.
-        parameters["vertex_texcoords"] = (mesh.uvs * [1, -1] + [0, 1]).astype(np.float32).ravel()
+        parameters["vertex_texcoords"] = mesh.uvs.ravel()
     parameters.update()
     return made
 
