@@ -1,17 +1,10 @@
 //! Benchmarks. `shots` measures whole iterations a second on every device side by side; `paper`
 //! measures the claims of the paper that the method comes from.
 //!
-//! What benchmarks share: [`accuracy`] and [`regions`] (errors, and over which pixels),
-//! [`statistics`], [`table`], [`chart`] and [`sheet`] (CSV and Markdown, SVG, PNG).
+//! Errors, statistics, tables, charts and contact sheets are those of [`hemilux_charts`].
 
-mod accuracy;
-mod chart;
 mod paper;
-mod regions;
-mod sheet;
 mod shots;
-mod statistics;
-mod table;
 
 use clap::{Parser, Subcommand};
 

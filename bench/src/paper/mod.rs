@@ -319,7 +319,7 @@ fn rewrite(path: &Path, parts: &[(String, String)]) -> Result<(), Failure> {
     let read = std::fs::read_to_string(path);
     let mut text = read.map_err(|error| format!("cannot read {}: {error}", path.display()))?;
     for (name, content) in parts {
-        text = crate::table::replace_generated(&text, name, content)
+        text = hemilux_charts::table::replace_generated(&text, name, content)
             .map_err(|error| format!("{}: {error}", path.display()))?;
     }
     std::fs::write(path, text)?;

@@ -2,9 +2,9 @@
 
 use super::measure::{Cell, Gain, Series};
 use super::{Results, Study};
-use crate::regions::REGIONS;
-use crate::statistics::{Estimate, log_slope_of, mean};
-use crate::table::Table;
+use hemilux_charts::regions::REGIONS;
+use hemilux_charts::statistics::{Estimate, log_slope_of, mean};
+use hemilux_charts::table::Table;
 
 /// [`REGIONS`] in the words of the page.
 const REGION_WORDS: [&str; 3] = ["all pixels", "near edges", "elsewhere"];
