@@ -11,13 +11,11 @@ use std::collections::BTreeMap;
 
 /// Width and height of a panel of the chart, pixels.
 const PANEL: (u32, u32) = (520, 420);
-/// Pictures of the contact sheet are made smaller until they are no wider than this, …
+/// Pictures of the contact sheet are made smaller, or are shown larger, to be about this wide.
 const WIDEST: u32 = 260;
-/// … and shown larger where they are smaller than this.
-const NARROWEST: u32 = 130;
 /// Pictures in a row of the contact sheet.
 const COLUMNS: usize = 4;
-/// Pixels between the scale of differences and its numbers.
+/// Width of the scale of differences, pixels.
 const KEY_WIDTH: u32 = 24;
 
 /// A file of a report: its name and content.
@@ -152,7 +150,7 @@ pub fn chart(outcome: &Outcome) -> Chart {
 pub fn sheet(outcome: &Outcome) -> Result<Vec<u8>, String> {
     let (width, height) = outcome.task.size;
     let shrink = width.max(height).div_ceil(WIDEST);
-    let enlarge = (NARROWEST / width.max(1)).clamp(1, 8);
+    let enlarge = (WIDEST / width.max(height).max(1)).clamp(1, 8);
     let reference = outcome.truth.reference.picture();
     let entries: Vec<(&Contestant, &Cell)> = shown(outcome).collect();
     let differences: Vec<Vec<f32>> = entries
@@ -161,11 +159,11 @@ pub fn sheet(outcome: &Outcome) -> Result<Vec<u8>, String> {
         .collect();
     let scale = difference::scale(&differences);
     let small = |picture: &Picture| sheet::shrunk(picture, shrink);
-    let percent = 100.0 * scale;
+    let percent = (100.0 * scale).round();
 
     let mut pictures = vec![("reference".to_string(), small(&reference))];
     let key_height = small(&reference).height;
-    let key = difference::key(KEY_WIDTH.min(width), key_height);
+    let key = difference::key(KEY_WIDTH.div_ceil(enlarge), key_height);
     let legend = format!("+{percent} % (red, brighter)\n-{percent} % (blue, darker)");
     let mut below = vec![(legend, key)];
     for ((contestant, cell), differences) in entries.iter().zip(&differences) {
@@ -299,7 +297,7 @@ pub fn largest(outcome: &Outcome) -> String {
             format!("{:.2}", cell.median(|run| run.seconds)),
             percent_of(error),
             format!("{} to {}", percent_of(low), percent_of(high)),
-            percent_of(cell.bias),
+            if cell.bias < 0.0 { "none found".into() } else { percent_of(cell.bias) },
             percent_of(cell.median(|run| run.median_error)),
             percent_of(predicted),
             format!("{:.3}", cell.median(|run| run.mean_ratio)),

@@ -11,7 +11,6 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use hemilux_charts::chart::{Chart, Level, Line, Panel};
-use serde_json::json;
 use std::fmt::Write;
 use uuid::Uuid;
 
