@@ -124,7 +124,7 @@ fn file_users(sources: &[Source]) -> Vec<String> {
 }
 
 /// The engine's modules in the order that light takes; each may name those before it.
-const ORDER: [&str; 12] = [
+const ORDER: [&str; 13] = [
     "radiometry",
     "random",
     "scene",
@@ -133,6 +133,7 @@ const ORDER: [&str; 12] = [
     "hemicube",
     "raster",
     "device",
+    "form_factors",
     "image",
     "measurement",
     "render",
