@@ -200,7 +200,7 @@ fn families(quick: bool) -> Vec<Family> {
         ),
         Family { name: "rays", routes: cast.collect(), seeds },
         family(
-            "1 hemicube",
+            "single hemicube",
             boxed(
                 &|resolution| Box::new(Hemicubes { resolution, points: 1 }),
                 &[16, 32, 64, 128, 256, 512],

@@ -105,7 +105,8 @@ fn work(method: &str) -> (Option<u64>, &'static str) {
     match method {
         "gauss-seidel" => (None, "until converged: every row of the matrix, then sweeps"),
         "progressive" => (None, "until 10⁻⁵ of the emitted power is left"),
-        "stochastic" | "monte-carlo" => (Some(128), "128 iterations of 8 shots"),
+        "stochastic" => (Some(128), "128 iterations of 8 shots"),
+        "monte-carlo" => (Some(16), "16 passes through all bounces, about 60 shots each"),
         "ray-traced" => (Some(16), "16 paths a pixel; has no patches"),
         _ => (Some(16), "16 iterations"),
     }

@@ -306,16 +306,17 @@ fn draw_panel<D: DrawingBackend>(
     for level in panel.levels.iter().filter(|level| shows(level.value)) {
         let ends = [(x_range.start, level.value), (x_range.end, level.value)];
         chart.draw_series(DashedLineSeries::new(ends, 2, 3, WORDS.stroke_width(1)))?;
-        let (x, y) = chart.backend_coord(&ends[1]);
-        // Above the line, but below it where it runs along the top.
+        let (x, y) = chart.backend_coord(&ends[0]);
+        // On the left, where falling errors are still high; above the line, but below it where it
+        // runs along the top.
         let (_, top) = chart.backend_coord(&(x_range.end, y_range.end));
         let (at, side) = match y - top < 18 {
             true => (y + 3, VPos::Top),
             false => (y - 2, VPos::Bottom),
         };
         let style = TextStyle::from((FONT, 12).into_font());
-        let style = style.color(&WORDS).pos(Pos::new(HPos::Right, side));
-        root.draw(&Text::new(level.name.clone(), (x - 4, at), style))?;
+        let style = style.color(&WORDS).pos(Pos::new(HPos::Left, side));
+        root.draw(&Text::new(level.name.clone(), (x + 6, at), style))?;
     }
     let index = |line: &Line| names.iter().position(|name| *name == line.name).unwrap_or(0);
     for line in &panel.lines {

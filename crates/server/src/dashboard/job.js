@@ -76,7 +76,7 @@ export class JobView {
         h("div", { class: "job-side" },
           h("section", { class: "card", "aria-label": "Figures" }, h("div", { class: "progress" }, this.progressText, this.bar), figures),
           h("section", { class: "card" },
-            h("div", { class: "card-head" }, h("h3", {}, "Estimated error over time"), h("div", { class: "card-links" },
+            h("div", { class: "card-head" }, h("h3", {}, "Error over time"), h("div", { class: "card-links" },
               h("a", { class: "button small quiet", href: `/v1/jobs/${job.id}/chart.svg`, target: "_blank", title: "The chart as it is now, as a file of its own" }, icon("download"), "SVG"),
               h("a", { class: "button small quiet", href: `/v1/jobs/${job.id}/trace.csv`, download: `${shortId(job.id)}.csv`, title: "The numbers" }, icon("download"), "CSV"))),
             this.chart.root))),
