@@ -156,6 +156,8 @@ fn a_method_that_refuses_is_left_out_and_the_rest_goes_on() {
 fn wrong_usage_is_2_and_failure_is_1_before_any_work() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path();
+    // So many that their pictures of 8000 × 8000 pixels fit into no memory.
+    let budgets = (1..=96).map(|s| s.to_string()).collect::<Vec<_>>().join(",");
     for (arguments, code, words) in [
         (&["--methods", "magic"][..], 2, "no method"),
         (&["--methods", "stochastic,stochastic"], 2, "twice"),
@@ -163,6 +165,8 @@ fn wrong_usage_is_2_and_failure_is_1_before_any_work() {
         (&["--set", "gauss-siedel.patches=9"], 2, "not among the methods"),
         (&["--set", "colour=blue"], 2, "not a setting"),
         (&["--seconds", "0"], 2, "above 0"),
+        (&["--size", "8000x8000", "--seconds", &budgets], 2, "are available"),
+        (&["--size", "20000x9"], 2, "width"),
         (&["--camera", "nobody"], 2, "nobody"),
         (&["--device", "abacus"], 2, "abacus"),
         (&["--reference", "/no/such/file.exr"], 1, "cannot read"),

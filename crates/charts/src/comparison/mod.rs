@@ -12,8 +12,9 @@ pub use reference::{Truth, TruthError, from_files, trace};
 
 use crate::accuracy::{Repetitions, error};
 use crate::statistics::median;
-use hemilux_engine::device::Device;
+use hemilux_engine::device::{Device, free_memory};
 use hemilux_engine::image::Picture;
+use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
     CameraChoice, Limits, Observer, Progress, RenderError, RenderRequest, Rendered, StopReason,
     render,
@@ -72,6 +73,31 @@ impl Task {
         let runs = self.contenders.len() as f64 * self.seeds as f64;
         runs * self.budgets.iter().sum::<f64>()
     }
+}
+
+/// Bytes that a comparison of so many methods within so many budgets holds in pictures.
+pub fn needed_bytes((width, height): (u32, u32), methods: usize, budgets: usize) -> u64 {
+    // One picture a cell to tell bias from noise; a shown and a converged one a method; those of
+    // the reference, of the run under way and of the report.
+    let pictures = methods as u64 * (budgets as u64 + 2) + 12;
+    let pixels = u64::from(width) * u64::from(height);
+    pixels.saturating_mul(std::mem::size_of::<Rgb>() as u64).saturating_mul(pictures)
+}
+
+/// Refuses what would not fit into memory, before anything is allocated.
+///
+/// # Errors
+/// Says what is needed and what there is.
+pub fn check_memory(size: (u32, u32), methods: usize, budgets: usize) -> Result<(), String> {
+    let (needed, free) = (needed_bytes(size, methods, budgets), free_memory());
+    if needed <= free {
+        return Ok(());
+    }
+    Err(format!(
+        "{methods} methods within {budgets} budgets at {} × {} pixels need {needed} bytes, {free} \
+         are available; ask for smaller pictures, or fewer methods or budgets",
+        size.0, size.1
+    ))
 }
 
 /// Where runs happen and who is told about them.
@@ -191,15 +217,26 @@ pub struct Cell {
     pub runs: Vec<Run>,
     /// The part of the error that is the same for every seed; NaN with fewer than two.
     pub bias: f64,
-    /// The picture of the first seed.
+    /// The picture of the first seed; kept for the largest budget that has one.
     pub picture: Picture,
     repetitions: Repetitions,
+}
+
+impl Contestant {
+    /// Adds a run to the cell number `at`; smaller budgets' pictures are not needed any more.
+    fn add(&mut self, at: usize, run: Run, picture: &Picture) {
+        let first = self.cells[at].runs.is_empty();
+        self.cells[at].add(run, picture);
+        if let Some(smaller) = at.checked_sub(1).filter(|_| first) {
+            self.cells[smaller].picture = Picture::black(1, 1);
+        }
+    }
 }
 
 impl Cell {
     fn new(budget: f64, (width, height): (u32, u32)) -> Self {
         let repetitions = Repetitions::new(width, height);
-        let picture = Picture::black(width, height);
+        let picture = Picture::black(1, 1);
         Self { budget, runs: Vec::new(), bias: f64::NAN, picture, repetitions }
     }
 
@@ -264,8 +301,9 @@ pub struct Outcome {
 /// Runs every method for every seed and budget.
 ///
 /// # Errors
-/// Where the device does not open. Methods that fail are part of the outcome.
+/// Where the device does not open or the pictures don't fit into memory. Methods that fail are part of the outcome.
 pub fn compare(task: Task, truth: Truth, bench: &mut Bench<'_>) -> Result<Outcome, String> {
+    check_memory(task.size, task.contenders.len(), task.budgets.len())?;
     let begun = Instant::now();
     let description = match &bench.device {
         Some(device) => device.description(),
@@ -330,7 +368,8 @@ fn run_one(
         return;
     }
     if let Some((run, picture)) = &contestant.converged {
-        contestant.cells[at].add(Run { repeated: true, ..run.clone() }, picture);
+        let (run, picture) = (Run { repeated: true, ..run.clone() }, picture.clone());
+        contestant.add(at, run, &picture);
         return;
     }
     let limits = Limits { seconds: Some(task.budgets[at]), ..Limits::default() };
@@ -350,7 +389,7 @@ fn run_one(
             if finished {
                 contestant.converged = Some((run.clone(), rendered.picture.clone()));
             }
-            contestant.cells[at].add(run, &rendered.picture);
+            contestant.add(at, run, &rendered.picture);
         }
         Err(reason) => contestant.refusal = Some(reason),
     }

@@ -8,7 +8,8 @@ use super::render::{
 use crate::worker::devices;
 use clap::Args;
 use hemilux_charts::comparison::{
-    Bench, Contender, Outcome, Task, Truth, TruthError, compare, from_files, report, trace,
+    Bench, Contender, Outcome, Task, Truth, TruthError, check_memory, compare, from_files, report,
+    trace,
 };
 use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, choose_camera};
 use hemilux_engine::scene::Scene;
@@ -104,7 +105,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let mut bench = Bench::new(&mut open, &mut say, &interrupted);
     let name = scene_name(&arguments.scene);
-    let truth = truth(arguments, &name, &scene, &camera, &budgets, &mut bench)?;
+    let truth = truth(arguments, &name, &scene, &camera, (contenders.len(), &budgets), &mut bench)?;
     let half = truth.reference.halves()[0];
     let size = (half.width, half.height);
     let task = Task { name, scene, camera, size, contenders, budgets, seeds };
@@ -199,7 +200,7 @@ fn truth(
     name: &str,
     scene: &Arc<Scene>,
     camera: &CameraChoice,
-    budgets: &[f64],
+    (methods, budgets): (usize, &[f64]),
     bench: &mut Bench<'_>,
 ) -> Result<Truth, Failure> {
     let failed = |error| match error {
@@ -217,6 +218,7 @@ fn truth(
     }
     let side = if arguments.quick { 128 } else { 256 };
     let size = arguments.size.unwrap_or((side, side));
+    check_memory(size, methods, budgets.len()).map_err(Failure::usage)?;
     let largest = budgets.last().copied().unwrap_or(1.0);
     let seconds = arguments.reference_seconds.unwrap_or(REFERENCE_BUDGETS * largest);
     let truth = trace(name, scene, camera, size, seconds, bench).map_err(failed)?;
