@@ -1,17 +1,15 @@
 //! Benchmarks. `shots` measures whole iterations a second on every device side by side; `paper`
-//! measures the claims of the paper that the method comes from.
+//! measures the claims of the paper that the method comes from; `methods` compares all methods,
+//! `form-factors` the routes to a form factor, `growth` what more patches cost.
 //!
-//! What benchmarks share: [`accuracy`] and [`regions`] (errors, and over which pixels),
-//! [`statistics`], [`table`], [`chart`] and [`sheet`] (CSV and Markdown, SVG, PNG).
+//! Errors, statistics, tables, charts and contact sheets are those of [`hemilux_charts`].
 
-mod accuracy;
-mod chart;
+mod form_factors;
+mod growth;
+mod methods;
 mod paper;
-mod regions;
-mod sheet;
+mod results;
 mod shots;
-mod statistics;
-mod table;
 
 use clap::{Parser, Subcommand};
 
@@ -28,11 +26,24 @@ enum Benchmark {
     Shots(shots::Arguments),
     /// Claims of the hemicube shooting paper: error and time of every switch, with page and charts.
     Paper(paper::Arguments),
+    /// All methods side by side: error against time, pictures, with page and charts.
+    Methods(methods::Arguments),
+    /// The routes to a form factor against exact values: error against seconds.
+    FormFactors(form_factors::Arguments),
+    /// Seconds and memory of every method against the number of patches.
+    Growth(growth::Arguments),
+    /// One point of `growth`, in a process of its own.
+    #[command(hide = true)]
+    GrowthPoint(growth::PointArguments),
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     match Arguments::parse().benchmark {
         Benchmark::Shots(arguments) => shots::run(&arguments),
         Benchmark::Paper(arguments) => paper::run(&arguments),
+        Benchmark::Methods(arguments) => methods::run(&arguments),
+        Benchmark::FormFactors(arguments) => form_factors::run(&arguments),
+        Benchmark::Growth(arguments) => growth::run(&arguments),
+        Benchmark::GrowthPoint(arguments) => growth::point(&arguments),
     }
 }

@@ -3,7 +3,7 @@
 //! Devices take turns within each round, so that a noisy machine disturbs all alike; the table
 //! gives the median of the rounds and its ratio to the first device in the same round.
 
-use crate::statistics::median;
+use hemilux_charts::statistics::median;
 use hemilux_engine::device::{self, ShootingSettings};
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};

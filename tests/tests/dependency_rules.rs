@@ -84,14 +84,27 @@ fn forbidden_dependencies(manifest: &str) -> Vec<String> {
     violations
 }
 
-/// Rule 2: in the server, only the worker and the render command name the engine.
+/// Rule 2: in the server, only the worker and the commands that render name the engine.
 fn engine_users(sources: &[Source]) -> Vec<String> {
-    let allowed = ["worker", "cli::render"];
+    let allowed = ["worker", "cli::render", "cli::compare"];
     let users = sources.iter().filter(|source| !source.is_within(&allowed));
     users
         .filter(|source| source.code().any(|line| names(line, "hemilux_engine")))
         .map(|source| source.path.clone())
         .collect()
+}
+
+/// Rule 2b: what else of the server uses the charts draws with them. Their comparison renders,
+/// and is for the command alone.
+fn renderers_by_charts(sources: &[Source]) -> Vec<String> {
+    let drawn = |line: &str| {
+        let mut uses = line.match_indices("hemilux_charts").peekable();
+        let named = uses.peek().is_some();
+        let all_draw = uses.all(|(at, word)| line[at + word.len()..].starts_with("::chart"));
+        !named || all_draw
+    };
+    let users = sources.iter().filter(|source| !source.is_within(&["cli::compare"]));
+    users.filter(|s| !s.code().all(drawn)).map(|s| s.path.clone()).collect()
 }
 
 /// Rule 3: in the engine, only the importer, the made scenes and pictures know file formats or
@@ -111,7 +124,7 @@ fn file_users(sources: &[Source]) -> Vec<String> {
 }
 
 /// The engine's modules in the order that light takes; each may name those before it.
-const ORDER: [&str; 12] = [
+const ORDER: [&str; 13] = [
     "radiometry",
     "random",
     "scene",
@@ -120,6 +133,7 @@ const ORDER: [&str; 12] = [
     "hemicube",
     "raster",
     "device",
+    "form_factors",
     "image",
     "measurement",
     "render",
@@ -165,19 +179,35 @@ fn the_engine_depends_on_no_network_runtime_or_database() {
     assert_eq!(forbidden_dependencies(&manifest), Vec::<String>::new());
     let planted = "[package]\nname = \"tokio\"\n[dependencies]\nglam.workspace = true\ntokio = \"1\"\n[target.'cfg(unix)'.dependencies]\naxum.workspace = true\n";
     assert_eq!(forbidden_dependencies(planted), ["tokio = \"1\"", "axum.workspace = true"]);
+    let charts = read(&repository().join("crates/charts/Cargo.toml"));
+    assert_eq!(forbidden_dependencies(&charts), Vec::<String>::new());
 }
 
 #[test]
-fn only_worker_and_render_name_the_engine() {
+fn only_worker_and_rendering_commands_name_the_engine() {
     assert_eq!(engine_users(&sources("server")), Vec::<String>::new());
     let planted = [
         Source::planted("worker/job.rs", "use hemilux_engine::render::render;"),
         Source::planted("cli/render.rs", "use hemilux_engine::render::render;"),
+        Source::planted("cli/compare.rs", "use hemilux_engine::transport::REGISTRY;"),
         Source::planted("http/jobs.rs", "fn f() { hemilux_engine::device::list(); }"),
         Source::planted("workers.rs", "use hemilux_engine as engine;"),
         Source::planted("store/mod.rs", "// hemilux_engine is not for here"),
     ];
     assert_eq!(engine_users(&planted), ["http/jobs.rs", "workers.rs"]);
+}
+
+#[test]
+fn only_the_compare_command_renders_by_charts() {
+    assert_eq!(renderers_by_charts(&sources("server")), Vec::<String>::new());
+    let planted = [
+        Source::planted("cli/compare.rs", "use hemilux_charts::comparison::compare;"),
+        Source::planted("http/charts.rs", "use hemilux_charts::chart::{Chart, Line};"),
+        Source::planted("http/jobs.rs", "use hemilux_charts::comparison::compare;"),
+        Source::planted("service.rs", "use hemilux_charts as charts;"),
+        Source::planted("queue.rs", "// hemilux_charts::comparison is not for here"),
+    ];
+    assert_eq!(renderers_by_charts(&planted), ["http/jobs.rs", "service.rs"]);
 }
 
 #[test]

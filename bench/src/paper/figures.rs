@@ -2,8 +2,8 @@
 
 use super::measure::{Cell, Series};
 use super::{Failure, Results, Study, variants};
-use crate::chart::{Line, Panel, svg};
-use crate::sheet::{Row, Window, png};
+use hemilux_charts::chart::{Chart, Line, Panel};
+use hemilux_charts::sheet::{Row, Window, png};
 use hemilux_engine::image::{Exposure, Picture};
 use hemilux_engine::radiometry::Rgb;
 
@@ -32,7 +32,7 @@ pub fn charts(results: &Results) -> Result<Vec<(String, String)>, Failure> {
             results.studies.iter().map(|study| seconds_panel(&study.view.name, timed(study))),
         );
         let columns = results.studies.len();
-        files.push((format!("noise-{}.svg", group.name), svg(&panels, columns)?));
+        files.push((format!("noise-{}.svg", group.name), Chart::new(panels, columns).svg()?));
     }
 
     let mut panels = Vec::new();
@@ -43,26 +43,34 @@ pub fn charts(results: &Results) -> Result<Vec<(String, String)>, Failure> {
             panels.push(shots_panel(name, words, lines, results.size.reduction_shots));
         }
     }
-    files.push(("reduction.svg".into(), svg(&panels, results.studies.len())?));
+    files.push(("reduction.svg".into(), Chart::new(panels, results.studies.len()).svg()?));
 
     if let Some((view, series)) = &results.truth {
         let lines = series.iter().map(|s| by_shots(s, 0)).collect();
         let shots = shots_panel(&view.name, "true rRMSE", lines, results.size.true_shots);
         let mut seconds = seconds_panel(&view.name, series.iter().map(by_seconds).collect());
         seconds.y_label = "true rRMSE".into();
-        files.push(("truth.svg".into(), svg(&[shots, seconds], 2)?));
+        files.push(("truth.svg".into(), Chart::new(vec![shots, seconds], 2).svg()?));
     }
     Ok(files)
 }
 
 fn by_shots(series: &Series, region: usize) -> Line {
     let point = |cell: &Cell| (cell.shots as f64, cell.error(region).value);
-    Line { name: series.variant.name.clone(), points: series.cells.iter().map(point).collect() }
+    Line {
+        name: series.variant.name.clone(),
+        points: series.cells.iter().map(point).collect(),
+        ..Line::default()
+    }
 }
 
 fn by_seconds(series: &Series) -> Line {
     let point = |cell: &Cell| (cell.mean_seconds(), cell.error(0).value);
-    Line { name: series.variant.name.clone(), points: series.cells.iter().map(point).collect() }
+    Line {
+        name: series.variant.name.clone(),
+        points: series.cells.iter().map(point).collect(),
+        ..Line::default()
+    }
 }
 
 fn shots_panel(title: &str, y_label: &str, lines: Vec<Line>, ticks: &[u64]) -> Panel {
@@ -71,8 +79,9 @@ fn shots_panel(title: &str, y_label: &str, lines: Vec<Line>, ticks: &[u64]) -> P
         x_label: "shots (dashed: slope -1/2)".into(),
         y_label: y_label.into(),
         lines,
-        guide_slope: Some(-0.5),
+        guide_slopes: vec![-0.5],
         x_ticks: ticks.iter().map(|shots| *shots as f64).collect(),
+        ..Panel::default()
     }
 }
 
@@ -82,8 +91,7 @@ fn seconds_panel(title: &str, lines: Vec<Line>) -> Panel {
         x_label: "seconds".into(),
         y_label: "rRMSE".into(),
         lines,
-        guide_slope: None,
-        x_ticks: Vec::new(),
+        ..Panel::default()
     }
 }
 

@@ -4,9 +4,9 @@
 use super::scenes::View;
 use super::variants::Variant;
 use super::{Bench, Failure};
-use crate::accuracy::{Repetitions, error};
-use crate::regions::REGIONS;
-use crate::statistics::{Estimate, jackknife, log_slope, mean};
+use hemilux_charts::accuracy::{Repetitions, error};
+use hemilux_charts::regions::REGIONS;
+use hemilux_charts::statistics::{Estimate, jackknife, log_slope, mean};
 use hemilux_engine::image::Picture;
 
 /// A variant after a number of shots, over all seeds.

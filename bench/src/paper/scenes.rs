@@ -3,9 +3,9 @@
 
 use super::variants::Variant;
 use super::{Bench, Failure};
-use crate::accuracy::Reference;
-use crate::regions::Regions;
-use crate::sheet::reduced;
+use hemilux_charts::accuracy::Reference;
+use hemilux_charts::regions::Regions;
+use hemilux_charts::sheet::reduced;
 use hemilux_engine::image::Picture;
 use hemilux_engine::scene::Scene;
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
@@ -50,12 +50,6 @@ impl View {
     pub fn reference(&self, variant: &Variant) -> &Reference {
         if variant.is_flat() { &self.flat } else { &self.smooth }
     }
-}
-
-/// The Cornell box.
-#[cfg(test)]
-pub fn cornell_box() -> Scene {
-    imported(&made::cornell())
 }
 
 fn imported(glb: &[u8]) -> Scene {

@@ -1,5 +1,6 @@
 //! The command line.
 
+mod compare;
 mod devices;
 mod health;
 mod render;
@@ -25,6 +26,8 @@ enum Command {
     Serve(Box<Config>),
     /// Render one picture.
     Render(Box<render::Arguments>),
+    /// Compare methods on one scene: error against time, pictures side by side.
+    Compare(Box<compare::Arguments>),
     /// List the devices of this machine.
     Devices,
     /// Ask a running server whether it can take jobs; exit code 1 if it cannot.
@@ -46,6 +49,7 @@ pub fn main() -> ExitCode {
     let done = match arguments.command {
         Command::Serve(config) => serve::run(*config),
         Command::Render(arguments) => render::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
         Command::Devices => devices::run(),
         Command::Health(arguments) => health::run(&arguments),
         Command::Openapi => print(&crate::http::openapi::yaml()),

@@ -68,7 +68,7 @@ pub struct Arguments {
     quiet: bool,
 }
 
-fn parse_size(text: &str) -> Result<(u32, u32), String> {
+pub(super) fn parse_size(text: &str) -> Result<(u32, u32), String> {
     let wrong = || "must read like 640x480, each side at least 1".to_owned();
     let (width, height) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
     match (width.parse(), height.parse()) {
@@ -77,7 +77,7 @@ fn parse_size(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
-fn parse_positive(text: &str) -> Result<f64, String> {
+pub(super) fn parse_positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
         _ => Err("must be a number above 0".into()),
@@ -91,7 +91,7 @@ fn parse_share(text: &str) -> Result<f64, String> {
     }
 }
 
-fn parse_setting(text: &str) -> Result<(String, String), String> {
+pub(super) fn parse_setting(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((key, value)) if !key.is_empty() => Ok((key.to_owned(), value.to_owned())),
         _ => Err("must read key=value".into()),
@@ -173,7 +173,7 @@ fn write_outputs(arguments: &Arguments, picture: &Picture) -> Result<(), Failure
 }
 
 /// A camera's name goes before its index, so that a camera named "2" can be chosen.
-fn camera_choice(word: Option<&str>, scene: &Scene) -> CameraChoice {
+pub(super) fn camera_choice(word: Option<&str>, scene: &Scene) -> CameraChoice {
     let Some(word) = word else { return CameraChoice::First };
     let is_name = scene.cameras.iter().any(|camera| camera.name == word);
     match word.parse::<u32>() {
@@ -182,7 +182,7 @@ fn camera_choice(word: Option<&str>, scene: &Scene) -> CameraChoice {
     }
 }
 
-fn read_scene(name: &str) -> Result<Scene, Failure> {
+pub(super) fn read_scene(name: &str) -> Result<Scene, Failure> {
     let path = Path::new(name);
     let refuse = |refusal| Failure::failed(format!("{name}: {refusal}"));
     if let Some(bytes) = builtin::scene(name).filter(|_| !path.exists()) {
@@ -212,7 +212,7 @@ fn read_scene(name: &str) -> Result<Scene, Failure> {
     scenes::load_file(&bytes, &resources).map_err(refuse)
 }
 
-fn read_file(path: &Path) -> std::io::Result<Vec<u8>> {
+pub(super) fn read_file(path: &Path) -> std::io::Result<Vec<u8>> {
     let size = std::fs::metadata(path)?.len();
     if size > MAX_FILE_BYTES {
         return Err(std::io::Error::other(format!("larger than {MAX_FILE_BYTES} bytes")));
@@ -253,7 +253,7 @@ impl Console {
 }
 
 /// The first Ctrl-C ends the render with the picture so far; the second ends the program.
-fn listen_for_interrupt(interrupted: Arc<AtomicBool>) {
+pub(super) fn listen_for_interrupt(interrupted: Arc<AtomicBool>) {
     std::thread::spawn(move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
         let Ok(runtime) = runtime else { return };

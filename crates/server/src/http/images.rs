@@ -3,7 +3,7 @@
 use super::App;
 use super::jobs::find;
 use super::problem::{Problem, documented};
-use super::read::{JobId, prefers};
+use super::read::{JobId, is_held, prefers};
 use crate::api::jobs::{Picture, PictureFormat};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -129,10 +129,7 @@ async fn send(
         (header::CACHE_CONTROL, cache.to_owned()),
         (header::CONTENT_TYPE, picture.format.media_type().to_owned()),
     ];
-    let held = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok());
-    if held.is_some_and(|held| {
-        held.trim() == "*" || held.split(',').any(|tag| tag.trim().trim_start_matches("W/") == etag)
-    }) {
+    if is_held(headers, &etag) {
         let mut response = (StatusCode::NOT_MODIFIED, tags).into_response();
         response.headers_mut().remove(header::CONTENT_TYPE);
         return Ok(response);

@@ -2,10 +2,10 @@
 
 use super::App;
 use super::problem::{Problem, documented};
-use super::read::{self, JobId, MAX_JSON_BYTES, Query, in_range, media_type, prefers};
+use super::read::{self, JobId, MAX_JSON_BYTES, Query, in_range, media_type};
 use super::upload;
 use crate::api::FieldError;
-use crate::api::jobs::{Job, JobPage, JobRequest, Trace, TracePoint};
+use crate::api::jobs::{Job, JobPage, JobRequest};
 use crate::api::scenes::Scene;
 use crate::artifacts::sha256_hex;
 use crate::builtin;
@@ -17,7 +17,6 @@ use axum::extract::{Request, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
-use std::fmt::Write;
 use std::time::Duration;
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
@@ -295,64 +294,4 @@ pub async fn delete_job(State(app): State<App>, JobId(id): JobId) -> Result<Stat
     app.store.delete(id).await?;
     app.bell.ring(id);
     Ok(StatusCode::NO_CONTENT)
-}
-
-/// How a job's figures moved, as JSON, or as CSV where `Accept` prefers text/csv.
-#[utoipa::path(
-    get, path = "/v1/jobs/{id}/trace", tag = "results",
-    params(("id" = Uuid, Path, description = "The job's id.")),
-    responses(
-        (status = 200, description = "The figures.", content((Trace = "application/json"), (String = "text/csv"))),
-        documented::BadRequest,
-        documented::NotFound,
-    )
-)]
-pub async fn trace_json(
-    State(app): State<App>,
-    JobId(id): JobId,
-    headers: HeaderMap,
-) -> Result<Response, Problem> {
-    let trace = read_trace(&app, id).await?;
-    if prefers(&headers, "text/csv", "application/json") {
-        return Ok(as_csv(&trace));
-    }
-    Ok(Json(trace).into_response())
-}
-
-/// How a job's figures moved, as CSV.
-#[utoipa::path(
-    get, path = "/v1/jobs/{id}/trace.csv", tag = "results",
-    params(("id" = Uuid, Path, description = "The job's id.")),
-    responses(
-        (status = 200, description = "The figures.", body = String, content_type = "text/csv"),
-        documented::BadRequest,
-        documented::NotFound,
-    )
-)]
-pub async fn trace_csv(State(app): State<App>, JobId(id): JobId) -> Result<Response, Problem> {
-    Ok(as_csv(&read_trace(&app, id).await?))
-}
-
-async fn read_trace(app: &App, id: Uuid) -> Result<Trace, Problem> {
-    find(app, id).await?;
-    let points = app.store.trace(id).await?.into_iter().map(|progress| TracePoint {
-        seconds: progress.seconds,
-        iterations: progress.iterations,
-        shots: progress.shots,
-        light_source_selection_ratio: progress.light_source_selection_ratio,
-        estimated_error: progress.estimated_error,
-    });
-    Ok(Trace { job: id, points: points.collect() })
-}
-
-fn as_csv(trace: &Trace) -> Response {
-    let mut text =
-        String::from("seconds,iterations,shots,light_source_selection_ratio,estimated_error\n");
-    for point in &trace.points {
-        let error = point.estimated_error.map(|error| error.to_string()).unwrap_or_default();
-        let TracePoint { seconds, iterations, shots, light_source_selection_ratio, .. } = point;
-        let _ =
-            writeln!(text, "{seconds},{iterations},{shots},{light_source_selection_ratio},{error}");
-    }
-    ([(header::CONTENT_TYPE, "text/csv; charset=utf-8")], text).into_response()
 }

@@ -12,6 +12,7 @@ mod probes;
 pub mod problem;
 mod read;
 mod scenes;
+mod traces;
 mod upload;
 
 use crate::service::Service;
@@ -41,8 +42,10 @@ fn api() -> OpenApiRouter<App> {
         .routes(routes!(images::newest_png))
         .routes(routes!(images::newest_exr))
         .routes(routes!(images::snapshot))
-        .routes(routes!(jobs::trace_json))
-        .routes(routes!(jobs::trace_csv))
+        .routes(routes!(traces::chart_svg))
+        .routes(routes!(traces::trace))
+        .routes(routes!(traces::trace_json))
+        .routes(routes!(traces::trace_csv))
         .routes(routes!(probes::list_devices))
         .routes(routes!(probes::livez))
         .routes(routes!(probes::readyz))

@@ -89,6 +89,14 @@ fn quality(accept: &str, media_type: &str) -> f32 {
     best.1
 }
 
+/// Whether `If-None-Match` says that the client holds what `etag` (quoted, without `W/`) names.
+pub fn is_held(headers: &HeaderMap, etag: &str) -> bool {
+    let held = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok());
+    held.is_some_and(|held| {
+        held.trim() == "*" || held.split(',').any(|tag| tag.trim().trim_start_matches("W/") == etag)
+    })
+}
+
 /// The job id in a path. One that is no UUID names no job: 404, not 400.
 pub struct JobId(pub Uuid);
 
@@ -152,6 +160,18 @@ mod tests {
         assert!(!prefers("image/*"));
         assert!(!prefers("image/avif,image/png,*/*;q=0.8"));
         assert!(prefers("image/*;q=0.2, image/x-exr;q=0.3"));
+    }
+
+    #[test]
+    fn a_client_says_what_it_holds() {
+        let is_held = |held: &str| {
+            let mut headers = HeaderMap::new();
+            headers.insert(header::IF_NONE_MATCH, held.parse().unwrap());
+            super::is_held(&headers, "\"a\"")
+        };
+        assert!(is_held("\"a\"") && is_held("W/\"a\"") && is_held("\"b\", \"a\"") && is_held("*"));
+        assert!(!is_held("\"b\"") && !is_held("a") && !is_held(""));
+        assert!(!super::is_held(&HeaderMap::new(), "\"a\""));
     }
 
     #[test]

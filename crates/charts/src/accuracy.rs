@@ -11,6 +11,7 @@ use hemilux_engine::radiometry::Rgb;
 pub struct Reference {
     first: Picture,
     second: Picture,
+    single: bool,
 }
 
 impl Reference {
@@ -20,7 +21,22 @@ impl Reference {
     /// Where their sizes differ.
     pub fn new(first: Picture, second: Picture) -> Self {
         assert_eq!(size(&first), size(&second), "the halves of a reference differ in size");
-        Self { first, second }
+        Self { first, second, single: false }
+    }
+
+    /// One picture, taken as exact: what noise it has counts as error.
+    pub fn single(picture: Picture) -> Self {
+        Self { first: picture.clone(), second: picture, single: true }
+    }
+
+    /// Whether there are no halves to tell its noise from.
+    pub fn is_single(&self) -> bool {
+        self.single
+    }
+
+    /// The halves; twice the same picture where there is only one.
+    pub fn halves(&self) -> [&Picture; 2] {
+        [&self.first, &self.second]
     }
 
     /// Mean of both halves.
@@ -34,8 +50,11 @@ impl Reference {
         0.5 * (mean(&self.first, counted) + mean(&self.second, counted))
     }
 
-    /// Estimated relative error of [`Reference::picture`] itself.
+    /// Estimated relative error of [`Reference::picture`] itself; NaN of a single picture.
     pub fn own_error(&self, counted: &[bool]) -> f64 {
+        if self.single {
+            return f64::NAN;
+        }
         let squares = product(&self.first, &self.second, &self.first, &self.second, 1.0, counted);
         0.5 * squares.sqrt() / self.mean(counted)
     }
@@ -44,6 +63,25 @@ impl Reference {
     /// the reference.
     pub fn squared_error(&self, x: &Picture, counted: &[bool]) -> f64 {
         product(x, &self.first, x, &self.second, 1.0, counted) / self.mean(counted).powi(2)
+    }
+
+    /// Median of |x − ref|/ref over the counted pixels and channels where the reference is not
+    /// black; NaN where there are none. The reference's noise is not taken off.
+    pub fn median_error(&self, x: &Picture, counted: &[bool]) -> f64 {
+        assert_eq!(size(x), size(&self.first), "pictures differ in size");
+        let reference = self.picture();
+        let pairs = x.pixels.iter().zip(&reference.pixels).zip(counted);
+        let mut errors: Vec<f32> = pairs
+            .filter(|(_, counted)| **counted)
+            .flat_map(|((x, exact), _)| x.to_array().into_iter().zip(exact.to_array()))
+            .filter(|(_, exact)| *exact > 0.0)
+            .map(|(x, exact)| (x - exact).abs() / exact)
+            .collect();
+        if errors.is_empty() {
+            return f64::NAN;
+        }
+        let middle = errors.len() / 2;
+        f64::from(*errors.select_nth_unstable_by(middle, f32::total_cmp).1)
     }
 
     /// Mean radiance of `x` over that of the reference.
@@ -207,6 +245,24 @@ mod tests {
             let noise = error(total - squared_bias);
             assert!((noise / 0.15 - 1.0).abs() < 0.05, "{noise}");
         }
+    }
+
+    /// Most pixels 10 % off, some by far: the median sees the first, the mean square the others.
+    #[test]
+    fn the_median_is_that_of_most_pixels() {
+        let reference = Reference::single(noisy(1, 0.0, 0.0));
+        assert!(reference.is_single() && reference.own_error(&all()).is_nan());
+        let mut x = noisy(1, 0.2, 0.0);
+        for pixel in x.pixels.iter_mut().step_by(10) {
+            *pixel *= 9.0;
+        }
+        let median = reference.median_error(&x, &all());
+        assert!((median - 0.1).abs() < 1e-5, "{median}");
+        assert!(error(reference.squared_error(&x, &all())) > 1.0);
+        let mut first_only = vec![false; x.pixels.len()];
+        first_only[0] = true;
+        assert!((reference.median_error(&x, &first_only) - 8.9).abs() < 1e-4);
+        assert!(reference.median_error(&x, &vec![false; x.pixels.len()]).is_nan());
     }
 
     #[test]

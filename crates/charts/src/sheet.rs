@@ -1,25 +1,25 @@
 //! Contact sheets: pictures side by side at one exposure a row, with labels.
 
-use font8x8::{BASIC_FONTS, UnicodeFonts};
+use crate::letters;
 use hemilux_engine::image::{Picture, linear_to_srgb};
 use hemilux_engine::radiometry::Rgb;
-use image::{ImageError, ImageFormat, RgbImage};
-use std::io::Cursor;
+use image::{ImageError, RgbImage};
 
 /// Side of a letter, pixels.
-const LETTER: u32 = 8;
+const LETTER: u32 = letters::SIDE;
 /// Space around a line of text, and between cells.
 const GAP: u32 = 4;
 const PAPER: image::Rgb<u8> = image::Rgb([250, 250, 250]);
 const INK: image::Rgb<u8> = image::Rgb([20, 20, 20]);
 
 /// A row of cells at one exposure.
+#[derive(Clone, Debug)]
 pub struct Row {
     /// Above the row.
     pub title: String,
     /// Radiance is multiplied by this.
     pub exposure: f32,
-    /// Label (lines of ASCII) and picture of each cell.
+    /// Label (one line or more) and picture of each cell.
     pub cells: Vec<(String, Picture)>,
 }
 
@@ -29,7 +29,8 @@ pub struct Row {
 /// Where the encoder fails.
 pub fn png(rows: &[Row], scale: u32) -> Result<Vec<u8>, ImageError> {
     let cells = || rows.iter().flat_map(|row| &row.cells);
-    let letters = |text: &str| text.lines().map(str::len).max().unwrap_or(0) as u32 * LETTER;
+    let letters =
+        |text: &str| text.lines().map(|l| l.chars().count()).max().unwrap_or(0) as u32 * LETTER;
     // All columns of the sheet are as wide as the widest.
     let column = cells()
         .map(|(label, picture)| (picture.width * scale).max(letters(label)))
@@ -62,15 +63,12 @@ pub fn png(rows: &[Row], scale: u32) -> Result<Vec<u8>, ImageError> {
         }
         y += row_height(row);
     }
-    let mut bytes = Cursor::new(Vec::new());
-    sheet.write_to(&mut bytes, ImageFormat::Png)?;
-    Ok(bytes.into_inner())
+    crate::raster::png(&sheet)
 }
 
 fn write(sheet: &mut RgbImage, x: u32, y: u32, text: &str) {
     for (letter, left) in text.chars().zip((x..).step_by(LETTER as usize)) {
-        let rows = BASIC_FONTS.get(letter).or_else(|| BASIC_FONTS.get('?')).unwrap_or_default();
-        for (row, bits) in (y..).zip(rows) {
+        for (row, bits) in (y..).zip(letters::rows(letter)) {
             for bit in (0..LETTER).filter(|bit| bits & (1 << bit) != 0) {
                 sheet.put_pixel(left + bit, row, INK);
             }
@@ -151,6 +149,23 @@ pub fn reduced(picture: &Picture, factor: u32) -> Result<Picture, String> {
     Ok(reduced)
 }
 
+/// A picture of `factor` times fewer pixels a side, at least one; blocks at the right and the
+/// lower edge may be smaller than the others.
+pub fn shrunk(picture: &Picture, factor: u32) -> Picture {
+    let factor = factor.max(1);
+    let (width, height) = (picture.width.div_ceil(factor), picture.height.div_ceil(factor));
+    let mut small = Picture::black(width, height);
+    let mut counts = vec![0u32; small.pixels.len()];
+    for (at, pixel) in picture.pixels.iter().enumerate() {
+        let (x, y) = (at as u32 % picture.width / factor, at as u32 / picture.width / factor);
+        let slot = (y * width + x) as usize;
+        small.pixels[slot] += *pixel;
+        counts[slot] += 1;
+    }
+    small.pixels.iter_mut().zip(counts).for_each(|(sum, count)| *sum /= count.max(1) as f32);
+    small
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -193,5 +208,8 @@ mod tests {
         let small = reduced(&ramp(4, 2), 2).unwrap();
         assert_eq!(small.pixels.iter().map(|p| p.y).collect::<Vec<_>>(), [2.5, 4.5]);
         assert!(reduced(&ramp(5, 2), 2).is_err());
+        let cut = shrunk(&ramp(5, 2), 2);
+        assert_eq!((cut.width, cut.height), (3, 1));
+        assert_eq!(cut.pixels.iter().map(|p| p.z).collect::<Vec<_>>(), [3.0, 5.0, 6.5]);
     }
 }

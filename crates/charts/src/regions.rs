@@ -36,15 +36,9 @@ impl Regions {
         samples: u32,
         reach: u32,
     ) -> Self {
-        let emitting = glowing(scene, |index| {
-            let material = &scene.materials[scene.triangles[index].material as usize];
-            Rgb::splat(f32::from(u8::from(material.emits())))
-        });
-        let emitters = seen(emitting, camera, width, height, samples);
-        let emitter = |at: usize| emitters.pixels[at].x > 0.0;
+        let all = without_emitters(scene, camera, (width, height), samples);
         let edges = near(&edges(scene, camera, width, height), width as usize, reach as usize);
-        let count = emitters.pixels.len();
-        let all: Vec<bool> = (0..count).map(|at| !emitter(at)).collect();
+        let count = all.len();
         let near_edge = (0..count).map(|at| all[at] && edges[at]).collect();
         let rest = (0..count).map(|at| all[at] && !edges[at]).collect();
         Self { masks: [all, near_edge, rest] }
@@ -55,6 +49,27 @@ impl Regions {
         let count = |mask: &[bool]| mask.iter().filter(|counted| **counted).count() as f64;
         count(&self.masks[1]) / count(&self.masks[0])
     }
+}
+
+/// Which pixels of a view count: those of which none of `samples` sub-pixel samples sees an
+/// emitter.
+pub fn without_emitters(
+    scene: &Scene,
+    camera: &Camera,
+    (width, height): (u32, u32),
+    samples: u32,
+) -> Vec<bool> {
+    let mut emitting = scene.clone();
+    emitting.textures.clear();
+    for material in &mut emitting.materials {
+        *material = Material {
+            emission: Rgb::splat(f32::from(u8::from(material.emits()))),
+            double_sided: material.double_sided,
+            ..Material::lambertian("seen", Rgb::ZERO)
+        };
+    }
+    let emitters = seen(emitting, camera, width, height, samples);
+    emitters.pixels.iter().map(|pixel| pixel.x <= 0.0).collect()
 }
 
 /// The scene with every triangle black and glowing in the given colour.
@@ -174,7 +189,12 @@ fn near(marked: &[bool], width: usize, reach: usize) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::paper::scenes::cornell_box;
+    use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
+    use hemilux_engine::scene::made;
+
+    fn cornell_box() -> Scene {
+        import(&made::cornell(), &Resources::new(), &ImportLimits::default()).expect("it loads")
+    }
 
     #[test]
     fn marks_spread_by_the_reach_and_stop_at_borders() {

@@ -5,13 +5,14 @@ pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// Median; the upper one of two middle values.
+/// Median; the mean of two middle values.
 ///
 /// # Panics
 /// Without values.
 pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
+    let (low, high) = (values[(values.len() - 1) / 2], values[values.len() / 2]);
+    if low == high { low } else { 0.5 * (low + high) }
 }
 
 /// Standard deviation of a sample; 0 with fewer than two values.
@@ -118,5 +119,6 @@ mod tests {
     #[test]
     fn medians_ignore_outliers() {
         assert_eq!(median(vec![1.0, 900.0, 2.0]), 2.0);
+        assert_eq!(median(vec![9.0, 1.0, 2.0, 4.0]), 3.0);
     }
 }
