@@ -10,6 +10,7 @@ mod ray_traced;
 mod run;
 mod stage;
 mod stochastic;
+mod unseen;
 
 use crate::device::Device;
 use crate::render::{Observer, RenderError, RenderRequest, Rendered};

@@ -20,19 +20,19 @@ pub fn ring() -> Vec<u8> {
     // From the outside over a rounded top to the inside; it stands on the floor.
     let wall = [
         [0.400, 0.000],
-        [0.400, 0.110],
-        [0.400, 0.210],
-        [0.398, 0.218],
-        [0.390, 0.220],
-        [0.382, 0.218],
-        [0.380, 0.210],
-        [0.380, 0.110],
+        [0.400, 0.125],
+        [0.400, 0.240],
+        [0.398, 0.248],
+        [0.390, 0.250],
+        [0.382, 0.248],
+        [0.380, 0.240],
+        [0.380, 0.125],
         [0.380, 0.000],
     ];
     let ring = Mesh::revolved(&spline(&wall, 1), 192).at(Vec3::new(1.5, 0.0, 1.5));
     writer.body("ring", &ring, gold);
-    let (eye, target) = (Vec3::new(1.55, 1.45, 2.75), Vec3::new(1.5, 0.05, 1.45));
-    writer.camera(&Camera::look_at("camera", eye, target, Vec3::Y, 0.75));
+    let (eye, target) = (Vec3::new(1.55, 1.35, 2.55), Vec3::new(1.55, 0.05, 1.5));
+    writer.camera(&Camera::look_at("camera", eye, target, Vec3::Y, 0.7));
     writer.finish()
 }
 
@@ -52,8 +52,8 @@ pub fn glass() -> Vec<u8> {
     writer.body("sphere", &sphere, clear);
     let lens = Mesh::spheroid(0.2, 0.1, 32, 96).at(Vec3::new(1.85, 0.12, 1.6));
     writer.body("lens", &lens, tinted);
-    let (eye, target) = (Vec3::new(1.65, 1.25, 2.85), Vec3::new(1.5, 0.05, 1.4));
-    writer.camera(&Camera::look_at("camera", eye, target, Vec3::Y, 0.75));
+    let (eye, target) = (Vec3::new(1.75, 1.25, 2.75), Vec3::new(1.6, 0.05, 1.5));
+    writer.camera(&Camera::look_at("camera", eye, target, Vec3::Y, 0.7));
     writer.finish()
 }
 
@@ -73,7 +73,7 @@ fn room() -> GlbWriter {
     writer.body("floor", &Mesh::quads(inward.iter().filter(is_floor)), floor);
     let rest = inward.iter().filter(|quad| !is_floor(quad));
     writer.body("walls and ceiling", &Mesh::quads(rest), plaster);
-    let bulb = Mesh::sphere(0.06, 8, 16).at(Vec3::new(0.45, 1.5, 1.0));
+    let bulb = Mesh::sphere(0.06, 8, 16).at(Vec3::new(0.5, 0.8, 1.0));
     writer.body("lamp", &bulb, lamp);
     writer
 }

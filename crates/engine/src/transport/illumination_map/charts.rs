@@ -322,3 +322,110 @@ fn corner_groups(neighbours: &[[Option<(u32, usize)>; 3]]) -> Vec<usize> {
     }
     (0..parent.len()).map(|corner| root(&mut parent, corner)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Numbers, Stream};
+    use crate::scene::gltf::{ImportLimits, Resources, import};
+    use crate::scene::made;
+
+    /// Rooms, a sphere with its poles and a box, two-sided, with uneven weights.
+    fn scene() -> (Scene, Vec<Receiver>) {
+        let scene = import(&made::corridor(), &Resources::new(), &ImportLimits::default());
+        let scene = scene.expect("a valid scene");
+        let mut numbers = Numbers::new(3, Stream::LightRay, 0);
+        let mut receivers = Vec::new();
+        for (index, triangle) in scene.triangles.iter().enumerate() {
+            let [a, b, c] = scene.corners(triangle);
+            let area = 0.5 * (b - a).cross(c - a).length();
+            for back in [false, true] {
+                let weight = f64::from(area) * (0.1 + numbers.fine());
+                receivers.push(Receiver { triangle: index as u32, back, area, weight });
+            }
+        }
+        (scene, receivers)
+    }
+
+    #[test]
+    fn shares_sum_to_one_everywhere() {
+        let (scene, receivers) = scene();
+        let charts = Charts::new(&scene, &receivers, 200_000);
+        let mut numbers = Numbers::new(4, Stream::LightRay, 0);
+        for receiver in &receivers {
+            let mut places = vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.5], [0.0, 0.3]];
+            // And what rounding may make of the border.
+            places.extend([[-1e-6, 0.4], [1.0 + 1e-6, -1e-7], [0.6, 0.4 + 1e-6]]);
+            for _ in 0..20 {
+                let (u, v) = (numbers.uniform(), numbers.uniform());
+                places.push(if u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] });
+            }
+            for at in places {
+                let shares = charts.shares(receiver.triangle, receiver.back, at).expect("a chart");
+                assert!(shares.iter().all(|(_, share)| *share >= -1e-6), "{at:?}: {shares:?}");
+                let sum: f32 = shares.iter().map(|(_, share)| share).sum();
+                assert!((sum - 1.0).abs() < 1e-6, "{at:?}: {shares:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn areas_are_the_surface() {
+        let (scene, receivers) = scene();
+        let surface: f64 = receivers.iter().map(|receiver| f64::from(receiver.area)).sum();
+        for cells in [1, 5_000, 200_000] {
+            let charts = Charts::new(&scene, &receivers, cells);
+            let sum: f64 = charts.areas().iter().map(|area| f64::from(*area)).sum();
+            assert!((sum / surface - 1.0).abs() < 1e-5, "{cells}: {sum} of {surface}");
+            let following = charts.following.len();
+            let empty = charts.areas().iter().filter(|area| **area <= 0.0).count();
+            assert_eq!(empty, following, "{cells}: every other value stands for some area");
+        }
+    }
+
+    /// On flat and on curved surfaces, between fine and coarse: from both sides of an edge.
+    #[test]
+    fn smooth_surfaces_have_no_seams() {
+        let (scene, receivers) = scene();
+        let charts = Charts::new(&scene, &receivers, 200_000);
+        let mut numbers = Numbers::new(5, Stream::LightRay, 0);
+        let mut values: Vec<f32> = (0..charts.len()).map(|_| numbers.uniform()).collect();
+        charts.spread(&mut values);
+        let value = |receiver: &Receiver, edge: usize, t: f32| {
+            let at = [[t, 0.0], [1.0 - t, t], [0.0, 1.0 - t]][edge];
+            let shares = charts.shares(receiver.triangle, receiver.back, at).expect("a chart");
+            shares.iter().map(|(value, share)| values[*value as usize] * share).sum::<f32>()
+        };
+        let (mut smooth, mut uneven) = (0, 0);
+        for (index, edges) in neighbours(&scene, &receivers).iter().enumerate() {
+            for (edge, neighbour) in edges.iter().enumerate() {
+                let Some((other, other_edge)) = *neighbour else { continue };
+                smooth += 1;
+                let divisions = |index: usize| charts.charts[index].divisions;
+                uneven += usize::from(divisions(index) != divisions(other as usize));
+                for step in 0..=40 {
+                    let t = step as f32 / 40.0;
+                    let here = value(&receivers[index], edge, t);
+                    let there = value(&receivers[other as usize], other_edge, 1.0 - t);
+                    assert!((here - there).abs() < 1e-3, "{index}, edge {edge}: {here} {there}");
+                }
+            }
+        }
+        assert!(smooth > 2000 && uneven > 100, "{smooth} edges, {uneven} of them uneven");
+    }
+
+    #[test]
+    fn creases_are_kept_apart() {
+        let (scene, receivers) = scene();
+        for (index, edges) in neighbours(&scene, &receivers).iter().enumerate() {
+            for (other, _) in edges.iter().flatten() {
+                let [one, other] = [index, *other as usize].map(|i| {
+                    let triangle = &scene.triangles[receivers[i].triangle as usize];
+                    let [a, b, c] = scene.corners(triangle);
+                    ((b - a).cross(c - a).normalize(), receivers[i].back)
+                });
+                assert!(one.0.dot(other.0) > SMOOTH && one.1 == other.1);
+            }
+        }
+    }
+}

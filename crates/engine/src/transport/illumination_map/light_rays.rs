@@ -262,3 +262,66 @@ fn spread(index: u64, shifts: &[f64; DIMENSIONS]) -> [f64; DIMENSIONS] {
         (shift + index as f64 * step).fract()
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::gltf::{ImportLimits, Resources, import};
+    use crate::scene::made;
+    use std::sync::Arc;
+
+    /// What lands by both ways to the first surface, and by the cosine alone.
+    #[test]
+    fn both_ways_bring_the_light_that_one_brings() {
+        for bytes in [made::ring(), made::glass()] {
+            let scene = import(&bytes, &Resources::new(), &ImportLimits::default());
+            let world = World::new(Arc::new(scene.expect("a valid scene")));
+            let lights = Lights::new(&world).expect("it has a lamp");
+            let mut casters = Casters::new(&world).expect("it makes caustics");
+            let mut landed = |alone: bool| {
+                if alone {
+                    casters.density = 0.0;
+                }
+                let (count, seed) = (300_000, 1);
+                let rays =
+                    LightRays { world: &world, lights: &lights, casters: &casters, count, seed };
+                let mut shower = Shower::default();
+                for ray in (0..count).step_by(if alone { 2 } else { 1 }) {
+                    rays.trace(0, ray, &[0.1, 0.7, 0.3, 0.9, 0.5, 0.2], &mut shower);
+                }
+                shower.landings.iter().map(|landing| f64::from(landing.power.x)).sum::<f64>()
+            };
+            let (both, alone) = (landed(false), landed(true));
+            println!("{both} W by both ways, {alone} W by the cosine");
+            assert!((alone / both - 1.0).abs() < 0.05, "{alone} {both}");
+        }
+    }
+
+    #[test]
+    fn rays_do_not_depend_on_the_number_of_threads() {
+        let scene = import(&made::ring(), &Resources::new(), &ImportLimits::default());
+        let world = World::new(Arc::new(scene.expect("a valid scene")));
+        let lights = Lights::new(&world).expect("it has a lamp");
+        let casters = Casters::new(&world).expect("it makes caustics");
+        let rays =
+            LightRays { world: &world, lights: &lights, casters: &casters, count: 5000, seed: 9 };
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let shower = pool.install(|| rays.shoot(3, 1000..4001));
+            (format!("{:?}", shower.landings), shower.rays)
+        };
+        assert_eq!(on(1), on(3));
+    }
+
+    #[test]
+    fn the_sequence_is_even_along_every_axis() {
+        let count = 4096;
+        for axis in 0..DIMENSIONS {
+            let mut bins = [0i32; 64];
+            for index in 0..count {
+                bins[(spread(index, &[0.3; DIMENSIONS])[axis] * 64.0) as usize] += 1;
+            }
+            assert!(bins.iter().all(|bin| (bin - 64).abs() < 12), "axis {axis}: {bins:?}");
+        }
+    }
+}

@@ -24,7 +24,7 @@ use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceError, free_memory};
 use crate::image::Picture;
 use crate::measurement::Frame;
-use crate::radiometry::{IMPORTANCE_WEIGHTS, Rgb};
+use crate::radiometry::{IMPORTANCE_WEIGHTS, Rgb, importance};
 use crate::render::{
     Observer, Plan, RenderError, RenderRequest, Rendered, Stats, StopReason, choose_camera,
 };
@@ -212,6 +212,13 @@ struct Job<'a> {
     own: MapSettings,
 }
 
+/// The film, and when its error was estimated last.
+struct Exposure {
+    film: Film,
+    estimated: Instant,
+    estimate_seconds: f64,
+}
+
 /// What makes maps.
 struct Maker<'a> {
     light_rays: LightRays<'a>,
@@ -231,17 +238,18 @@ impl Job<'_> {
         diagnostics: &mut BTreeMap<String, f64>,
     ) -> (Picture, StopReason) {
         let mut maker = casters.map(|casters| self.maker(casters));
-        let mut film = Film::new(&self.pixels(None), self.options.period());
+        let film = Film::new(&self.pixels(None), self.options.period());
+        let mut exposure = Exposure { film, estimated: Instant::now(), estimate_seconds: 0.0 };
         let stopped = loop {
-            if let Err(reason) = self.pass(run, maker.as_mut(), &mut film) {
+            if let Err(reason) = self.pass(run, maker.as_mut(), &mut exposure) {
                 break reason;
             }
         };
-        run.estimated_error = film.relative_error();
+        run.estimated_error = exposure.film.relative_error();
         if let Some(maker) = maker {
             maker.describe(diagnostics);
         }
-        (film.picture(), stopped)
+        (exposure.film.picture(), stopped)
     }
 
     fn maker<'b>(&'b self, casters: &'b Casters) -> Maker<'b> {
@@ -255,7 +263,7 @@ impl Job<'_> {
             seed: self.request.seed,
         };
         let mut receivers = receivers(self.world);
-        weigh(&mut receivers, &self.world, &rays_of(PILOT));
+        weigh(&mut receivers, self.world, &rays_of(PILOT));
         let charts = Charts::new(&self.world.scene, &receivers, self.own.cells);
         Maker {
             light_rays: rays_of(count),
@@ -291,17 +299,16 @@ impl Job<'_> {
         &self,
         run: &mut Run<'_>,
         mut maker: Option<&mut Maker<'_>>,
-        film: &mut Film,
+        exposure: &mut Exposure,
     ) -> Result<(), StopReason> {
-        let pass = film.passes();
+        let pass = exposure.film.passes();
         if let Some(maker) = maker.as_deref_mut() {
             maker.fill(pass, run)?;
         }
         let light_rays = maker.as_deref().map_or(0, |maker| maker.rays);
         let pixels = self.pixels(maker.as_deref().map(|maker| &maker.map as &dyn Caustics));
-        let height = film.height();
+        let height = exposure.film.height();
         let (mut row, mut step) = (0, height.min(4));
-        let (mut estimated, mut estimate_seconds) = (Instant::now(), 0.0);
         while row < height {
             if let Some(reason) = run.stop() {
                 return Err(reason);
@@ -310,22 +317,31 @@ impl Job<'_> {
             let rows = row..(row + step).min(height);
             let count = f64::from(rows.end - rows.start);
             row = rows.end;
-            film.advance(&pixels, rows, 1);
+            exposure.film.advance(&pixels, rows, 1);
             let per_row = began.elapsed().as_secs_f64().max(1e-9) / count;
             step = ((STEP_SECONDS / per_row) as u32).clamp(1, height);
-            run.tally.iterations = film.passes();
-            run.tally.shots = film.rays() + light_rays;
-            if run.report_is_due() {
-                if estimated.elapsed().as_secs_f64() >= ESTIMATE_PAUSE * estimate_seconds {
-                    let began = Instant::now();
-                    run.estimated_error = film.relative_error();
-                    estimate_seconds = began.elapsed().as_secs_f64();
-                    estimated = Instant::now();
-                }
-                run.report(run.tally.iterations > 0, || film.picture());
-            }
+            run.tally.iterations = exposure.film.passes();
+            run.tally.shots = exposure.film.rays() + light_rays;
+            exposure.report(run);
         }
         Ok(())
+    }
+}
+
+impl Exposure {
+    /// Reports, if it is time, with an error estimate, if that takes a small share of the time.
+    fn report(&mut self, run: &mut Run<'_>) {
+        if !run.report_is_due() {
+            return;
+        }
+        if self.estimated.elapsed().as_secs_f64() >= ESTIMATE_PAUSE * self.estimate_seconds {
+            let began = Instant::now();
+            run.estimated_error = self.film.relative_error();
+            run.without_estimate = run.estimated_error.is_none() && self.film.enough();
+            self.estimate_seconds = began.elapsed().as_secs_f64();
+            self.estimated = Instant::now();
+        }
+        run.report(run.tally.iterations > 0, || self.film.picture());
     }
 }
 
@@ -376,7 +392,7 @@ fn weigh(receivers: &mut [Receiver], world: &World, pilot: &LightRays<'_>) {
     let mut landed = vec![[0.0; 2]; world.scene.triangles.len()];
     for landing in &shower.landings {
         landed[landing.triangle as usize][usize::from(landing.back)] +=
-            f64::from(crate::radiometry::importance(landing.power));
+            f64::from(importance(landing.power));
     }
     let landed = |receiver: &Receiver| landed[receiver.triangle as usize][usize::from(receiver.back)];
     let total: f64 = receivers.iter().map(&landed).sum();

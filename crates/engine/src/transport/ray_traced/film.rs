@@ -117,10 +117,15 @@ impl Film {
         Picture { width: self.width, height: self.height(), pixels }
     }
 
+    /// Whether there are as many passes as an estimate takes.
+    pub fn enough(&self) -> bool {
+        self.passes() >= FEWEST
+    }
+
     /// Estimated rRMSE of [`Film::picture`] from the scatter of the passes, or of whole turns
     /// once there are enough. Knows noise only. `None` with too few or a black picture.
     pub fn relative_error(&self) -> Option<f64> {
-        if self.passes() < FEWEST {
+        if !self.enough() {
             return None;
         }
         let rows: Vec<Scatter> = self.rows.par_iter().map(|row| row.scatter(self.period)).collect();

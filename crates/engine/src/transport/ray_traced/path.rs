@@ -296,9 +296,12 @@ impl Tracer<'_> {
             let (parts, other) = surface.evaluate(*viewer, direction, share);
             let value = carried.reflected(surface, parts, has_map).unmapped();
             let cosine = surface.normal.dot(direction);
-            let arriving = value * emitted * (cosine / density * heuristic(density, other));
+            let mut arriving = value * emitted * (cosine / density * heuristic(density, other));
             if arriving == Rgb::ZERO {
                 continue;
+            }
+            if let Some(inside) = &stop.inside {
+                arriving *= inside.left_after((end - surface.start()).length());
             }
             walk.rays += 1;
             if !self.world.rays.blocked(surface.start(), end, |_| false) {
