@@ -65,7 +65,7 @@ pub const OPTIONS: &[OptionSpec] = &[
     OptionSpec {
         name: "light_rays",
         default: "auto",
-        meaning: "illumination-map: rays from the lights a pass, 2 to 67108864; auto: as many as the picture has pixels, 4096 to 1048576",
+        meaning: "illumination-map: rays from the lights for a pass, 2 to 1048576; auto: as many as the picture has pixels, 4096 to 1048576. For small pictures they are shot for up to 16 passes at once",
     },
     OptionSpec {
         name: "light_sampling",
@@ -75,7 +75,7 @@ pub const OPTIONS: &[OptionSpec] = &[
     OptionSpec {
         name: "map_texels",
         default: "1000000",
-        meaning: "illumination-map: wanted number of cells of the map, 1 to 67108864; at least one a diffuse triangle side, more where caustics are",
+        meaning: "illumination-map: wanted number of cells of the map, 1 to 16777216; at least one a diffuse triangle side, more where caustics are",
     },
     OptionSpec {
         name: "patches",

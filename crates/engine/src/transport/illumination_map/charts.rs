@@ -89,7 +89,7 @@ impl Charts {
     /// Bytes of the charts of so many receivers and cells, and of a map on them, at most.
     pub fn needed_bytes(receivers: u64, cells: u64) -> u64 {
         // Rounding to powers of two may double the cells; a receiver has three points of its own.
-        receivers * 700 + cells * 2 * 24
+        receivers * 800 + cells * 2 * 30
     }
 
     /// Number of values.

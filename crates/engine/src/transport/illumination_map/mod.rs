@@ -7,8 +7,9 @@
 //! the camera leave out exactly that after a diffuse reflection, and bring all other light
 //! themselves. So nothing counts twice, and nothing is missing.
 //!
-//! Each pass has a map of its own from fresh light rays. The picture, the mean of the passes, then
-//! reads the mean of the maps, and passes are independent: their scatter says how far off it is.
+//! Light rays come in showers, and camera passes in between; a pass reads the light of all showers
+//! before it. The scatter of the passes says how far off the camera's walks are, and the difference
+//! of two halves of the showers how far off the map is.
 
 mod charts;
 mod light_rays;
@@ -31,9 +32,8 @@ use crate::render::{
 use crate::scene::{Camera, Warning};
 use charts::{Charts, Receiver};
 use light_rays::{Casters, LightRays};
-use map::{Flux, Map};
+use map::Map;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::time::Instant;
 
 /// Aim of one step, seconds: short enough to cancel, long enough not to matter.
@@ -42,8 +42,13 @@ const STEP_SECONDS: f64 = 0.04;
 const ESTIMATE_PAUSE: f64 = 10.0;
 /// Rays that are shot between looks at the clock, and the least of a pass.
 const BLOCK: u64 = 1 << 12;
-/// Most rays of a pass that follows the picture's size.
-const MOST_AUTOMATIC: u64 = 1 << 20;
+/// Values of the map for a light ray of a shower: with more, keeping the map would take longer than
+/// filling it.
+const VALUES_PER_RAY: u64 = 8;
+/// Most passes that read the same map.
+const MOST_PASSES: u64 = 16;
+/// Most rays from the lights for a pass.
+const MOST_RAYS: u64 = 1 << 20;
 /// Rays that find out where caustics are.
 const PILOT: u64 = 1 << 15;
 /// Cells of a surface without caustics next to one with the mean irradiance.
@@ -71,9 +76,9 @@ impl MapSettings {
     pub fn new(settings: &Settings) -> Result<Self, RenderError> {
         let light_rays = match settings.values()["light_rays"].as_str() {
             "auto" => None,
-            _ => Some(settings.whole("light_rays", 2, 1 << 26)?),
+            _ => Some(settings.whole("light_rays", 2, MOST_RAYS)?),
         };
-        Ok(Self { light_rays, cells: settings.whole("map_texels", 1, 1 << 26)? })
+        Ok(Self { light_rays, cells: settings.whole("map_texels", 1, 1 << 24)? })
     }
 }
 
@@ -187,7 +192,8 @@ fn receivers(world: &World) -> Vec<Receiver> {
     let mut receivers = Vec::new();
     for (index, triangle) in scene.triangles.iter().enumerate() {
         let material = &scene.materials[triangle.material as usize];
-        if material.reflectance(Rgb::ONE).diffuse == Rgb::ZERO {
+        let opaque = material.clear_share() < 1.0;
+        if !opaque || material.reflectance(Rgb::ONE).diffuse == Rgb::ZERO {
             continue;
         }
         let (_, area) = world.rays.corners(scene, index as u32);
@@ -223,8 +229,8 @@ struct Exposure {
 struct Maker<'a> {
     light_rays: LightRays<'a>,
     map: Map,
-    flux: Flux,
-    passes: u64,
+    /// Passes from one shower to the next.
+    interval: u64,
     landings: u64,
     rays: u64,
 }
@@ -254,7 +260,7 @@ impl Job<'_> {
 
     fn maker<'b>(&'b self, casters: &'b Casters) -> Maker<'b> {
         let automatic = u64::from(self.request.width) * u64::from(self.request.height);
-        let count = self.own.light_rays.unwrap_or(automatic.clamp(BLOCK, MOST_AUTOMATIC));
+        let count = self.own.light_rays.unwrap_or(automatic.clamp(BLOCK, MOST_RAYS));
         let rays_of = |count: u64| LightRays {
             world: self.world,
             lights: self.lights,
@@ -264,15 +270,10 @@ impl Job<'_> {
         };
         let mut receivers = receivers(self.world);
         weigh(&mut receivers, self.world, &rays_of(PILOT));
-        let charts = Charts::new(&self.world.scene, &receivers, self.own.cells);
-        Maker {
-            light_rays: rays_of(count),
-            map: Map::new(Arc::new(charts)),
-            flux: Flux::default(),
-            passes: 0,
-            landings: 0,
-            rays: 0,
-        }
+        let map = Map::new(Charts::new(&self.world.scene, &receivers, self.own.cells));
+        let interval = (map.len() as u64).div_ceil(VALUES_PER_RAY * count).clamp(1, MOST_PASSES);
+        let light_rays = rays_of(count * interval);
+        Maker { light_rays, map, interval, landings: 0, rays: 0 }
     }
 
     fn pixels<'b>(&'b self, caustics: Option<&'b dyn Caustics>) -> Pixels<'b> {
@@ -302,8 +303,10 @@ impl Job<'_> {
         exposure: &mut Exposure,
     ) -> Result<(), StopReason> {
         let pass = exposure.film.passes();
-        if let Some(maker) = maker.as_deref_mut() {
-            maker.fill(pass, run)?;
+        if let Some(maker) = maker.as_deref_mut()
+            && pass.is_multiple_of(maker.interval)
+        {
+            maker.shower(run)?;
         }
         let light_rays = maker.as_deref().map_or(0, |maker| maker.rays);
         let pixels = self.pixels(maker.as_deref().map(|maker| &maker.map as &dyn Caustics));
@@ -346,36 +349,32 @@ impl Exposure {
 }
 
 impl Maker<'_> {
-    /// A new map for a pass.
-    fn fill(&mut self, pass: u64, run: &mut Run<'_>) -> Result<(), StopReason> {
-        self.map.clear();
-        let mut flux = Flux::default();
-        let count = self.light_rays.count;
+    /// Shoots new light into the map.
+    fn shower(&mut self, run: &mut Run<'_>) -> Result<(), StopReason> {
+        let (number, count) = (self.map.showers(), self.light_rays.count);
         for first in (0..count).step_by(BLOCK as usize) {
             if let Some(reason) = run.stop() {
                 return Err(reason);
             }
-            let shower = self.light_rays.shoot(pass, first..(first + BLOCK).min(count));
-            flux.landed += self.map.deposit(&shower.landings);
+            let shower = self.light_rays.shoot(number, first..(first + BLOCK).min(count));
+            self.map.deposit(&shower.landings);
             self.landings += shower.landings.len() as u64;
             self.rays += shower.rays;
             if run.report_is_due() {
                 run.report_progress();
             }
         }
-        flux.mapped = self.map.finish();
-        self.flux += flux;
-        self.passes += 1;
+        self.map.finish_shower();
         Ok(())
     }
 
-    /// The map's figures, means over the passes.
+    /// The map's figures; powers are means over the showers.
     fn describe(&self, diagnostics: &mut BTreeMap<String, f64>) {
-        let passes = self.passes.max(1) as f64;
-        let watts = |power: glam::DVec3| power.dot(IMPORTANCE_WEIGHTS.as_dvec3()) / passes;
+        let flux = self.map.flux();
+        let watts = |power: glam::DVec3| power.dot(IMPORTANCE_WEIGHTS.as_dvec3());
         for (name, value) in [
-            ("caustic_flux_landed_watts", watts(self.flux.landed)),
-            ("caustic_flux_in_map_watts", watts(self.flux.mapped)),
+            ("caustic_flux_landed_watts", watts(flux.landed)),
+            ("caustic_flux_in_map_watts", watts(flux.mapped)),
             ("light_ray_landings", self.landings as f64),
             ("light_rays", self.rays as f64),
             ("map_values", self.map.len() as f64),

@@ -32,7 +32,7 @@ pub use settings::RayTracedSettings;
 // What illumination maps share.
 pub(super) use film::Film;
 pub(super) use lights::{Choice, Emitted, Lights};
-pub(super) use path::{Caustics, Tracer};
+pub(super) use path::{Caustics, Mapped, Tracer};
 pub(super) use pixels::Pixels;
 pub(super) use surface::{Surface, World};
 

@@ -26,7 +26,17 @@ const SURE_CROSSINGS: u32 = 8;
 /// else.
 pub trait Caustics: Sync {
     /// At a point of a surface.
-    fn irradiance(&self, surface: &Surface) -> Rgb;
+    fn irradiance(&self, surface: &Surface) -> Mapped;
+}
+
+/// What a map of caustics says of a point.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Mapped {
+    /// Irradiance.
+    pub irradiance: Rgb,
+    /// A random value with the mean 0 and the variance of the irradiance: how far light rays
+    /// scatter.
+    pub scatter: Rgb,
 }
 
 /// What traces paths.
@@ -51,6 +61,8 @@ pub struct Walk {
     pub numbers: Numbers,
     /// Rays so far.
     pub rays: u64,
+    /// What [`Mapped::scatter`] adds to the radiance in place of the irradiance.
+    pub by_map: Rgb,
 }
 
 impl Walk {
@@ -212,12 +224,14 @@ impl Tracer<'_> {
             diffuse_count = ((share * count as f32).round() as u32).clamp(least, most);
             share = diffuse_count as f32 / count as f32;
         }
-        let mut radiance = self.direct(stop, share, count, walk) + self.caustics(stop);
+        let mut radiance = self.direct(stop, share, count, walk) + self.caustics(stop, walk);
         let weight = 1.0 / count as f32;
         for index in 0..count {
             let diffusely =
                 if count > 1 { index < diffuse_count } else { walk.numbers.uniform() < share };
+            let before = std::mem::take(&mut walk.by_map);
             radiance += weight * self.walk(*stop, share, diffusely, walk);
+            walk.by_map = before + weight * walk.by_map;
         }
         radiance
     }
@@ -257,18 +271,21 @@ impl Tracer<'_> {
             reflections += 1;
             stop = next;
             share = stop.surface.diffuse_share(stop.viewer);
-            radiance += self.direct(&stop, share, 1, walk) + self.caustics(&stop);
+            radiance += self.direct(&stop, share, 1, walk) + self.caustics(&stop, walk);
             diffusely = walk.numbers.uniform() < share;
         }
         radiance
     }
 
     /// What the diffuse part reflects of the caustics in the map.
-    fn caustics(&self, stop: &Stop) -> Rgb {
+    fn caustics(&self, stop: &Stop, walk: &mut Walk) -> Rgb {
         let diffuse = stop.surface.reflectance.diffuse;
         match self.caustics {
             Some(caustics) if diffuse != Rgb::ZERO => {
-                stop.carried.all * diffuse / PI * caustics.irradiance(&stop.surface)
+                let weight = stop.carried.all * diffuse / PI;
+                let Mapped { irradiance, scatter } = caustics.irradiance(&stop.surface);
+                walk.by_map += weight * scatter;
+                weight * irradiance
             }
             _ => Rgb::ZERO,
         }

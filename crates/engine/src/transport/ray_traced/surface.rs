@@ -164,9 +164,13 @@ impl World {
                 (material.reflectance(color), self.scene.emission(triangle, u, v));
             clear = clear.map(|clear| clear.tinted(color));
         }
+        let all_clear = clear.is_some_and(|clear| clear.share >= 1.0);
+        if all_clear || (back && !finish.two_sided) {
+            // Of a back that light gets out of, what is not clear is black.
+            reflectance = Reflectance::lambertian(Rgb::ZERO);
+        }
         if back && !finish.two_sided {
-            // Light gets out, but what is not clear of it is black.
-            (reflectance, emission) = (Reflectance::lambertian(Rgb::ZERO), Rgb::ZERO);
+            emission = Rgb::ZERO;
         }
         let mut shading_normal = normal;
         if reflectance.is_glossy() || clear.is_some() {
