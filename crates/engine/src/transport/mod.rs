@@ -49,8 +49,15 @@ pub const REGISTRY: &[&dyn Method] = &[
 ];
 
 /// Names that a request may use for its method.
-pub const METHODS: &[&str] =
-    &["auto", "stochastic", "monte-carlo", "progressive", "gauss-seidel", "ray-traced", "illumination-map"];
+pub const METHODS: &[&str] = &[
+    "auto",
+    "stochastic",
+    "monte-carlo",
+    "progressive",
+    "gauss-seidel",
+    "ray-traced",
+    "illumination-map",
+];
 
 /// Runs a request with the method that it names; `auto` picks one and says why.
 ///

@@ -336,8 +336,10 @@ fn clear(
     if let Some(extension) = &extensions.volume {
         let of = |member: &str| format!("{at}.KHR_materials_volume.{member}");
         let range = 0.0..=f32::MAX;
-        let thickness = factor(extension.thickness_factor.0, &of("thicknessFactor"), range, warnings);
-        let tint = color(extension.attenuation_color.0, &of("attenuationColor"), 0.0..=1.0, warnings);
+        let thickness =
+            factor(extension.thickness_factor.0, &of("thicknessFactor"), range, warnings);
+        let tint =
+            color(extension.attenuation_color.0, &of("attenuationColor"), 0.0..=1.0, warnings);
         // Absent means infinite, which JSON can't say.
         let distance = match extension.attenuation_distance.0 {
             distance if distance.is_infinite() => distance,

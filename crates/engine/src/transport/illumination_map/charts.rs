@@ -143,8 +143,7 @@ impl Charts {
         T: Copy + std::ops::Add<Output = T> + std::ops::Mul<f32, Output = T>,
     {
         for Following { value, ends: [a, b], at } in &self.following {
-            values[*value as usize] =
-                values[*a as usize] * (1.0 - at) + values[*b as usize] * *at;
+            values[*value as usize] = values[*a as usize] * (1.0 - at) + values[*b as usize] * *at;
         }
     }
 
@@ -168,7 +167,8 @@ impl Charts {
         for (chart, edges) in neighbours.iter().enumerate() {
             for (edge, neighbour) in edges.iter().enumerate() {
                 let own = self.charts[chart].divisions;
-                let other = neighbour.map_or(own, |(other, _)| self.charts[other as usize].divisions);
+                let other =
+                    neighbour.map_or(own, |(other, _)| self.charts[other as usize].divisions);
                 let common = own.min(other);
                 // The edge's points belong to the first of the two.
                 if neighbour.is_some_and(|(other, _)| (other as usize) < chart) {
@@ -311,9 +311,7 @@ fn corner_groups(neighbours: &[[Option<(u32, usize)>; 3]]) -> Vec<usize> {
         for (edge, neighbour) in edges.iter().enumerate() {
             let Some((other, other_edge)) = neighbour else { continue };
             let other = 3 * *other as usize;
-            for (own, theirs) in
-                [(edge, (other_edge + 1) % 3), ((edge + 1) % 3, *other_edge)]
-            {
+            for (own, theirs) in [(edge, (other_edge + 1) % 3), ((edge + 1) % 3, *other_edge)] {
                 let a = root(&mut parent, 3 * receiver + own);
                 let b = root(&mut parent, other + theirs);
                 parent[a] = b;

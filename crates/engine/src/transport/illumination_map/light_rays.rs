@@ -156,12 +156,7 @@ impl LightRays<'_> {
     }
 
     /// What light brings to a surface that it is joined with, if that makes caustics.
-    fn join(
-        &self,
-        light: &Emitted,
-        surface: Surface,
-        walk: &mut Walk,
-    ) -> Option<(Surface, Vec3)> {
+    fn join(&self, light: &Emitted, surface: Surface, walk: &mut Walk) -> Option<(Surface, Vec3)> {
         if !(surface.clear.is_some() || surface.reflectance.is_sharp())
             || surface.triangle == light.triangle
         {

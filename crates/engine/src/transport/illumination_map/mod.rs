@@ -393,7 +393,8 @@ fn weigh(receivers: &mut [Receiver], world: &World, pilot: &LightRays<'_>) {
         landed[landing.triangle as usize][usize::from(landing.back)] +=
             f64::from(importance(landing.power));
     }
-    let landed = |receiver: &Receiver| landed[receiver.triangle as usize][usize::from(receiver.back)];
+    let landed =
+        |receiver: &Receiver| landed[receiver.triangle as usize][usize::from(receiver.back)];
     let total: f64 = receivers.iter().map(&landed).sum();
     let area: f64 = receivers.iter().map(|receiver| f64::from(receiver.area)).sum();
     let mean = (total / area).max(f64::MIN_POSITIVE);

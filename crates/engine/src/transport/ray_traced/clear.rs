@@ -80,11 +80,8 @@ impl Clear {
             _ => self.ior,
         };
         let below = 1.0 - (1.0 - cosine * cosine).max(0.0) / (index * index);
-        let mirrors = if self.ior < 1.0 || below <= 0.0 {
-            1.0
-        } else {
-            fresnel(cosine, below.sqrt(), index)
-        };
+        let mirrors =
+            if self.ior < 1.0 || below <= 0.0 { 1.0 } else { fresnel(cosine, below.sqrt(), index) };
         if xi < mirrors {
             let direction = (2.0 * cosine * normal - viewer).normalize();
             let passed = Passed { direction, tint: Rgb::ONE, through: false, inside: None };

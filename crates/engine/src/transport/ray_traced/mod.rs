@@ -153,7 +153,10 @@ fn check_memory(triangles: u64, request: &RenderRequest) -> Result<(), DeviceErr
 }
 
 /// What is not as it should be: bias that was asked for, another device than was asked for.
-pub(super) fn approximations(options: &RayTracedSettings, device: &DeviceDescription) -> Vec<Warning> {
+pub(super) fn approximations(
+    options: &RayTracedSettings,
+    device: &DeviceDescription,
+) -> Vec<Warning> {
     let mut warnings = Vec::new();
     if device.kind != "cpu" {
         let what = format!("rays are traced by the processor, not by {}", device.name);

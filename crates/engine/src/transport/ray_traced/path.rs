@@ -331,13 +331,7 @@ impl Tracer<'_> {
     /// Lange's lights as Rogers prints them: the ray to a disk's centre counts w = cosⁿθ and the
     /// random ones 1 − w, with θ from the surface's normal and n its Phong exponent (1 where it
     /// has no lobe).
-    fn direct_by_disks(
-        &self,
-        stop: &Stop,
-        points: DiskPoints,
-        count: u32,
-        walk: &mut Walk,
-    ) -> Rgb {
+    fn direct_by_disks(&self, stop: &Stop, points: DiskPoints, count: u32, walk: &mut Walk) -> Rgb {
         let Stop { surface, viewer, carried, .. } = stop;
         let has_map = self.caustics.is_some();
         let reflectance = &surface.reflectance;
