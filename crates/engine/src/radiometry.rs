@@ -41,6 +41,12 @@ impl Reflectance {
         self.specular.max_element() > 0.0
     }
 
+    /// Whether it has a lobe that counts as a mirror: patches of ordinary size don't resolve what
+    /// it reflects, and light that it gathers makes caustics.
+    pub fn is_sharp(&self) -> bool {
+        self.is_glossy() && self.exponent > SHARP_EXPONENT
+    }
+
     /// Albedo a(θ) for light arriving at the angle θ whose cosine is given: kd + ks·I_n(θ).
     pub fn albedo(&self, cos_incidence: f32) -> Rgb {
         if self.is_glossy() {
@@ -50,6 +56,10 @@ impl Reflectance {
         }
     }
 }
+
+/// A Phong lobe with a larger exponent is a mirror: half of what it reflects goes within
+/// arccos ½^(1/n) of the mirror direction, less than 5° here.
+pub const SHARP_EXPONENT: f32 = 200.0;
 
 /// Number of exponent rows of [`LobeAlbedo`]: n + 1 = 2^0, 2^½, … 2^17.
 pub const LOBE_ROWS: usize = 35;

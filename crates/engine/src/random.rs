@@ -29,6 +29,10 @@ pub enum Stream {
     Path = 11,
     /// Which cell of a pixel rays go through.
     Stratum = 12,
+    /// Rays from the lights.
+    LightRay = 13,
+    /// Shifts of the well-spread points that rays from the lights start with.
+    LightShift = 14,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

@@ -6,7 +6,9 @@ const SCENES: &[(&str, &[u8])] = &[
     ("cornell_phong", include_bytes!("../../../scenes/cornell_phong.glb")),
     ("corridor", include_bytes!("../../../scenes/corridor.glb")),
     ("furnace", include_bytes!("../../../scenes/furnace.glb")),
+    ("glass", include_bytes!("../../../scenes/glass.glb")),
     ("office", include_bytes!("../../../scenes/office.glb")),
+    ("ring", include_bytes!("../../../scenes/ring.glb")),
 ];
 
 /// The `.glb` file of that built-in scene.

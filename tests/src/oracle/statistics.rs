@@ -35,6 +35,11 @@ impl Moments {
         Self { count: f64::INFINITY, mean: value, squares: 0.0 }
     }
 
+    /// The same of values that are multiplied by a factor.
+    pub fn scaled(&self, factor: f64) -> Self {
+        Self { mean: self.mean * factor, squares: self.squares * factor * factor, ..*self }
+    }
+
     /// Standard errors between two means; means that don't vary have to agree to 10⁻⁴, which is
     /// what f32 and finite hemicubes leave.
     pub fn z(&self, expected: &Self) -> f64 {

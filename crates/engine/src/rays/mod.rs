@@ -91,6 +91,7 @@ struct Leaf {
     corners: Corners,
     /// Index into [`Scene::triangles`].
     triangle: u32,
+    /// Whether its back is there for light and cameras: it reflects, or lets light out.
     two_sided: bool,
 }
 
@@ -137,7 +138,10 @@ impl Rays {
             leaves.push(Leaf {
                 corners: corners.map(|corner| corner.to_array()),
                 triangle: index as u32,
-                two_sided: scene.materials[triangle.material as usize].double_sided,
+                two_sided: {
+                    let material = &scene.materials[triangle.material as usize];
+                    material.double_sided || material.clear_share() > 0.0
+                },
             });
         }
         rays.hierarchy = Hierarchy::new(&mut boxes);
@@ -153,6 +157,11 @@ impl Rays {
     /// Bytes that [`Rays::new`] takes at its peak for a scene of so many triangles.
     pub fn needed_bytes(triangles: u64) -> u64 {
         triangles * 500
+    }
+
+    /// Ray units of a metre.
+    pub fn scale(&self) -> f64 {
+        self.scale
     }
 
     /// A world position in ray units.

@@ -76,6 +76,27 @@ pub struct Material {
     /// Whether the back reflects and emits too. The back of a one-sided material is black and
     /// opaque to light, and invisible to cameras.
     pub double_sided: bool,
+    /// KHR_materials_transmission: the share of a dielectric that is clear instead of as
+    /// [`Material::reflectance`] says; 0 by default. Rays know it, patches don't.
+    pub transmission: f32,
+    /// KHR_materials_volume: what a body bounded by the surface is filled with; without it, the
+    /// surface is a sheet that light passes straight through.
+    pub volume: Option<Volume>,
+}
+
+/// The inside of a clear body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Volume {
+    /// What is left of white light after [`Volume::attenuation_distance`], in [0, 1].
+    pub attenuation_color: Rgb,
+    /// Metres, > 0; infinite without absorption.
+    pub attenuation_distance: f32,
+}
+
+impl Default for Volume {
+    fn default() -> Self {
+        Self { attenuation_color: Rgb::ONE, attenuation_distance: f32::INFINITY }
+    }
 }
 
 impl Default for Material {
@@ -92,6 +113,8 @@ impl Default for Material {
             emission: Rgb::ZERO,
             emission_texture: None,
             double_sided: false,
+            transmission: 0.0,
+            volume: None,
         }
     }
 }
@@ -120,6 +143,42 @@ impl Material {
             ior: (1.0 + amplitude) / (1.0 - amplitude),
             ..Self::default()
         }
+    }
+
+    /// A clear body of glass, its surface polished, without absorption.
+    pub fn glass(name: &str, ior: f32) -> Self {
+        Self {
+            name: name.into(),
+            roughness: 0.0,
+            ior,
+            transmission: 1.0,
+            volume: Some(Volume::default()),
+            ..Self::default()
+        }
+    }
+
+    /// A mirror of polished metal: all that it reflects is in a Phong lobe of the given exponent.
+    pub fn metal(name: &str, color: Rgb, exponent: f32) -> Self {
+        let alpha = (2.0 * exponent.clamp(0.0, 1e5) + 1.0).sqrt().recip();
+        Self {
+            name: name.into(),
+            base_color: color,
+            metallic: 1.0,
+            roughness: alpha.sqrt(),
+            ..Self::default()
+        }
+    }
+
+    /// The share of light that meets the material as a clear surface: transmission of what is not
+    /// metal.
+    pub fn clear_share(&self) -> f32 {
+        self.transmission.clamp(0.0, 1.0) * (1.0 - self.metallic.clamp(0.0, 1.0))
+    }
+
+    /// Whether light that it reflects or lets through makes caustics, which patches can't show: it
+    /// is clear, or its lobe is sharp.
+    pub fn casts_caustics(&self) -> bool {
+        self.clear_share() > 0.0 || self.reflectance(self.base_color).is_sharp()
     }
 
     /// Whether any point of the material can emit.

@@ -2,6 +2,7 @@
 //! registry, one toolbox, so that a comparison of methods is fair.
 
 mod batches;
+mod illumination_map;
 pub mod known;
 pub mod options;
 mod radiosity;
@@ -9,6 +10,7 @@ mod ray_traced;
 mod run;
 mod stage;
 mod stochastic;
+mod unseen;
 
 use crate::device::Device;
 use crate::render::{Observer, RenderError, RenderRequest, Rendered};
@@ -43,11 +45,19 @@ pub const REGISTRY: &[&dyn Method] = &[
     &radiosity::Progressive,
     &radiosity::GaussSeidel,
     &ray_traced::RayTraced,
+    &illumination_map::IlluminationMap,
 ];
 
 /// Names that a request may use for its method.
-pub const METHODS: &[&str] =
-    &["auto", "stochastic", "monte-carlo", "progressive", "gauss-seidel", "ray-traced"];
+pub const METHODS: &[&str] = &[
+    "auto",
+    "stochastic",
+    "monte-carlo",
+    "progressive",
+    "gauss-seidel",
+    "ray-traced",
+    "illumination-map",
+];
 
 /// Runs a request with the method that it names; `auto` picks one and says why.
 ///

@@ -1,5 +1,6 @@
 //! Settings of the methods by name, with their defaults and ranges.
 
+use super::illumination_map::MapSettings;
 use super::known::ConstantRadiance;
 use super::ray_traced::RayTracedSettings;
 use crate::device::{Faces, Selection, ShootingSettings, Substitute};
@@ -62,9 +63,19 @@ pub const OPTIONS: &[OptionSpec] = &[
         meaning: "pixels R along the top of the hemicube, even, 8 to 2048",
     },
     OptionSpec {
+        name: "light_rays",
+        default: "auto",
+        meaning: "illumination-map: rays from the lights for a pass, 2 to 1048576; auto: as many as the picture has pixels, 4096 to 1048576. For small pictures they are shot for up to 16 passes at once",
+    },
+    OptionSpec {
         name: "light_sampling",
         default: "area",
         meaning: "rays: area: points of the emissive triangles; disk, rim: each connected group of them as a disk, sampled over its area or along its edge, its centre weighted by cosⁿθ and the random points by 1 − cosⁿθ (Lange; biased)",
+    },
+    OptionSpec {
+        name: "map_texels",
+        default: "1000000",
+        meaning: "illumination-map: wanted number of cells of the map, 1 to 16777216; at least one a diffuse triangle side, more where caustics are",
     },
     OptionSpec {
         name: "patches",
@@ -202,6 +213,7 @@ impl Settings {
         settings.radiosity()?;
         settings.mesh()?;
         RayTracedSettings::new(&settings)?;
+        MapSettings::new(&settings)?;
         Ok(settings)
     }
 
@@ -419,6 +431,8 @@ mod tests {
             ("adaptive_contrast", "NaN"),
             ("pixel_sampling", "Jittered"),
             ("rays_per_pixel", "0"),
+            ("light_rays", "none"),
+            ("map_texels", "0"),
             ("colour", "blue"),
         ] {
             let error = settings(&[(name, value)]).err().expect("must be refused").to_string();

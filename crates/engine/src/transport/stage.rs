@@ -3,6 +3,7 @@
 
 use super::options::{MeshSettings, Settings};
 use super::run::Run;
+use super::unseen;
 use crate::device::DeviceDescription;
 use crate::image::Picture;
 use crate::measurement::Measurement;
@@ -74,6 +75,7 @@ impl Stage {
                 "nothing emits light, so the picture is black; give a material an emissive factor",
             ));
         }
+        warnings.extend(unseen::by_patches(&request.scene));
         warnings.extend(more_warnings(&scene));
         observer.planned(&plan, &warnings);
         let scene_triangles = request.scene.triangles.len() as u64;

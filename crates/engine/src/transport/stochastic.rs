@@ -11,7 +11,7 @@ use crate::device::{Device, ShootingSettings, VarianceReduction};
 use crate::image::Picture;
 use crate::measurement::{Measurement, Solution, viewpoint};
 use crate::patches::PatchedScene;
-use crate::radiometry::Rgb;
+use crate::radiometry::{Rgb, SHARP_EXPONENT};
 use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
 use crate::scene::Warning;
 use std::collections::BTreeMap;
@@ -22,8 +22,6 @@ use std::time::Instant;
 const STEP_SECONDS: f64 = 0.04;
 /// Pause between error estimates, in times of what the last one took.
 const ESTIMATE_PAUSE: f64 = 10.0;
-/// A Phong lobe sharper than this is not resolved by patches of ordinary size.
-const SHARP_EXPONENT: f32 = 200.0;
 /// A mean albedo that lets light bounce for hundreds of iterations.
 const WHITE: f32 = 0.99;
 

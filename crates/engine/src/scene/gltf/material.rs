@@ -4,7 +4,7 @@ use super::Warnings;
 use super::document::{malformed, name, valid};
 use super::picture::Images;
 use crate::radiometry::Rgb;
-use crate::scene::{Material, SceneError, TextureSlot, Wrap};
+use crate::scene::{Material, SceneError, TextureSlot, Volume, Wrap};
 use glam::{Mat2, Vec2};
 use gltf::json::material::{AlphaMode, PbrMetallicRoughness};
 use gltf::json::texture::{Info, MagFilter, WrappingMode};
@@ -13,8 +13,6 @@ use gltf::json::{self, Root, Value};
 
 /// Extensions of a material that the reflection model has no term for, and what is lost.
 const IGNORED_EXTENSIONS: &[(&str, &str)] = &[
-    ("KHR_materials_transmission", "transmission is ignored; the surface is opaque"),
-    ("KHR_materials_volume", "the volume is ignored; the surface is opaque"),
     ("KHR_materials_diffuse_transmission", "transmission is ignored; the surface is opaque"),
     ("KHR_materials_clearcoat", "the clear coat is ignored"),
     ("KHR_materials_sheen", "the sheen is ignored"),
@@ -133,6 +131,12 @@ fn color(
     Rgb::from_array(values.map(|value| factor(value, at, range.clone(), warnings)))
 }
 
+/// Up to this roughness a clear surface counts as polished without a warning.
+const POLISHED: f32 = 0.05;
+
+/// Least attenuation distance, metres.
+const MIN_ATTENUATION: f32 = 1e-9;
+
 /// Largest emitted radiance, in the file's unit: far above the sun, well within f32.
 const MAX_EMISSION: f32 = 1e12;
 
@@ -170,7 +174,9 @@ fn material(
     metallic_roughness(surface, &surface_at, &mut material, textures, warnings)?;
     emission(object, &at, &mut material, textures, warnings)?;
     if let Some(extensions) = &object.extensions {
-        extended(extensions, &format!("{at}.extensions"), &mut material, warnings);
+        let at = format!("{at}.extensions");
+        extended(extensions, &at, &mut material, warnings);
+        clear(extensions, &at, &mut material, textures, warnings)?;
     }
     if object.normal_texture.is_some() {
         let what = "is ignored; the mesh's normals are used";
@@ -292,13 +298,58 @@ fn extended(
         );
     }
     for (name, what) in IGNORED_EXTENSIONS {
-        let is_used = match *name {
-            "KHR_materials_transmission" => extensions.transmission.is_some(),
-            "KHR_materials_volume" => extensions.volume.is_some(),
-            name => extensions.others.get(name).is_some_and(Value::is_object),
-        };
-        if is_used {
+        if extensions.others.get(*name).is_some_and(Value::is_object) {
             warnings.push(format!("{at}.{name}"), *what);
         }
     }
+}
+
+/// Reads how light passes through: a clear surface, and what is behind it.
+fn clear(
+    extensions: &json::extensions::material::Material,
+    at: &str,
+    material: &mut Material,
+    textures: &mut Textures<'_, '_>,
+    warnings: &mut Warnings,
+) -> Result<(), SceneError> {
+    let Some(extension) = &extensions.transmission else {
+        if extensions.volume.is_some() {
+            let what = "is ignored; nothing gets into it without KHR_materials_transmission";
+            warnings.push(format!("{at}.KHR_materials_volume"), what);
+        }
+        return Ok(());
+    };
+    let of = |member: &str| format!("{at}.KHR_materials_transmission.{member}");
+    let share = extension.transmission_factor.0;
+    material.transmission = factor(share, &of("transmissionFactor"), 0.0..=1.0, warnings);
+    if let Some(reference) = &extension.transmission_texture {
+        let (_, image) = textures.image(reference)?;
+        let [red, _, _] = textures.images.mean(image)?;
+        material.transmission *= red;
+        let what = format!("enters by its mean: {:.3} all over", material.transmission);
+        warnings.push(of("transmissionTexture"), what);
+    }
+    if material.transmission > 0.0 && material.roughness > POLISHED {
+        let what = "the rough surface lets light through as a polished one, without scattering it";
+        warnings.push(format!("{at}.KHR_materials_transmission"), what);
+    }
+    if let Some(extension) = &extensions.volume {
+        let of = |member: &str| format!("{at}.KHR_materials_volume.{member}");
+        let range = 0.0..=f32::MAX;
+        let thickness =
+            factor(extension.thickness_factor.0, &of("thicknessFactor"), range, warnings);
+        let tint =
+            color(extension.attenuation_color.0, &of("attenuationColor"), 0.0..=1.0, warnings);
+        // Absent means infinite, which JSON can't say.
+        let distance = match extension.attenuation_distance.0 {
+            distance if distance.is_infinite() => distance,
+            distance => {
+                let range = MIN_ATTENUATION..=f32::MAX;
+                factor(distance, &of("attenuationDistance"), range, warnings)
+            }
+        };
+        let volume = Volume { attenuation_color: tint, attenuation_distance: distance };
+        material.volume = (thickness > 0.0).then_some(volume);
+    }
+    Ok(())
 }

@@ -308,6 +308,58 @@ fn materials_follow_the_extensions() {
     );
 }
 
+#[test]
+fn clear_materials_say_what_is_behind_them() {
+    let mut file = square();
+    file.root["meshes"][0]["primitives"][0]["material"] = json!(0);
+    let smooth = json!({ "metallicFactor": 0, "roughnessFactor": 0 });
+    file.root["materials"] = json!([
+        {
+            "pbrMetallicRoughness": smooth,
+            "extensions": {
+                "KHR_materials_transmission": { "transmissionFactor": 0.75 },
+                "KHR_materials_volume": {
+                    "thicknessFactor": 0.1, "attenuationDistance": 2, "attenuationColor": [1, 0.5, 0],
+                },
+            },
+        },
+        {
+            "pbrMetallicRoughness": smooth,
+            "extensions": {
+                "KHR_materials_transmission": { "transmissionFactor": 1.5 },
+                "KHR_materials_volume": { "attenuationDistance": -1 },
+            },
+        },
+        {
+            "pbrMetallicRoughness": { "metallicFactor": 0.5 },
+            "extensions": { "KHR_materials_transmission": { "transmissionFactor": 1 } },
+        },
+        { "extensions": { "KHR_materials_volume": { "thicknessFactor": 1 } } },
+    ]);
+    let scene = file.import();
+    let [body, sheet, rough, opaque] = &scene.materials[..] else { panic!("four materials") };
+    assert_eq!((body.transmission, body.clear_share()), (0.75, 0.75));
+    let volume = body.volume.expect("it is filled");
+    assert_eq!(volume.attenuation_color, Vec3::new(1.0, 0.5, 0.0));
+    assert_eq!(volume.attenuation_distance, 2.0);
+    assert_eq!((sheet.transmission, sheet.volume), (1.0, None));
+    assert_eq!(rough.clear_share(), 0.5);
+    assert!(rough.casts_caustics());
+    assert_eq!((opaque.clear_share(), opaque.volume), (0.0, None));
+    assert!(!opaque.casts_caustics());
+    let at = scene.warnings.iter().map(|warning| warning.at.as_str());
+    let at: Vec<_> = at.filter(|at| at.starts_with("materials[")).collect();
+    assert_eq!(
+        at,
+        [
+            "materials[1].extensions.KHR_materials_transmission.transmissionFactor",
+            "materials[1].extensions.KHR_materials_volume.attenuationDistance",
+            "materials[2].extensions.KHR_materials_transmission",
+            "materials[3].extensions.KHR_materials_volume",
+        ]
+    );
+}
+
 fn encoded(format: image::ImageFormat, picture: &image::DynamicImage) -> Vec<u8> {
     let mut out = std::io::Cursor::new(Vec::new());
     picture.write_to(&mut out, format).unwrap();

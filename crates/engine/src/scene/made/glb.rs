@@ -67,6 +67,18 @@ impl GlbWriter {
             extensions
                 .insert(self.uses("KHR_materials_ior"), json!({ "ior": number(material.ior) }));
         }
+        if material.transmission > 0.0 {
+            let share = json!({ "transmissionFactor": number(material.transmission) });
+            extensions.insert(self.uses("KHR_materials_transmission"), share);
+        }
+        if let Some(volume) = material.volume {
+            let tint = numbers(&volume.attenuation_color.to_array());
+            let mut value = json!({ "thicknessFactor": 1.0, "attenuationColor": tint });
+            if volume.attenuation_distance.is_finite() {
+                value["attenuationDistance"] = number(volume.attenuation_distance);
+            }
+            extensions.insert(self.uses("KHR_materials_volume"), value);
+        }
         let mut value = json!({ "name": material.name, "pbrMetallicRoughness": surface });
         if material.emits() {
             let strength = material.emission.max_element().max(1.0);

@@ -1,6 +1,7 @@
 //! Scenes made by code: the project's own test and example scenes, as GLB files. The same bytes
 //! every time.
 
+mod caustics;
 mod cornell;
 mod glb;
 mod mesh;
@@ -10,6 +11,7 @@ mod rooms;
 mod tests;
 mod texture;
 
+pub use caustics::{glass, ring};
 pub use cornell::{cornell, phong_cornell};
 pub use glb::assemble;
 pub use office::office;
@@ -24,6 +26,8 @@ pub fn shipped() -> Vec<(&'static str, Vec<u8>)> {
         ("cornell_phong.glb", phong_cornell()),
         ("corridor.glb", corridor()),
         ("furnace.glb", furnace(Rgb::splat(0.5), Rgb::ONE)),
+        ("glass.glb", glass()),
         ("office.glb", office()),
+        ("ring.glb", ring()),
     ]
 }

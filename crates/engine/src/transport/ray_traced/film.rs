@@ -24,6 +24,8 @@ struct Row {
     sums: Vec<Rgb>,
     /// The same of the turn that is not complete.
     open: Vec<Rgb>,
+    /// Σ over passes of [`super::pixels::Estimate::by_map`]; empty without a map of caustics.
+    by_map: Vec<Rgb>,
     /// Pixels that see an emitter: they don't count for the error.
     emitters: Vec<bool>,
     passes: u64,
@@ -41,6 +43,8 @@ struct Scatter {
     by_passes: f64,
     /// The same from complete turns; `None` with too few.
     by_turns: Option<f64>,
+    /// Variance that passes have in common, as they read the same map.
+    by_map: f64,
     sum: f64,
     pixels: u64,
 }
@@ -64,6 +68,7 @@ impl Film {
             };
             Row {
                 sums: vec![Rgb::ZERO; width as usize],
+                by_map: Vec::new(),
                 open: vec![Rgb::ZERO; if period > 1 { width as usize } else { 0 }],
                 emitters: (0..width).map(sees).collect(),
                 passes: 0,
@@ -77,8 +82,8 @@ impl Film {
 
     /// Bytes of a film.
     pub fn needed_bytes(width: u32, height: u32) -> u64 {
-        // Sums, the open turn, the mask, and the picture.
-        u64::from(width) * u64::from(height) * 40
+        // Sums, the open turn, the map's share, the mask, and the picture.
+        u64::from(width) * u64::from(height) * 52
     }
 
     /// Rows.
@@ -117,10 +122,15 @@ impl Film {
         Picture { width: self.width, height: self.height(), pixels }
     }
 
+    /// Whether there are as many passes as an estimate takes.
+    pub fn enough(&self) -> bool {
+        self.passes() >= FEWEST
+    }
+
     /// Estimated rRMSE of [`Film::picture`] from the scatter of the passes, or of whole turns
     /// once there are enough. Knows noise only. `None` with too few or a black picture.
     pub fn relative_error(&self) -> Option<f64> {
-        if self.passes() < FEWEST {
+        if !self.enough() {
             return None;
         }
         let rows: Vec<Scatter> = self.rows.par_iter().map(|row| row.scatter(self.period)).collect();
@@ -128,11 +138,12 @@ impl Film {
         for row in &rows {
             all.by_passes += row.by_passes;
             all.by_turns = all.by_turns.zip(row.by_turns).map(|(sum, more)| sum + more);
+            all.by_map += row.by_map;
             all.sum += row.sum;
             all.pixels += row.pixels;
         }
         let values = 3.0 * all.pixels as f64;
-        let variance = all.by_turns.unwrap_or(all.by_passes).max(0.0) / values;
+        let variance = (all.by_turns.unwrap_or(all.by_passes).max(0.0) + all.by_map) / values;
         (all.sum > 0.0).then(|| variance.sqrt() / (all.sum / values))
     }
 }
@@ -141,9 +152,17 @@ impl Row {
     fn advance(&mut self, pixels: &Pixels<'_>, row: u32, period: u64) {
         let closes = period > 1 && (self.passes + 1).is_multiple_of(period);
         let (mut squares, mut turn_squares) = (0.0, 0.0);
+        let has_map = pixels.tracer.caustics.is_some();
+        if has_map {
+            self.by_map.resize(self.sums.len(), Rgb::ZERO);
+        }
         for column in 0..self.sums.len() {
-            let (value, rays) = pixels.pixel(column as u32, row, self.passes);
+            let (estimate, rays) = pixels.pixel(column as u32, row, self.passes);
+            let value = estimate.radiance;
             self.rays += rays;
+            if has_map {
+                self.by_map[column] += estimate.by_map;
+            }
             self.sums[column] += value;
             let counts = !self.emitters[column];
             if counts {
@@ -175,6 +194,9 @@ impl Row {
             means += square(mean);
             if period > 1 {
                 turn_means += square((self.sums[column] - self.open[column]) / turned);
+            }
+            if let Some(by_map) = self.by_map.get(column) {
+                scatter.by_map += square(*by_map / self.passes as f32);
             }
             scatter.sum += f64::from(mean.element_sum());
             scatter.pixels += 1;

@@ -19,13 +19,14 @@ const FACTOR_SHARE: f64 = 0.1;
 const SHEET: f32 = 0.2;
 
 /// Things by probability.
-struct Choice {
+pub struct Choice {
     /// Running sums of the probabilities.
     cumulative: Vec<f64>,
 }
 
 impl Choice {
-    fn new(weights: impl Iterator<Item = f64>) -> Self {
+    /// Things with probabilities in proportion to weights, whose sum is positive.
+    pub fn new(weights: impl Iterator<Item = f64>) -> Self {
         let mut total = 0.0;
         let mut cumulative: Vec<f64> = weights
             .map(|weight| {
@@ -38,11 +39,12 @@ impl Choice {
     }
 
     /// The thing for a uniform number.
-    fn pick(&self, xi: f64) -> usize {
+    pub fn pick(&self, xi: f64) -> usize {
         self.cumulative.partition_point(|sum| *sum <= xi).min(self.cumulative.len() - 1)
     }
 
-    fn probability(&self, index: usize) -> f64 {
+    /// The probability of a thing.
+    pub fn probability(&self, index: usize) -> f64 {
         let before = if index == 0 { 0.0 } else { self.cumulative[index - 1] };
         self.cumulative[index] - before
     }
@@ -77,6 +79,20 @@ pub struct LightSample {
     /// Emitted radiance.
     pub radiance: Rgb,
     /// Density per solid angle at the surface.
+    pub density: f32,
+}
+
+/// A point of a light that light leaves from.
+pub struct Emitted {
+    /// Index into [`crate::scene::Scene::triangles`].
+    pub triangle: u32,
+    /// Where.
+    pub spot: Spot,
+    /// Emitted radiance.
+    pub radiance: Rgb,
+    /// Whether both sides emit.
+    pub two_sided: bool,
+    /// Density per area, square ray units.
     pub density: f32,
 }
 
@@ -174,6 +190,20 @@ impl Lights {
     pub fn density(&self, light: &Surface, direction: Vec3, distance: f32) -> f32 {
         let cosine = light.normal.dot(direction).abs().max(f32::MIN_POSITIVE);
         self.density[light.triangle as usize] * distance * distance / cosine
+    }
+
+    /// A point of the emissive triangles, picked by power, uniform over the triangle.
+    pub fn emit(&self, world: &World, pick: f64, xi: [f32; 2]) -> Emitted {
+        let emitter = &self.emitters[self.choice.pick(pick)];
+        let root = xi[0].sqrt();
+        let (u, v) = (root * (1.0 - xi[1]), root * xi[1]);
+        Emitted {
+            triangle: emitter.triangle,
+            spot: Spot::new(emitter.corners, u, v),
+            radiance: world.emission(emitter.triangle, u, v),
+            two_sided: world.is_two_sided(emitter.triangle),
+            density: self.density[emitter.triangle as usize],
+        }
     }
 
     /// The disk for a uniform number, and its probability.

@@ -5,6 +5,7 @@
 //! The picture is traced in passes, one estimate of each pixel a pass, and is their mean. Rays
 //! run on the processor whatever the device.
 
+mod clear;
 mod film;
 mod lights;
 mod path;
@@ -20,20 +21,20 @@ use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceDescription, DeviceError, free_memory};
 use crate::image::Picture;
 use crate::measurement::Frame;
-use crate::rays::Rays;
 use crate::render::{
     Observer, Plan, RenderError, RenderRequest, Rendered, Stats, StopReason, choose_camera,
 };
 use crate::scene::Warning;
-use film::Film;
-use lights::Lights;
-use path::Tracer;
-use pixels::Pixels;
 use settings::{LightSampling, PixelSampling};
 use std::time::Instant;
-use surface::World;
 
 pub use settings::RayTracedSettings;
+// What illumination maps share.
+pub(super) use film::Film;
+pub(super) use lights::{Choice, Emitted, Lights};
+pub(super) use path::{Caustics, Mapped, Tracer};
+pub(super) use pixels::Pixels;
+pub(super) use surface::{Surface, World};
 
 /// Aim of one step, seconds: short enough to cancel, long enough not to matter.
 const STEP_SECONDS: f64 = 0.04;
@@ -100,6 +101,7 @@ impl Method for RayTraced {
                     light_sampling: options.light_sampling,
                     reflections: options.reflections,
                     rays_per_pixel: options.rays_per_pixel,
+                    caustics: None,
                 };
                 let pixels = Pixels {
                     tracer,
@@ -141,7 +143,7 @@ impl Method for RayTraced {
 /// Refuses what would not fit into memory before anything is allocated.
 fn check_memory(triangles: u64, request: &RenderRequest) -> Result<(), DeviceError> {
     let needed_bytes =
-        Rays::needed_bytes(triangles) + Film::needed_bytes(request.width, request.height);
+        World::needed_bytes(triangles) + Film::needed_bytes(request.width, request.height);
     let available_bytes = free_memory();
     if needed_bytes > available_bytes {
         let device = CpuDevice::describe().id;
@@ -151,7 +153,10 @@ fn check_memory(triangles: u64, request: &RenderRequest) -> Result<(), DeviceErr
 }
 
 /// What is not as it should be: bias that was asked for, another device than was asked for.
-fn approximations(options: &RayTracedSettings, device: &DeviceDescription) -> Vec<Warning> {
+pub(super) fn approximations(
+    options: &RayTracedSettings,
+    device: &DeviceDescription,
+) -> Vec<Warning> {
     let mut warnings = Vec::new();
     if device.kind != "cpu" {
         let what = format!("rays are traced by the processor, not by {}", device.name);

@@ -1,19 +1,43 @@
 //! Radiance along a camera ray by random walks from the eye (Kajiya 1986): at each surface the
 //! lights are sampled (next-event estimation) and one reflected ray goes on; emitters that it
 //! meets are weighed against the light samples by the power heuristic (Veach and Guibas 1995).
+//! Where a map has the caustics, diffuse surfaces read them there, and what the walk finds of the
+//! same light is left out ([`Carried`]).
 
+use super::clear::Inside;
 use super::lights::{DiskPoints, LightSample, Lights};
 use super::settings::LightSampling;
-use super::surface::{Surface, World};
+use super::surface::{Parts, Surface, World};
 use crate::radiometry::Rgb;
 use crate::random::Numbers;
 use crate::rays::Eye;
 use glam::Vec3;
+use std::f32::consts::PI;
 
 /// Reflections before a walk may be ended by chance.
 const SURE_REFLECTIONS: u32 = 2;
 /// Most that a walk goes on with by chance, so that it ends even between white walls.
 const MOST_SURVIVAL: f32 = 0.97;
+/// Clear surfaces in a row before a walk may be ended by chance.
+const SURE_CROSSINGS: u32 = 8;
+
+/// Caustics that were found from the lights: the irradiance that came from emitters by one or
+/// more sharp lobes ([`crate::radiometry::Reflectance::is_sharp`]) or clear surfaces, and nothing
+/// else.
+pub trait Caustics: Sync {
+    /// At a point of a surface.
+    fn irradiance(&self, surface: &Surface) -> Mapped;
+}
+
+/// What a map of caustics says of a point.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Mapped {
+    /// Irradiance.
+    pub irradiance: Rgb,
+    /// A random value with the mean 0 and the variance of the irradiance: how far light rays
+    /// scatter.
+    pub scatter: Rgb,
+}
 
 /// What traces paths.
 pub struct Tracer<'a> {
@@ -27,6 +51,8 @@ pub struct Tracer<'a> {
     pub reflections: u32,
     /// Rays that leave the first surface N.
     pub rays_per_pixel: u32,
+    /// Where to read caustics, instead of finding them by chance.
+    pub caustics: Option<&'a dyn Caustics>,
 }
 
 /// The random numbers of a pixel's paths, and the rays that they took.
@@ -35,6 +61,8 @@ pub struct Walk {
     pub numbers: Numbers,
     /// Rays so far.
     pub rays: u64,
+    /// What [`Mapped::scatter`] adds to the radiance in place of the irradiance.
+    pub by_map: Rgb,
 }
 
 impl Walk {
@@ -43,24 +71,151 @@ impl Walk {
     }
 }
 
+/// What a walk multiplies radiance by.
+#[derive(Clone, Copy)]
+struct Carried {
+    /// All reflections so far.
+    all: Rgb,
+    /// The part of it that since its last diffuse reflection was only mirrored by sharp lobes or
+    /// let through: 0 before the first, and where no map has the caustics.
+    since_diffuse: Rgb,
+    /// The part of that which was mirrored or let through at least once: the map has what it
+    /// brings from emitters.
+    mapped: Rgb,
+}
+
+impl Carried {
+    const START: Self = Self { all: Rgb::ONE, since_diffuse: Rgb::ZERO, mapped: Rgb::ZERO };
+
+    fn times(self, factor: Rgb) -> Self {
+        Self {
+            all: self.all * factor,
+            since_diffuse: self.since_diffuse * factor,
+            mapped: self.mapped * factor,
+        }
+    }
+
+    /// After a reflection.
+    fn reflected(self, surface: &Surface, factor: Parts, has_map: bool) -> Self {
+        let all = self.all * factor.both();
+        if !has_map {
+            return Self { all, ..Self::START };
+        }
+        let sharp = surface.reflectance.is_sharp();
+        let mapped = if sharp { self.since_diffuse * factor.lobe } else { Rgb::ZERO };
+        Self { all, since_diffuse: self.all * factor.diffuse + mapped, mapped }
+    }
+
+    /// After a clear surface.
+    fn passed(self, tint: Rgb) -> Self {
+        Self { mapped: self.since_diffuse, ..self }.times(tint)
+    }
+
+    /// What of it counts for light from an emitter.
+    fn unmapped(&self) -> Rgb {
+        self.all - self.mapped
+    }
+}
+
+/// A ray of a walk.
+struct Flight {
+    eye: Eye,
+    origin: Vec3,
+    direction: Vec3,
+    /// Density per solid angle that the direction was picked with; infinite where light can't be
+    /// sampled instead.
+    density: f32,
+    carried: Carried,
+    /// What it is in.
+    inside: Option<Inside>,
+}
+
+/// Where a walk met a surface that reflects it.
+#[derive(Clone, Copy)]
+struct Stop {
+    surface: Surface,
+    viewer: Vec3,
+    carried: Carried,
+    inside: Option<Inside>,
+}
+
 impl Tracer<'_> {
     /// An estimate of the radiance that arrives along a camera ray.
     pub fn radiance(&self, origin: Vec3, direction: Vec3, walk: &mut Walk) -> Rgb {
-        walk.rays += 1;
-        let Some((surface, _)) = self.world.meet(Eye::Camera, origin, direction) else {
-            return Rgb::ZERO;
+        let flight = Flight {
+            eye: Eye::Camera,
+            origin,
+            direction,
+            density: f32::INFINITY,
+            carried: Carried::START,
+            inside: None,
         };
-        surface.emission + self.reflected(&surface, -direction, walk)
+        let (radiance, stop) = self.follow(flight, walk);
+        match stop {
+            Some(stop) => radiance + self.reflected(&stop, walk),
+            None => radiance,
+        }
+    }
+
+    /// Follows a ray through clear surfaces to one that reflects it, and says what emitters on the
+    /// way bring.
+    fn follow(&self, mut flight: Flight, walk: &mut Walk) -> (Rgb, Option<Stop>) {
+        let (mut radiance, mut crossings) = (Rgb::ZERO, 0);
+        loop {
+            walk.rays += 1;
+            let Flight { eye, origin, direction, density, carried, inside } = &mut flight;
+            let Some((surface, distance)) = self.world.meet(*eye, *origin, *direction) else {
+                return (radiance, None);
+            };
+            if let Some(inside) = inside {
+                *carried = carried.times(inside.left_after(distance));
+            }
+            let is_sampled = density.is_finite();
+            if surface.emission != Rgb::ZERO
+                && (self.light_sampling == LightSampling::Area || !is_sampled)
+            {
+                let other = self.lights.density(&surface, *direction, distance);
+                radiance += carried.unmapped() * surface.emission * heuristic(*density, other);
+            }
+            let viewer = -*direction;
+            let clear = surface
+                .clear
+                .filter(|clear| clear.share >= 1.0 || walk.numbers.uniform() < clear.share);
+            let Some(clear) = clear else {
+                let stop = Stop { surface, viewer, carried: *carried, inside: *inside };
+                return (radiance, Some(stop));
+            };
+            crossings += 1;
+            if crossings > SURE_CROSSINGS {
+                let survival = carried.all.max_element().min(MOST_SURVIVAL);
+                if walk.numbers.uniform() >= survival {
+                    return (radiance, None);
+                }
+                *carried = carried.times(Rgb::splat(1.0 / survival));
+            }
+            let Some(passed) = clear.pass(&surface, viewer, walk.numbers.uniform()) else {
+                return (radiance, None);
+            };
+            *carried = carried.passed(passed.tint);
+            *direction = passed.direction;
+            *density = f32::INFINITY;
+            if passed.through {
+                (*origin, *inside) = (surface.start_behind(), passed.inside);
+            } else {
+                (*origin, *eye) = (surface.start(), Eye::Light);
+            }
+        }
     }
 
     /// Radiance that the first surface reflects, by N rays: in proportion to what the diffuse
     /// part and the lobe reflect, or at random with N = 1.
-    fn reflected(&self, surface: &Surface, viewer: Vec3, walk: &mut Walk) -> Rgb {
+    fn reflected(&self, stop: &Stop, walk: &mut Walk) -> Rgb {
+        let Stop { surface, viewer, .. } = stop;
         if !surface.reflects() {
             return Rgb::ZERO;
         }
         let count = self.rays_per_pixel;
-        let mut share = surface.diffuse_share(viewer);
+        let mut share = surface.diffuse_share(*viewer);
         let mut diffuse_count = 0;
         if count > 1 {
             // Each part that reflects gets a ray, and the share is what it then is.
@@ -69,99 +224,101 @@ impl Tracer<'_> {
             diffuse_count = ((share * count as f32).round() as u32).clamp(least, most);
             share = diffuse_count as f32 / count as f32;
         }
-        let mut radiance = self.direct(surface, viewer, share, count, walk);
+        let mut radiance = self.direct(stop, share, count, walk) + self.caustics(stop, walk);
         let weight = 1.0 / count as f32;
         for index in 0..count {
             let diffusely =
                 if count > 1 { index < diffuse_count } else { walk.numbers.uniform() < share };
-            radiance += weight * self.walk(*surface, viewer, share, diffusely, walk);
+            let before = std::mem::take(&mut walk.by_map);
+            radiance += weight * self.walk(*stop, share, diffusely, walk);
+            walk.by_map = before + weight * walk.by_map;
         }
         radiance
     }
 
-    /// What a ray from `surface` brings: emitters that it meets, weighed against their sampling
+    /// What a ray from a surface brings: emitters that it meets, weighed against their sampling
     /// from here, and everything that was reflected before.
-    fn walk(
-        &self,
-        mut surface: Surface,
-        mut viewer: Vec3,
-        mut share: f32,
-        mut diffusely: bool,
-        walk: &mut Walk,
-    ) -> Rgb {
-        let (mut radiance, mut weight) = (Rgb::ZERO, Rgb::ONE);
+    fn walk(&self, mut stop: Stop, mut share: f32, mut diffusely: bool, walk: &mut Walk) -> Rgb {
+        let mut radiance = Rgb::ZERO;
         let mut reflections = 1;
         loop {
+            let Stop { surface, viewer, .. } = stop;
             let xi = walk.pair();
             let Some(scattered) = surface.scatter(viewer, share, diffusely, xi) else { break };
-            weight *= scattered.factor;
+            let has_map = self.caustics.is_some();
+            let mut carried = stop.carried.reflected(&surface, scattered.factor, has_map);
             if reflections > SURE_REFLECTIONS {
-                let survival = weight.max_element().min(MOST_SURVIVAL);
+                let survival = carried.all.max_element().min(MOST_SURVIVAL);
                 if walk.numbers.uniform() >= survival {
                     break;
                 }
-                weight /= survival;
+                carried = carried.times(Rgb::splat(1.0 / survival));
             }
-            walk.rays += 1;
-            let direction = scattered.direction;
-            let met = self.world.meet(Eye::Light, surface.start(), direction);
-            let Some((next, distance)) = met else { break };
-            if self.light_sampling == LightSampling::Area && next.emission != Rgb::ZERO {
-                let other = self.lights.density(&next, direction, distance);
-                radiance += weight * next.emission * heuristic(scattered.density, other);
-            }
-            if reflections == self.reflections || !next.reflects() {
+            let flight = Flight {
+                eye: Eye::Light,
+                origin: surface.start(),
+                direction: scattered.direction,
+                density: scattered.density,
+                carried,
+                inside: stop.inside,
+            };
+            let (met, next) = self.follow(flight, walk);
+            radiance += met;
+            let Some(next) = next else { break };
+            if reflections == self.reflections || !next.surface.reflects() {
                 break;
             }
             reflections += 1;
-            (surface, viewer) = (next, -direction);
-            share = surface.diffuse_share(viewer);
-            radiance += weight * self.direct(&surface, viewer, share, 1, walk);
+            stop = next;
+            share = stop.surface.diffuse_share(stop.viewer);
+            radiance += self.direct(&stop, share, 1, walk) + self.caustics(&stop, walk);
             diffusely = walk.numbers.uniform() < share;
         }
         radiance
     }
 
-    /// Light that comes from the emitters without detour and is reflected once, by `count`
-    /// samples.
-    fn direct(
-        &self,
-        surface: &Surface,
-        viewer: Vec3,
-        share: f32,
-        count: u32,
-        walk: &mut Walk,
-    ) -> Rgb {
-        match self.light_sampling {
-            LightSampling::Area => self.direct_by_area(surface, viewer, share, count, walk),
-            LightSampling::Disk => {
-                self.direct_by_disks(surface, viewer, DiskPoints::Area, count, walk)
+    /// What the diffuse part reflects of the caustics in the map.
+    fn caustics(&self, stop: &Stop, walk: &mut Walk) -> Rgb {
+        let diffuse = stop.surface.reflectance.diffuse;
+        match self.caustics {
+            Some(caustics) if diffuse != Rgb::ZERO => {
+                let weight = stop.carried.all * diffuse / PI;
+                let Mapped { irradiance, scatter } = caustics.irradiance(&stop.surface);
+                walk.by_map += weight * scatter;
+                weight * irradiance
             }
-            LightSampling::Rim => {
-                self.direct_by_disks(surface, viewer, DiskPoints::Rim, count, walk)
-            }
+            _ => Rgb::ZERO,
         }
     }
 
-    fn direct_by_area(
-        &self,
-        surface: &Surface,
-        viewer: Vec3,
-        share: f32,
-        count: u32,
-        walk: &mut Walk,
-    ) -> Rgb {
+    /// Light that comes from the emitters without detour and is reflected here, by `count`
+    /// samples.
+    fn direct(&self, stop: &Stop, share: f32, count: u32, walk: &mut Walk) -> Rgb {
+        match self.light_sampling {
+            LightSampling::Area => self.direct_by_area(stop, share, count, walk),
+            LightSampling::Disk => self.direct_by_disks(stop, DiskPoints::Area, count, walk),
+            LightSampling::Rim => self.direct_by_disks(stop, DiskPoints::Rim, count, walk),
+        }
+    }
+
+    fn direct_by_area(&self, stop: &Stop, share: f32, count: u32, walk: &mut Walk) -> Rgb {
+        let Stop { surface, viewer, carried, .. } = stop;
+        let has_map = self.caustics.is_some();
         let mut radiance = Rgb::ZERO;
         for index in 0..count {
             let pick = (f64::from(index) + walk.numbers.fine()) / f64::from(count);
             let xi = walk.pair();
             let Some(light) = self.lights.sample(self.world, surface, pick, xi) else { continue };
             let LightSample { end, direction, radiance: emitted, density } = light;
-            let (value, other) = surface.evaluate(viewer, direction, share);
+            let (parts, other) = surface.evaluate(*viewer, direction, share);
+            let value = carried.reflected(surface, parts, has_map).unmapped();
             let cosine = surface.normal.dot(direction);
-            let arriving = value * emitted * (cosine / density * heuristic(density, other));
+            let mut arriving = value * emitted * (cosine / density * heuristic(density, other));
             if arriving == Rgb::ZERO {
                 continue;
+            }
+            if let Some(inside) = &stop.inside {
+                arriving *= inside.left_after((end - surface.start()).length());
             }
             walk.rays += 1;
             if !self.world.rays.blocked(surface.start(), end, |_| false) {
@@ -174,14 +331,9 @@ impl Tracer<'_> {
     /// Lange's lights as Rogers prints them: the ray to a disk's centre counts w = cosⁿθ and the
     /// random ones 1 − w, with θ from the surface's normal and n its Phong exponent (1 where it
     /// has no lobe).
-    fn direct_by_disks(
-        &self,
-        surface: &Surface,
-        viewer: Vec3,
-        points: DiskPoints,
-        count: u32,
-        walk: &mut Walk,
-    ) -> Rgb {
+    fn direct_by_disks(&self, stop: &Stop, points: DiskPoints, count: u32, walk: &mut Walk) -> Rgb {
+        let Stop { surface, viewer, carried, .. } = stop;
+        let has_map = self.caustics.is_some();
         let reflectance = &surface.reflectance;
         let exponent = if reflectance.is_glossy() { reflectance.exponent } else { 1.0 };
         let from = surface.start();
@@ -213,7 +365,9 @@ impl Tracer<'_> {
                 if self.world.rays.blocked(from, end, own) {
                     return (Rgb::ZERO, cosine);
                 }
-                (surface.evaluate(viewer, direction, 1.0).0 * light * cosine, cosine)
+                let (parts, _) = surface.evaluate(*viewer, direction, 1.0);
+                let value = carried.reflected(surface, parts, has_map).unmapped();
+                (value * light * cosine, cosine)
             };
             let (central, cosine) = ray(disk.center(), walk);
             let weight = cosine.powf(exponent);

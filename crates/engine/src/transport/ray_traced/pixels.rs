@@ -29,7 +29,33 @@ struct Cell {
     high: Vec2,
     /// Where its sample is, and what was seen there.
     at: Vec2,
-    value: Rgb,
+    value: Estimate,
+}
+
+/// An estimate of the radiance that a pixel sees.
+#[derive(Clone, Copy, Default)]
+pub struct Estimate {
+    /// The radiance.
+    pub radiance: Rgb,
+    /// How far it would be off by chance if only the caustics' map were random: a value whose mean
+    /// is 0, and whose variance is what the map adds to that of [`Estimate::radiance`].
+    pub by_map: Rgb,
+}
+
+impl std::ops::Add for Estimate {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self { radiance: self.radiance + other.radiance, by_map: self.by_map + other.by_map }
+    }
+}
+
+impl std::ops::Mul<f32> for Estimate {
+    type Output = Self;
+
+    fn mul(self, factor: f32) -> Self {
+        Self { radiance: self.radiance * factor, by_map: self.by_map * factor }
+    }
 }
 
 impl Cell {
@@ -41,15 +67,15 @@ impl Cell {
 
 impl Pixels<'_> {
     /// The estimate of one pass for a pixel, and the rays that it took.
-    pub fn pixel(&self, column: u32, row: u32, pass: u64) -> (Rgb, u64) {
+    pub fn pixel(&self, column: u32, row: u32, pass: u64) -> (Estimate, u64) {
         let pixel = u64::from(row) * u64::from(self.size[0]) + u64::from(column);
         let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
         let numbers = Numbers::new(self.seed, Stream::Path, pass * pixels + pixel);
-        let mut walk = Walk { numbers, rays: 0 };
+        let mut walk = Walk { numbers, rays: 0, by_map: Rgb::ZERO };
         (self.sample(column, row, pass, &mut walk), walk.rays)
     }
 
-    fn sample(&self, column: u32, row: u32, pass: u64, walk: &mut Walk) -> Rgb {
+    fn sample(&self, column: u32, row: u32, pass: u64, walk: &mut Walk) -> Estimate {
         let corner = Vec2::new(column as f32, row as f32);
         match self.sampling {
             PixelSampling::Independent => {
@@ -82,11 +108,11 @@ impl Pixels<'_> {
     }
 
     /// Radiance at picture position `at`, pixels from the upper left corner.
-    fn look(&self, at: Vec2, walk: &mut Walk) -> Rgb {
-        match self.ray(at) {
-            Some((origin, direction)) => self.tracer.radiance(origin, direction, walk),
-            None => Rgb::ZERO,
-        }
+    fn look(&self, at: Vec2, walk: &mut Walk) -> Estimate {
+        let Some((origin, direction)) = self.ray(at) else { return Estimate::default() };
+        walk.by_map = Rgb::ZERO;
+        let radiance = self.tracer.radiance(origin, direction, walk);
+        Estimate { radiance, by_map: walk.by_map }
     }
 
     fn ray(&self, at: Vec2) -> Option<(Vec3, Vec3)> {
@@ -110,7 +136,7 @@ impl Refinement<'_> {
     /// Mean over a cell times its area: splits it along its longer side by a random plane, keeps
     /// its sample for the half that it lies in, draws one for the other, and goes on with both
     /// where they differ too much.
-    fn split(&self, cell: Cell, levels: u32, walk: &mut Walk) -> Rgb {
+    fn split(&self, cell: Cell, levels: u32, walk: &mut Walk) -> Estimate {
         let size = cell.high - cell.low;
         let axis = usize::from(size.y > size.x);
         let plane = cell.low[axis] + walk.numbers.uniform() * size[axis];
@@ -120,19 +146,19 @@ impl Refinement<'_> {
         let in_first = cell.at[axis] < plane;
         let other = if in_first { &mut second } else { &mut first };
         (other.at, other.value) = self.draw(other, walk);
-        if levels > 1 && contrast(first.value, second.value) > self.contrast {
+        if levels > 1 && contrast(first.value.radiance, second.value.radiance) > self.contrast {
             self.split(first, levels - 1, walk) + self.split(second, levels - 1, walk)
         } else {
             self.settle(first, walk) + self.settle(second, walk)
         }
     }
 
-    fn settle(&self, cell: Cell, walk: &mut Walk) -> Rgb {
+    fn settle(&self, cell: Cell, walk: &mut Walk) -> Estimate {
         let value = if self.fresh { self.draw(&cell, walk).1 } else { cell.value };
         value * cell.area()
     }
 
-    fn draw(&self, cell: &Cell, walk: &mut Walk) -> (Vec2, Rgb) {
+    fn draw(&self, cell: &Cell, walk: &mut Walk) -> (Vec2, Estimate) {
         let within = Vec2::new(walk.numbers.uniform(), walk.numbers.uniform());
         let at = cell.low + within * (cell.high - cell.low);
         (at, self.pixels.look(self.corner + at, walk))

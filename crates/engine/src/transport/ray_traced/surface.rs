@@ -1,6 +1,7 @@
 //! Surfaces as rays meet them: diffuse plus modified Phong with full-detail textures, evaluated
 //! and importance sampled.
 
+use super::clear::Clear;
 use crate::hemicube::frame;
 use crate::radiometry::{LobeAlbedo, Reflectance, Rgb, importance};
 use crate::rays::{Eye, Hit, Rays, Spot};
@@ -25,6 +26,7 @@ struct Finish {
     emission: Rgb,
     two_sided: bool,
     varies: bool,
+    clear: Option<Clear>,
 }
 
 /// A point of a surface, seen from the side that reflects.
@@ -32,6 +34,10 @@ struct Finish {
 pub struct Surface {
     /// Index into [`Scene::triangles`].
     pub triangle: u32,
+    /// Barycentric (u, v) there.
+    pub at: [f32; 2],
+    /// Whether the back is seen.
+    pub back: bool,
     /// Where.
     pub spot: Spot,
     /// Unit geometric normal of the side that is seen.
@@ -42,6 +48,29 @@ pub struct Surface {
     pub reflectance: Reflectance,
     /// Radiance that it emits.
     pub emission: Rgb,
+    /// How it lets light through, if it does.
+    pub clear: Option<Clear>,
+}
+
+/// What f_r does, the diffuse part and the lobe by themselves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parts {
+    /// By the diffuse part.
+    pub diffuse: Rgb,
+    /// By the lobe.
+    pub lobe: Rgb,
+}
+
+impl Parts {
+    /// Both together.
+    pub fn both(&self) -> Rgb {
+        self.diffuse + self.lobe
+    }
+
+    /// Both, weighed.
+    pub fn times(&self, weight: Rgb) -> Self {
+        Self { diffuse: self.diffuse * weight, lobe: self.lobe * weight }
+    }
 }
 
 /// A direction that was picked for light to come from.
@@ -49,7 +78,7 @@ pub struct Scattered {
     /// Unit direction away from the surface.
     pub direction: Vec3,
     /// f_r·cosθ over the density.
-    pub factor: Rgb,
+    pub factor: Parts,
     /// Density per solid angle.
     pub density: f32,
 }
@@ -57,6 +86,7 @@ pub struct Scattered {
 impl World {
     /// Prepares a scene.
     pub fn new(scene: Arc<Scene>) -> Self {
+        let rays = Rays::new(&scene);
         let finish = |triangle: &crate::scene::Triangle| {
             let material = &scene.materials[triangle.material as usize];
             let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize].color);
@@ -68,10 +98,23 @@ impl World {
                     || (material.emits() && material.emission_texture.is_some())
                     || a != b
                     || b != c,
+                clear: Clear::new(material, rays.scale())
+                    .map(|clear| clear.tinted(scene.base_color(triangle, 0.0, 0.0))),
             }
         };
         let finishes = scene.triangles.iter().map(finish).collect();
-        Self { rays: Rays::new(&scene), finishes, scene }
+        Self { rays, finishes, scene }
+    }
+
+    /// Bytes that [`World::new`] takes at its peak for so many triangles.
+    pub fn needed_bytes(triangles: u64) -> u64 {
+        // Finishes; emitters with their densities, picks and groups, if all shine.
+        Rays::needed_bytes(triangles) + triangles * 300
+    }
+
+    /// Square metres of a square ray unit.
+    pub fn square_metre(&self) -> f32 {
+        (self.rays.scale() * self.rays.scale()).recip() as f32
     }
 
     /// Whether a triangle's back reflects and emits too.
@@ -94,31 +137,61 @@ impl World {
     pub fn meet(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<(Surface, f32)> {
         let hit = self.rays.closest(eye, origin, direction)?;
         let finish = &self.finishes[hit.triangle as usize];
-        let black = hit.back && !finish.two_sided;
-        (!black).then(|| (self.surface(&hit, finish), hit.distance))
+        let black = hit.back && !finish.two_sided && finish.clear.is_none();
+        (!black).then(|| {
+            let Hit { triangle, u, v, back, .. } = hit;
+            (self.surface(triangle, [u, v], back, self.rays.spot(&hit)), hit.distance)
+        })
     }
 
-    fn surface(&self, hit: &Hit, finish: &Finish) -> Surface {
-        let triangle = &self.scene.triangles[hit.triangle as usize];
-        let spot = self.rays.spot(hit);
-        let side = if hit.back { -1.0 } else { 1.0 };
+    /// The surface of a side of a triangle at barycentric (u, v).
+    pub fn at(&self, triangle: u32, [u, v]: [f32; 2], back: bool) -> Surface {
+        let (corners, _) = self.rays.corners(&self.scene, triangle);
+        self.surface(triangle, [u, v], back, Spot::new(corners, u, v))
+    }
+
+    fn surface(&self, index: u32, [u, v]: [f32; 2], back: bool, spot: Spot) -> Surface {
+        let (triangle, finish) =
+            (&self.scene.triangles[index as usize], &self.finishes[index as usize]);
+        let side = if back { -1.0 } else { 1.0 };
         let normal = spot.normal * side;
-        let (reflectance, emission) = if finish.varies {
+        let (mut reflectance, mut emission, mut clear) =
+            (finish.reflectance, finish.emission, finish.clear);
+        if finish.varies {
             let material = &self.scene.materials[triangle.material as usize];
-            let color = self.scene.base_color(triangle, hit.u, hit.v);
-            (material.reflectance(color), self.scene.emission(triangle, hit.u, hit.v))
-        } else {
-            (finish.reflectance, finish.emission)
-        };
+            let color = self.scene.base_color(triangle, u, v);
+            (reflectance, emission) =
+                (material.reflectance(color), self.scene.emission(triangle, u, v));
+            clear = clear.map(|clear| clear.tinted(color));
+        }
+        let all_clear = clear.is_some_and(|clear| clear.share >= 1.0);
+        if all_clear || (back && !finish.two_sided) {
+            // Of a back that light gets out of, what is not clear is black.
+            reflectance = Reflectance::lambertian(Rgb::ZERO);
+        }
+        if back && !finish.two_sided {
+            emission = Rgb::ZERO;
+        }
         let mut shading_normal = normal;
-        if reflectance.is_glossy() {
-            let given = self.scene.interpolate(triangle, hit.u, hit.v, |vertex| vertex.normal);
+        if reflectance.is_glossy() || clear.is_some() {
+            let given = self.scene.interpolate(triangle, u, v, |vertex| vertex.normal);
             let given = (given * side).normalize_or(normal);
             if given.dot(normal) > 0.0 {
                 shading_normal = given;
             }
         }
-        Surface { triangle: hit.triangle, spot, normal, shading_normal, reflectance, emission }
+        let at = [u, v];
+        Surface {
+            triangle: index,
+            at,
+            back,
+            spot,
+            normal,
+            shading_normal,
+            reflectance,
+            emission,
+            clear,
+        }
     }
 }
 
@@ -126,6 +199,17 @@ impl Surface {
     /// Where rays that leave start.
     pub fn start(&self) -> Vec3 {
         self.spot.off_surface(self.normal)
+    }
+
+    /// Where rays that go on behind it start.
+    pub fn start_behind(&self) -> Vec3 {
+        self.spot.off_surface(-self.normal)
+    }
+
+    /// The same without its diffuse part.
+    pub fn lobe_only(mut self) -> Self {
+        self.reflectance.diffuse = Rgb::ZERO;
+        self
     }
 
     /// Whether it reflects anything.
@@ -147,13 +231,14 @@ impl Surface {
     }
 
     /// f_r and, for directions picked diffusely with probability `diffuse_share`, their density.
-    pub fn evaluate(&self, viewer: Vec3, source: Vec3, diffuse_share: f32) -> (Rgb, f32) {
+    pub fn evaluate(&self, viewer: Vec3, source: Vec3, diffuse_share: f32) -> (Parts, f32) {
         let Reflectance { diffuse, specular, exponent } = self.reflectance;
         let cosine = self.normal.dot(source).max(0.0);
-        let (mut value, mut density) = (diffuse / PI, diffuse_share * cosine / PI);
+        let mut value = Parts { diffuse: diffuse / PI, lobe: Rgb::ZERO };
+        let mut density = diffuse_share * cosine / PI;
         if self.reflectance.is_glossy() {
             let power = self.lobe(viewer, source);
-            value += specular * ((exponent + 2.0) / TAU * power);
+            value.lobe = specular * ((exponent + 2.0) / TAU * power);
             density += (1.0 - diffuse_share) * ((exponent + 1.0) / TAU * power);
         }
         (value, density)
@@ -187,7 +272,7 @@ impl Surface {
         let (value, density) = self.evaluate(viewer, direction, diffuse_share);
         (density > 0.0).then(|| Scattered {
             direction,
-            factor: value * (cosine / density),
+            factor: value.times(Rgb::splat(cosine / density)),
             density,
         })
     }

@@ -1,0 +1,322 @@
+//! Rays from the lights by way of what makes caustics to the diffuse surfaces behind it.
+//!
+//! Half of them leave the light by the cosine, and count where they meet a sharp mirror or a clear
+//! surface; the other half goes to points picked on those. A point y of a light and a point s of
+//! such a surface weigh by how likely both ways together are to join them (balance heuristic):
+//! Φ = L_e G(y, s) / (p(y) (½ p_a(s|y) + ½ p_b(s))) / N, with p_a = cosθ_y cosθ_s/(π r²) and
+//! p_b = 1/(their area). Since G = π p_a, no ray carries more than twice what it would by the cosine
+//! alone, and none is wasted where what makes the caustic is small.
+
+use super::map::Landing;
+use crate::hemicube::frame;
+use crate::radiometry::Rgb;
+use crate::random::{Numbers, Stream};
+use crate::rays::Eye;
+use crate::transport::ray_traced::{Choice, Emitted, Lights, Surface, World};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::f32::consts::{PI, TAU};
+use std::ops::Range;
+
+/// Rays that are traced in a row by one thread.
+const CHUNK: u64 = 256;
+/// Mirrors and clear surfaces on the way before a ray may be ended by chance.
+const SURE_BOUNCES: u32 = 4;
+/// Most that it goes on with by chance.
+const MOST_SURVIVAL: f32 = 0.97;
+/// Numbers of a well-spread sequence that a ray takes.
+const DIMENSIONS: usize = 6;
+
+/// The triangles that make caustics.
+pub struct Casters {
+    triangles: Vec<u32>,
+    choice: Choice,
+    /// 1/(their area), square ray units.
+    density: f32,
+}
+
+impl Casters {
+    /// Those of a scene; `None` without any.
+    pub fn new(world: &World) -> Option<Self> {
+        let scene = &world.scene;
+        let casts: Vec<bool> = scene.materials.iter().map(|m| m.casts_caustics()).collect();
+        let area = |index: u32| f64::from(world.rays.corners(scene, index).1);
+        let triangles: Vec<u32> = (0..scene.triangles.len() as u32)
+            .filter(|index| casts[scene.triangles[*index as usize].material as usize])
+            .filter(|index| area(*index) > 0.0)
+            .collect();
+        let total: f64 = triangles.iter().map(|index| area(*index)).sum();
+        (total > 0.0).then(|| Self {
+            choice: Choice::new(triangles.iter().map(|index| area(*index))),
+            triangles,
+            density: (1.0 / total) as f32,
+        })
+    }
+}
+
+/// What shoots light.
+pub struct LightRays<'a> {
+    /// The scene.
+    pub world: &'a World,
+    /// Its lights.
+    pub lights: &'a Lights,
+    /// What makes caustics in it.
+    pub casters: &'a Casters,
+    /// Rays of a pass, even.
+    pub count: u64,
+    /// Seed of all random numbers.
+    pub seed: u64,
+}
+
+/// Rays that were shot.
+#[derive(Default)]
+pub struct Shower {
+    /// Where they landed on diffuse surfaces, in the order of the rays.
+    pub landings: Vec<Landing>,
+    /// Rays that it took, with those between two mirrors.
+    pub rays: u64,
+}
+
+impl LightRays<'_> {
+    /// Shoots some of the rays of a pass.
+    pub fn shoot(&self, pass: u64, rays: Range<u64>) -> Shower {
+        let mut shifts = Numbers::new(self.seed, Stream::LightShift, pass);
+        let shifts: [f64; DIMENSIONS] = std::array::from_fn(|_| shifts.fine());
+        let chunks = (rays.end - rays.start).div_ceil(CHUNK);
+        let showers: Vec<Shower> = (0..chunks)
+            .into_par_iter()
+            .map(|chunk| {
+                let first = rays.start + chunk * CHUNK;
+                let mut shower = Shower::default();
+                for ray in first..(first + CHUNK).min(rays.end) {
+                    self.trace(pass, ray, &shifts, &mut shower);
+                }
+                shower
+            })
+            .collect();
+        let mut all = Shower::default();
+        for shower in showers {
+            all.landings.extend(shower.landings);
+            all.rays += shower.rays;
+        }
+        all
+    }
+
+    /// One ray of a pass.
+    fn trace(&self, pass: u64, ray: u64, shifts: &[f64; DIMENSIONS], shower: &mut Shower) {
+        let numbers = Numbers::new(self.seed, Stream::LightRay, pass * self.count + ray);
+        let mut walk = Walk { numbers, power: Rgb::ZERO, rays: 0 };
+        // Each way to the first surface has the sequence to itself.
+        let xi = spread(ray / 2, shifts);
+        let light = self.lights.emit(self.world, xi[0], [xi[1] as f32, xi[2] as f32]);
+        let first = if ray.is_multiple_of(2) {
+            self.by_cosine(&light, [xi[3] as f32, xi[4] as f32], &mut walk)
+        } else {
+            self.by_area(&light, [xi[3], xi[4], xi[5]], &mut walk)
+        };
+        if let Some((surface, source)) = first {
+            self.go_on(surface, source, &mut walk, &mut shower.landings);
+        }
+        shower.rays += walk.rays;
+    }
+
+    /// The first surface, where it makes caustics, and the direction to the light.
+    fn by_cosine(&self, light: &Emitted, xi: [f32; 2], walk: &mut Walk) -> Option<(Surface, Vec3)> {
+        let side = if light.two_sided && walk.numbers.uniform() < 0.5 { -1.0 } else { 1.0 };
+        let normal = light.spot.normal * side;
+        let (cosine, sine) = ((1.0 - xi[0]).sqrt(), xi[0].sqrt());
+        let (tangent, bitangent) = frame(normal, TAU * xi[1]);
+        debug_assert!(bitangent.is_finite());
+        let direction = normal * cosine + tangent * sine;
+        walk.rays += 1;
+        let origin = light.spot.off_surface(normal);
+        let (surface, _) = self.world.meet(Eye::Light, origin, direction)?;
+        self.join(light, surface, walk)
+    }
+
+    /// A point of what makes caustics, where the light sees it, and the direction to the light.
+    fn by_area(&self, light: &Emitted, xi: [f64; 3], walk: &mut Walk) -> Option<(Surface, Vec3)> {
+        let triangle = self.casters.triangles[self.casters.choice.pick(xi[0])];
+        let root = xi[1].sqrt() as f32;
+        let at = [root * (1.0 - xi[2] as f32), root * xi[2] as f32];
+        let front = self.world.at(triangle, at, false);
+        let to_light = light.spot.point - front.spot.point;
+        let surface = if front.normal.dot(to_light) > 0.0 {
+            front
+        } else if front.clear.is_some() || self.world.is_two_sided(triangle) {
+            self.world.at(triangle, at, true)
+        } else {
+            return None;
+        };
+        let joined = self.join(light, surface, walk)?;
+        let side = -light.spot.normal.dot(joined.1).signum();
+        walk.rays += 1;
+        let origin = light.spot.off_surface(light.spot.normal * side);
+        (!self.world.rays.blocked(origin, surface.start(), |_| false)).then_some(joined)
+    }
+
+    /// What light brings to a surface that it is joined with, if that makes caustics.
+    fn join(&self, light: &Emitted, surface: Surface, walk: &mut Walk) -> Option<(Surface, Vec3)> {
+        if !(surface.clear.is_some() || surface.reflectance.is_sharp())
+            || surface.triangle == light.triangle
+        {
+            return None;
+        }
+        let to_light = light.spot.point - surface.spot.point;
+        let square = to_light.length_squared();
+        let source = to_light / square.sqrt();
+        let mut leaving = -light.spot.normal.dot(source);
+        if light.two_sided {
+            leaving = leaving.abs();
+        }
+        let arriving = surface.normal.dot(source);
+        if !(leaving > 0.0 && arriving > 0.0 && square > 0.0) {
+            return None;
+        }
+        let geometry = leaving * arriving / square;
+        let by_cosine = geometry / if light.two_sided { TAU } else { PI };
+        let both = 0.5 * (by_cosine + self.casters.density);
+        let share = (geometry / both / self.count as f32) / light.density;
+        walk.power = light.radiance * (share * self.world.square_metre());
+        (walk.power != Rgb::ZERO).then_some((surface, source))
+    }
+
+    /// Follows light from its first surface through mirrors and clear surfaces.
+    fn go_on(
+        &self,
+        mut surface: Surface,
+        mut source: Vec3,
+        walk: &mut Walk,
+        landings: &mut Vec<Landing>,
+    ) {
+        let start_power = walk.power.max_element();
+        let mut inside = None;
+        for bounce in 0.. {
+            if bounce > 0 && surface.reflectance.diffuse != Rgb::ZERO {
+                let Surface { triangle, back, at, .. } = surface;
+                landings.push(Landing { triangle, back, at, power: walk.power });
+            }
+            let clear = surface
+                .clear
+                .filter(|clear| clear.share >= 1.0 || walk.numbers.uniform() < clear.share);
+            let (origin, direction);
+            if let Some(clear) = clear {
+                let Some(passed) = clear.pass(&surface, source, walk.numbers.uniform()) else {
+                    return;
+                };
+                walk.power *= passed.tint * passed.power_factor(&surface, source);
+                direction = passed.direction;
+                if passed.through {
+                    (origin, inside) = (surface.start_behind(), passed.inside);
+                } else {
+                    origin = surface.start();
+                }
+            } else if surface.reflectance.is_sharp() {
+                let xi = [walk.numbers.uniform(), walk.numbers.uniform()];
+                let Some(scattered) = surface.lobe_only().scatter(source, 0.0, false, xi) else {
+                    return;
+                };
+                walk.power *= scattered.factor.lobe;
+                (origin, direction) = (surface.start(), scattered.direction);
+            } else {
+                return;
+            }
+            if bounce >= SURE_BOUNCES {
+                let survival = (walk.power.max_element() / start_power).min(MOST_SURVIVAL);
+                if walk.numbers.uniform() >= survival {
+                    return;
+                }
+                walk.power /= survival;
+            }
+            walk.rays += 1;
+            let Some((met, distance)) = self.world.meet(Eye::Light, origin, direction) else {
+                return;
+            };
+            if let Some(inside) = &inside {
+                walk.power *= inside.left_after(distance);
+            }
+            (surface, source) = (met, -direction);
+        }
+    }
+}
+
+/// A ray on its way.
+struct Walk {
+    numbers: Numbers,
+    power: Rgb,
+    rays: u64,
+}
+
+/// Place of a ray in a well-spread sequence in the unit cube: additive recurrence by the powers of
+/// the generalised golden ratio, x⁷ = x + 1, shifted by random numbers.
+fn spread(index: u64, shifts: &[f64; DIMENSIONS]) -> [f64; DIMENSIONS] {
+    const RATIO: f64 = 1.112_775_684_278_705_5;
+    let mut step = 1.0;
+    shifts.map(|shift| {
+        step /= RATIO;
+        (shift + index as f64 * step).fract()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::gltf::{ImportLimits, Resources, import};
+    use crate::scene::made;
+    use std::sync::Arc;
+
+    /// What lands by both ways to the first surface, and by the cosine alone.
+    #[test]
+    fn both_ways_bring_the_light_that_one_brings() {
+        for bytes in [made::ring(), made::glass()] {
+            let scene = import(&bytes, &Resources::new(), &ImportLimits::default());
+            let world = World::new(Arc::new(scene.expect("a valid scene")));
+            let lights = Lights::new(&world).expect("it has a lamp");
+            let mut casters = Casters::new(&world).expect("it makes caustics");
+            let mut landed = |alone: bool| {
+                if alone {
+                    casters.density = 0.0;
+                }
+                let (count, seed) = (300_000, 1);
+                let rays =
+                    LightRays { world: &world, lights: &lights, casters: &casters, count, seed };
+                let mut shower = Shower::default();
+                for ray in (0..count).step_by(if alone { 2 } else { 1 }) {
+                    rays.trace(0, ray, &[0.1, 0.7, 0.3, 0.9, 0.5, 0.2], &mut shower);
+                }
+                shower.landings.iter().map(|landing| f64::from(landing.power.x)).sum::<f64>()
+            };
+            let (both, alone) = (landed(false), landed(true));
+            println!("{both} W by both ways, {alone} W by the cosine");
+            assert!((alone / both - 1.0).abs() < 0.05, "{alone} {both}");
+        }
+    }
+
+    #[test]
+    fn rays_do_not_depend_on_the_number_of_threads() {
+        let scene = import(&made::ring(), &Resources::new(), &ImportLimits::default());
+        let world = World::new(Arc::new(scene.expect("a valid scene")));
+        let lights = Lights::new(&world).expect("it has a lamp");
+        let casters = Casters::new(&world).expect("it makes caustics");
+        let rays =
+            LightRays { world: &world, lights: &lights, casters: &casters, count: 5000, seed: 9 };
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let shower = pool.install(|| rays.shoot(3, 1000..4001));
+            (format!("{:?}", shower.landings), shower.rays)
+        };
+        assert_eq!(on(1), on(3));
+    }
+
+    #[test]
+    fn the_sequence_is_even_along_every_axis() {
+        let count = 4096;
+        for axis in 0..DIMENSIONS {
+            let mut bins = [0i32; 64];
+            for index in 0..count {
+                bins[(spread(index, &[0.3; DIMENSIONS])[axis] * 64.0) as usize] += 1;
+            }
+            assert!(bins.iter().all(|bin| (bin - 64).abs() < 24), "axis {axis}: {bins:?}");
+        }
+    }
+}

@@ -1,0 +1,406 @@
+//! Illumination maps (Arvo 1986, as Rogers prints them): rays from the lights, through mirrors and
+//! clear bodies onto diffuse surfaces, are collected in maps on those; then a picture is traced
+//! from the camera that reads them. It shows the caustics that patches miss.
+//!
+//! What is in the map is light that came from an emitter by one or more sharp lobes
+//! ([`crate::radiometry::Reflectance::is_sharp`]) or clear surfaces, and nothing else; walks from
+//! the camera leave out exactly that after a diffuse reflection, and bring all other light
+//! themselves. So nothing counts twice, and nothing is missing.
+//!
+//! Light rays come in showers, and camera passes in between; a pass reads the light of all showers
+//! before it. The scatter of the passes says how far off the camera's walks are, and the difference
+//! of two halves of the showers how far off the map is.
+
+mod charts;
+mod light_rays;
+mod map;
+
+use super::Method;
+use super::options::Settings;
+use super::ray_traced::{
+    Caustics, Film, Lights, Pixels, RayTracedSettings, Tracer, World, approximations,
+};
+use super::run::Run;
+use crate::device::cpu::CpuDevice;
+use crate::device::{Device, DeviceError, free_memory};
+use crate::image::Picture;
+use crate::measurement::Frame;
+use crate::radiometry::{IMPORTANCE_WEIGHTS, Rgb, importance};
+use crate::render::{
+    Observer, Plan, RenderError, RenderRequest, Rendered, Stats, StopReason, choose_camera,
+};
+use crate::scene::{Camera, Warning};
+use charts::{Charts, Receiver};
+use light_rays::{Casters, LightRays};
+use map::Map;
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// Aim of one step, seconds: short enough to cancel, long enough not to matter.
+const STEP_SECONDS: f64 = 0.04;
+/// Pause between error estimates, in times of what the last one took.
+const ESTIMATE_PAUSE: f64 = 10.0;
+/// Rays that are shot between looks at the clock, and the least of a pass.
+const BLOCK: u64 = 1 << 12;
+/// Values of the map for a light ray of a shower: with more, keeping the map would take longer than
+/// filling it.
+const VALUES_PER_RAY: u64 = 8;
+/// Most passes that read the same map.
+const MOST_PASSES: u64 = 16;
+/// Most rays from the lights for a pass.
+const MOST_RAYS: u64 = 1 << 20;
+/// Rays that find out where caustics are.
+const PILOT: u64 = 1 << 15;
+/// Cells of a surface without caustics next to one with the mean irradiance.
+const DARK_WEIGHT: f64 = 1.0 / 64.0;
+/// Surfaces get more cells with the irradiance's square root, up to this.
+const BRIGHT_WEIGHT: f64 = 2.0;
+
+/// Light rays into maps, and a camera pass that reads them.
+pub struct IlluminationMap;
+
+/// Checked settings of illumination maps; see [`crate::transport::OPTIONS`] for their meaning.
+#[derive(Clone, Copy, Debug)]
+pub struct MapSettings {
+    /// Rays from the lights a pass; `None` follows the picture's size.
+    light_rays: Option<u64>,
+    /// Cells of the map.
+    cells: u64,
+}
+
+impl MapSettings {
+    /// Reads the settings of illumination maps.
+    ///
+    /// # Errors
+    /// [`RenderError::Parameter`] for a value out of range.
+    pub fn new(settings: &Settings) -> Result<Self, RenderError> {
+        let light_rays = match settings.values()["light_rays"].as_str() {
+            "auto" => None,
+            _ => Some(settings.whole("light_rays", 2, MOST_RAYS)?),
+        };
+        Ok(Self { light_rays, cells: settings.whole("map_texels", 1, 1 << 24)? })
+    }
+}
+
+impl Method for IlluminationMap {
+    fn name(&self) -> &'static str {
+        "illumination-map"
+    }
+
+    fn summary(&self) -> &'static str {
+        "light rays through mirrors and glass into maps on diffuse surfaces, and path tracing from the camera that reads them: caustics"
+    }
+
+    fn render(
+        &self,
+        device: &mut dyn Device,
+        request: &RenderRequest,
+        reasons: Vec<String>,
+        observer: &mut dyn Observer,
+    ) -> Result<Rendered, RenderError> {
+        let start = Instant::now();
+        let settings = Settings::new(&request.options)?;
+        let options = RayTracedSettings::new(&settings)?;
+        let own = MapSettings::new(&settings)?;
+        let (camera, made_up) = choose_camera(&request.scene, &request.camera)?;
+        let triangles = request.scene.triangles.len() as u64;
+        check_memory(triangles, &own, request)?;
+        let world = World::new(request.scene.clone());
+        let lights = Lights::new(&world);
+        let casters = Casters::new(&world);
+        let plan = Plan {
+            method: self.name().into(),
+            reasons,
+            settings: settings.values().clone(),
+            patches: 0,
+            triangles,
+        };
+        let mut warnings = request.scene.warnings.clone();
+        warnings.extend(made_up);
+        warnings.extend(approximations(&options, &device.description()));
+        if lights.is_none() {
+            warnings.push(Warning::new(
+                "scene",
+                "nothing emits light, so the picture is black; give a material an emissive factor",
+            ));
+        }
+        if world.rays.is_empty() {
+            warnings.push(Warning::new("scene", "there is no surface; the picture is black"));
+        }
+        if casters.is_none() {
+            warnings.push(Warning::new(
+                "scene",
+                "nothing mirrors sharply or lets light through, so there are no caustics to map; ray-traced shows the same",
+            ));
+        }
+        observer.planned(&plan, &warnings);
+
+        let mut run = Run::new(start, request.limits, observer);
+        let mut diagnostics = BTreeMap::new();
+        let (picture, stopped) = match &lights {
+            Some(lights) => {
+                let job = Job { world: &world, lights, camera: &camera, request, options, own };
+                job.solve(&mut run, casters.as_ref(), &mut diagnostics)
+            }
+            None => (Picture::black(request.width, request.height), StopReason::NoLight),
+        };
+        let progress = run.finish();
+        let seconds = start.elapsed().as_secs_f64();
+        diagnostics.insert("rays".into(), progress.shots as f64);
+        diagnostics.insert("rays_per_second".into(), progress.shots as f64 / seconds);
+        let stats = Stats {
+            method: self.name().into(),
+            stopped,
+            iterations: progress.iterations,
+            shots: progress.shots,
+            light_source_selection_ratio: progress.light_source_selection_ratio,
+            seconds_total: seconds,
+            seconds_solve: seconds,
+            estimated_error: progress.estimated_error,
+            patches: plan.patches,
+            triangles,
+            device: format!("{} (rays)", CpuDevice::describe().name),
+            warnings: warnings.iter().map(Into::into).collect(),
+            diagnostics,
+            plan,
+        };
+        Ok(Rendered { picture, stats })
+    }
+}
+
+/// Refuses what would not fit into memory before anything is allocated.
+fn check_memory(
+    triangles: u64,
+    own: &MapSettings,
+    request: &RenderRequest,
+) -> Result<(), DeviceError> {
+    let needed_bytes = World::needed_bytes(triangles)
+        + Film::needed_bytes(request.width, request.height)
+        + Charts::needed_bytes(2 * triangles, own.cells);
+    let available_bytes = free_memory();
+    if needed_bytes > available_bytes {
+        let device = CpuDevice::describe().id;
+        return Err(DeviceError::OutOfMemory { device, needed_bytes, available_bytes });
+    }
+    Ok(())
+}
+
+/// The sides of triangles that reflect diffusely anywhere, all with the same weight for their
+/// area.
+fn receivers(world: &World) -> Vec<Receiver> {
+    let scene = &world.scene;
+    let mut receivers = Vec::new();
+    for (index, triangle) in scene.triangles.iter().enumerate() {
+        let material = &scene.materials[triangle.material as usize];
+        let opaque = material.clear_share() < 1.0;
+        if !opaque || material.reflectance(Rgb::ONE).diffuse == Rgb::ZERO {
+            continue;
+        }
+        let (_, area) = world.rays.corners(scene, index as u32);
+        let area = area * world.square_metre();
+        for back in [false, true] {
+            if area > 0.0 && (!back || material.double_sided) {
+                let triangle = index as u32;
+                receivers.push(Receiver { triangle, back, area, weight: f64::from(area) });
+            }
+        }
+    }
+    receivers
+}
+
+/// A job with light.
+struct Job<'a> {
+    world: &'a World,
+    lights: &'a Lights,
+    camera: &'a Camera,
+    request: &'a RenderRequest,
+    options: RayTracedSettings,
+    own: MapSettings,
+}
+
+/// The film, and when its error was estimated last.
+struct Exposure {
+    film: Film,
+    estimated: Instant,
+    estimate_seconds: f64,
+}
+
+/// What makes maps.
+struct Maker<'a> {
+    light_rays: LightRays<'a>,
+    map: Map,
+    /// Passes from one shower to the next.
+    interval: u64,
+    landings: u64,
+    rays: u64,
+}
+
+impl Job<'_> {
+    /// Makes passes until a limit is reached.
+    fn solve(
+        &self,
+        run: &mut Run<'_>,
+        casters: Option<&Casters>,
+        diagnostics: &mut BTreeMap<String, f64>,
+    ) -> (Picture, StopReason) {
+        let mut maker = casters.map(|casters| self.maker(casters));
+        let film = Film::new(&self.pixels(None), self.options.period());
+        let mut exposure = Exposure { film, estimated: Instant::now(), estimate_seconds: 0.0 };
+        let stopped = loop {
+            if let Err(reason) = self.pass(run, maker.as_mut(), &mut exposure) {
+                break reason;
+            }
+        };
+        run.estimated_error = exposure.film.relative_error();
+        if let Some(maker) = maker {
+            maker.describe(diagnostics);
+        }
+        (exposure.film.picture(), stopped)
+    }
+
+    fn maker<'b>(&'b self, casters: &'b Casters) -> Maker<'b> {
+        let automatic = u64::from(self.request.width) * u64::from(self.request.height);
+        let count = self.own.light_rays.unwrap_or(automatic.clamp(BLOCK, MOST_RAYS));
+        let rays_of = |count: u64| LightRays {
+            world: self.world,
+            lights: self.lights,
+            casters,
+            count: count.next_multiple_of(2),
+            seed: self.request.seed,
+        };
+        let mut receivers = receivers(self.world);
+        weigh(&mut receivers, self.world, &rays_of(PILOT));
+        let map = Map::new(Charts::new(&self.world.scene, &receivers, self.own.cells));
+        let interval = (map.len() as u64).div_ceil(VALUES_PER_RAY * count).clamp(1, MOST_PASSES);
+        let light_rays = rays_of(count * interval);
+        Maker { light_rays, map, interval, landings: 0, rays: 0 }
+    }
+
+    fn pixels<'b>(&'b self, caustics: Option<&'b dyn Caustics>) -> Pixels<'b> {
+        let size = [self.request.width, self.request.height];
+        Pixels {
+            tracer: Tracer {
+                world: self.world,
+                lights: self.lights,
+                light_sampling: self.options.light_sampling,
+                reflections: self.options.reflections,
+                rays_per_pixel: self.options.rays_per_pixel,
+                caustics,
+            },
+            frame: Frame::new(self.camera, size[0], size[1]),
+            size,
+            sampling: self.options.pixel_sampling,
+            seed: self.request.seed,
+        }
+    }
+
+    /// A map from fresh light, and an estimate of every pixel that reads it. Fails with the reason
+    /// to stop.
+    fn pass(
+        &self,
+        run: &mut Run<'_>,
+        mut maker: Option<&mut Maker<'_>>,
+        exposure: &mut Exposure,
+    ) -> Result<(), StopReason> {
+        let pass = exposure.film.passes();
+        if let Some(maker) = maker.as_deref_mut()
+            && pass.is_multiple_of(maker.interval)
+        {
+            maker.shower(run)?;
+        }
+        let light_rays = maker.as_deref().map_or(0, |maker| maker.rays);
+        let pixels = self.pixels(maker.as_deref().map(|maker| &maker.map as &dyn Caustics));
+        let height = exposure.film.height();
+        let (mut row, mut step) = (0, height.min(4));
+        while row < height {
+            if let Some(reason) = run.stop() {
+                return Err(reason);
+            }
+            let began = Instant::now();
+            let rows = row..(row + step).min(height);
+            let count = f64::from(rows.end - rows.start);
+            row = rows.end;
+            exposure.film.advance(&pixels, rows, 1);
+            let per_row = began.elapsed().as_secs_f64().max(1e-9) / count;
+            step = ((STEP_SECONDS / per_row) as u32).clamp(1, height);
+            run.tally.iterations = exposure.film.passes();
+            run.tally.shots = exposure.film.rays() + light_rays;
+            exposure.report(run);
+        }
+        Ok(())
+    }
+}
+
+impl Exposure {
+    /// Reports, if it is time, with an error estimate, if that takes a small share of the time.
+    fn report(&mut self, run: &mut Run<'_>) {
+        if !run.report_is_due() {
+            return;
+        }
+        if self.estimated.elapsed().as_secs_f64() >= ESTIMATE_PAUSE * self.estimate_seconds {
+            let began = Instant::now();
+            run.estimated_error = self.film.relative_error();
+            run.without_estimate = run.estimated_error.is_none() && self.film.enough();
+            self.estimate_seconds = began.elapsed().as_secs_f64();
+            self.estimated = Instant::now();
+        }
+        run.report(run.tally.iterations > 0, || self.film.picture());
+    }
+}
+
+impl Maker<'_> {
+    /// Shoots new light into the map.
+    fn shower(&mut self, run: &mut Run<'_>) -> Result<(), StopReason> {
+        let (number, count) = (self.map.showers(), self.light_rays.count);
+        for first in (0..count).step_by(BLOCK as usize) {
+            if let Some(reason) = run.stop() {
+                return Err(reason);
+            }
+            let shower = self.light_rays.shoot(number, first..(first + BLOCK).min(count));
+            self.map.deposit(&shower.landings);
+            self.landings += shower.landings.len() as u64;
+            self.rays += shower.rays;
+            if run.report_is_due() {
+                run.report_progress();
+            }
+        }
+        self.map.finish_shower();
+        Ok(())
+    }
+
+    /// The map's figures; powers are means over the showers.
+    fn describe(&self, diagnostics: &mut BTreeMap<String, f64>) {
+        let flux = self.map.flux();
+        let watts = |power: glam::DVec3| power.dot(IMPORTANCE_WEIGHTS.as_dvec3());
+        for (name, value) in [
+            ("caustic_flux_landed_watts", watts(flux.landed)),
+            ("caustic_flux_in_map_watts", watts(flux.mapped)),
+            ("light_ray_landings", self.landings as f64),
+            ("light_rays", self.rays as f64),
+            ("map_values", self.map.len() as f64),
+        ] {
+            diagnostics.insert(name.into(), value);
+        }
+    }
+}
+
+/// Weighs receivers by what a first shower of light rays brings them: cells go where caustics are.
+fn weigh(receivers: &mut [Receiver], world: &World, pilot: &LightRays<'_>) {
+    // A pass that no picture has.
+    let shower = pilot.shoot(u64::MAX / pilot.count - 1, 0..pilot.count);
+    let mut landed = vec![[0.0; 2]; world.scene.triangles.len()];
+    for landing in &shower.landings {
+        landed[landing.triangle as usize][usize::from(landing.back)] +=
+            f64::from(importance(landing.power));
+    }
+    let landed =
+        |receiver: &Receiver| landed[receiver.triangle as usize][usize::from(receiver.back)];
+    let total: f64 = receivers.iter().map(&landed).sum();
+    let area: f64 = receivers.iter().map(|receiver| f64::from(receiver.area)).sum();
+    let mean = (total / area).max(f64::MIN_POSITIVE);
+    for receiver in receivers {
+        let area = f64::from(receiver.area);
+        let brightness = (landed(receiver) / area / mean).sqrt().min(BRIGHT_WEIGHT);
+        receiver.weight = area * (DARK_WEIGHT + brightness);
+    }
+}
