@@ -192,6 +192,9 @@ impl LightRays<'_> {
         let start_power = walk.power.max_element();
         let mut inside = None;
         for bounce in 0.. {
+            if !walk.power.is_finite() {
+                return;
+            }
             if bounce > 0 && surface.reflectance.diffuse != Rgb::ZERO {
                 let Surface { triangle, back, at, .. } = surface;
                 landings.push(Landing { triangle, back, at, power: walk.power });

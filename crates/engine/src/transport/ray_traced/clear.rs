@@ -59,7 +59,12 @@ impl Clear {
     pub fn new(material: &Material, metre: f64) -> Option<Self> {
         let share = material.clear_share();
         let inside = material.volume.map(|volume| Inside::new(&volume, metre));
-        (share > 0.0).then(|| Self { share, ior: material.ior, tint: material.base_color, inside })
+        (share > 0.0).then_some(Self {
+            share,
+            ior: material.ior,
+            tint: material.base_color,
+            inside,
+        })
     }
 
     /// The same with another colour.
