@@ -140,7 +140,7 @@ fn one(arguments: &Arguments, name: &str, glb: &[u8], size: &Size) -> Result<Out
 }
 
 fn parts_of(name: &str, outcome: &Outcome) -> Vec<(String, String)> {
-    let conditions = report::conditions(outcome) + &results::machine();
+    let conditions = report::conditions(outcome) + &results::busy();
     let text = [
         ("conditions", conditions),
         ("largest", report::largest(outcome)),

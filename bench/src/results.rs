@@ -40,12 +40,16 @@ pub fn load() -> Option<f64> {
     text.split_whitespace().nth(1)?.parse().ok()
 }
 
-/// Processor, threads and load in words, as an item of a list.
+/// Processor, threads and load in words, as items of a list.
 pub fn machine() -> String {
     let device = hemilux_engine::device::cpu::CpuDevice::describe();
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let load = load().map_or_else(String::new, |load| {
-        format!("; load average (5 minutes) at the end {load:.1}")
-    });
-    format!("- {} ({}), {threads} hardware threads{load}\n", device.name, device.driver)
+    format!("- {} ({}), {threads} hardware threads\n{}", device.name, device.driver, busy())
+}
+
+/// The load in words, as an item of a list; empty where the system doesn't tell.
+pub fn busy() -> String {
+    load().map_or_else(String::new, |load| {
+        format!("- load average (5 minutes) at the end: {load:.1}\n")
+    })
 }

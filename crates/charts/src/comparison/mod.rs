@@ -203,6 +203,11 @@ impl Run {
         }
     }
 
+    /// Whether anything was solved in time; else the picture shows only what emits.
+    pub fn has_solution(&self) -> bool {
+        self.iterations > 0 || self.stopped != StopReason::TimeBudget
+    }
+
     /// rRMSE; negative where the estimate of its square is.
     pub fn error(&self) -> f64 {
         error(self.squared_error)
@@ -256,16 +261,26 @@ impl Cell {
 
     /// Median over the seeds, and the smallest and largest.
     pub fn spread(&self, figure: impl Fn(&Run) -> f64) -> (f64, f64, f64) {
-        let values: Vec<f64> = self.runs.iter().map(figure).collect();
-        let low = values.iter().copied().fold(f64::INFINITY, f64::min);
-        let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        (median(values), low, high)
+        spread(&self.runs.iter().collect::<Vec<_>>(), &figure)
+    }
+
+    /// Runs that had nothing solved when their time was over.
+    pub fn unfinished(&self) -> usize {
+        self.runs.iter().filter(|run| !run.has_solution()).count()
     }
 
     /// Median over the seeds.
     pub fn median(&self, figure: impl Fn(&Run) -> f64) -> f64 {
         self.spread(figure).0
     }
+}
+
+/// Median of a figure over runs, and the smallest and largest.
+fn spread(runs: &[&Run], figure: &dyn Fn(&Run) -> f64) -> (f64, f64, f64) {
+    let values: Vec<f64> = runs.iter().map(|run| figure(run)).collect();
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    (median(values), low, high)
 }
 
 /// A method with everything that was measured.

@@ -1,7 +1,7 @@
 //! What a comparison says: a table of all runs, a chart, a contact sheet, a page of tables.
 
 use super::difference;
-use super::{Cell, Contestant, Outcome, Run};
+use super::{Cell, Contestant, Outcome, Run, spread};
 use crate::chart::{Chart, Line, Panel};
 use crate::sheet::{self, Row};
 use crate::table::Table;
@@ -115,8 +115,13 @@ pub fn chart(outcome: &Outcome) -> Chart {
     let line = |contestant: &Contestant, figure: &dyn Fn(&Run) -> f64| {
         let mut line = Line { name: contestant.contender.method.clone(), ..Line::default() };
         for cell in &contestant.cells {
-            let seconds = cell.median(|run| run.seconds);
-            let (middle, low, high) = cell.spread(figure);
+            // A run that solved nothing yet has no place on the way of the error.
+            let solved: Vec<&Run> = cell.runs.iter().filter(|run| run.has_solution()).collect();
+            if solved.is_empty() {
+                continue;
+            }
+            let seconds = spread(&solved, &|run| run.seconds).0;
+            let (middle, low, high) = spread(&solved, figure);
             line.points.push((seconds, middle));
             line.band.push((seconds, low, high));
         }
@@ -358,16 +363,19 @@ pub fn remarks(outcome: &Outcome) -> String {
         for warning in warnings {
             text += &format!("- {method}: {warning}\n");
         }
-        let unfinished = |cell: &&Cell| {
-            let first = cell.runs.first();
-            first.is_some_and(|run| run.iterations == 0 && run.stopped == StopReason::TimeBudget)
+        let unfinished = |cell: &Cell| {
+            let (all, open) = (cell.runs.len(), cell.unfinished());
+            (open > 0).then(|| match open < all {
+                true => format!("{} s ({open} of {all} seeds)", cell.budget),
+                false => format!("{} s", cell.budget),
+            })
         };
-        let cut: Vec<String> =
-            cells.iter().filter(unfinished).map(|cell| format!("{} s", cell.budget)).collect();
+        let cut: Vec<String> = cells.iter().filter_map(unfinished).collect();
         if !cut.is_empty() {
-            let when = cut.join(", ");
             text += &format!(
-                "- {method}: not finished within {when}: its picture shows only what emits\n"
+                "- {method}: nothing solved yet within {}: the picture shows only what emits, and \
+                 is not in the chart\n",
+                cut.join(", ")
             );
         }
     }
