@@ -24,7 +24,7 @@ struct Row {
     sums: Vec<Rgb>,
     /// The same of the turn that is not complete.
     open: Vec<Rgb>,
-    /// Pixels that see an emitter: they don't count for the error.
+    /// Pixels that see an emitter don't count for the error; found out with the first pass.
     emitters: Vec<bool>,
     passes: u64,
     rays: u64,
@@ -46,33 +46,18 @@ struct Scatter {
 }
 
 impl Film {
-    /// An empty film; which pixels see an emitter is found out at their centres and corners.
-    pub fn new(pixels: &Pixels<'_>, period: u32) -> Self {
-        let [width, height] = pixels.size;
-        let corners = |row: u32| -> Vec<bool> {
-            let at = |column| Vec2::new(column as f32, row as f32);
-            (0..=width).map(|column| pixels.sees_emitter(at(column))).collect()
+    /// An empty film.
+    pub fn new([width, height]: [u32; 2], period: u32) -> Self {
+        let row = |_| Row {
+            sums: vec![Rgb::ZERO; width as usize],
+            open: vec![Rgb::ZERO; if period > 1 { width as usize } else { 0 }],
+            emitters: Vec::new(),
+            passes: 0,
+            rays: 0,
+            squares: 0.0,
+            turn_squares: 0.0,
         };
-        let grid: Vec<Vec<bool>> = (0..=height).into_par_iter().map(corners).collect();
-        let rows = (0..height).into_par_iter().map(|row| {
-            let (above, below) = (&grid[row as usize], &grid[row as usize + 1]);
-            let sees = |column: u32| {
-                let at = column as usize;
-                let center = Vec2::new(column as f32 + 0.5, row as f32 + 0.5);
-                [above[at], above[at + 1], below[at], below[at + 1]].contains(&true)
-                    || pixels.sees_emitter(center)
-            };
-            Row {
-                sums: vec![Rgb::ZERO; width as usize],
-                open: vec![Rgb::ZERO; if period > 1 { width as usize } else { 0 }],
-                emitters: (0..width).map(sees).collect(),
-                passes: 0,
-                rays: 0,
-                squares: 0.0,
-                turn_squares: 0.0,
-            }
-        });
-        Self { width, period: u64::from(period), rows: rows.collect() }
+        Self { width, period: u64::from(period), rows: (0..height).map(row).collect() }
     }
 
     /// Bytes of a film.
@@ -117,10 +102,15 @@ impl Film {
         Picture { width: self.width, height: self.height(), pixels }
     }
 
+    /// Whether there are as many passes as an estimate takes.
+    pub fn enough(&self) -> bool {
+        self.passes() >= FEWEST
+    }
+
     /// Estimated rRMSE of [`Film::picture`] from the scatter of the passes, or of whole turns
     /// once there are enough. Knows noise only. `None` with too few or a black picture.
     pub fn relative_error(&self) -> Option<f64> {
-        if self.passes() < FEWEST {
+        if !self.enough() {
             return None;
         }
         let rows: Vec<Scatter> = self.rows.par_iter().map(|row| row.scatter(self.period)).collect();
@@ -139,6 +129,9 @@ impl Film {
 
 impl Row {
     fn advance(&mut self, pixels: &Pixels<'_>, row: u32, period: u64) {
+        if self.emitters.is_empty() {
+            self.emitters = emitters(pixels, row);
+        }
         let closes = period > 1 && (self.passes + 1).is_multiple_of(period);
         let (mut squares, mut turn_squares) = (0.0, 0.0);
         for column in 0..self.sums.len() {
@@ -187,6 +180,22 @@ impl Row {
         }
         scatter
     }
+}
+
+/// Which pixels of a row see an emitter, at their centres and corners.
+fn emitters(pixels: &Pixels<'_>, row: u32) -> Vec<bool> {
+    let width = pixels.size[0];
+    let corners = |row: u32| -> Vec<bool> {
+        let at = |column| Vec2::new(column as f32, row as f32);
+        (0..=width).map(|column| pixels.sees_emitter(at(column))).collect()
+    };
+    let (above, below) = (corners(row), corners(row + 1));
+    let sees = |column: usize| {
+        let center = Vec2::new(column as f32 + 0.5, row as f32 + 0.5);
+        [above[column], above[column + 1], below[column], below[column + 1]].contains(&true)
+            || pixels.sees_emitter(center)
+    };
+    (0..width as usize).map(sees).collect()
 }
 
 fn square(value: Rgb) -> f64 {

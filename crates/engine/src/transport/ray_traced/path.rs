@@ -2,8 +2,8 @@
 //! lights are sampled (next-event estimation) and one reflected ray goes on; emitters that it
 //! meets are weighed against the light samples by the power heuristic (Veach and Guibas 1995).
 
-use super::lights::{DiskPoints, LightSample, Lights};
-use super::settings::LightSampling;
+use super::disks::{DiskPoints, Disks};
+use super::lights::{LightSample, Lights};
 use super::surface::{Surface, World};
 use crate::radiometry::Rgb;
 use crate::random::Numbers;
@@ -21,8 +21,8 @@ pub struct Tracer<'a> {
     pub world: &'a World,
     /// Its lights.
     pub lights: &'a Lights,
-    /// How they are sampled.
-    pub light_sampling: LightSampling,
+    /// What stands for them where Lange's sampling is asked for.
+    pub disks: Option<(Disks, DiskPoints)>,
     /// Most reflections of a path.
     pub reflections: u32,
     /// Rays that leave the first surface N.
@@ -106,7 +106,7 @@ impl Tracer<'_> {
             let direction = scattered.direction;
             let met = self.world.meet(Eye::Light, surface.start(), direction);
             let Some((next, distance)) = met else { break };
-            if self.light_sampling == LightSampling::Area && next.emission != Rgb::ZERO {
+            if self.disks.is_none() && next.emission != Rgb::ZERO {
                 let other = self.lights.density(&next, direction, distance);
                 radiance += weight * next.emission * heuristic(scattered.density, other);
             }
@@ -132,13 +132,10 @@ impl Tracer<'_> {
         count: u32,
         walk: &mut Walk,
     ) -> Rgb {
-        match self.light_sampling {
-            LightSampling::Area => self.direct_by_area(surface, viewer, share, count, walk),
-            LightSampling::Disk => {
-                self.direct_by_disks(surface, viewer, DiskPoints::Area, count, walk)
-            }
-            LightSampling::Rim => {
-                self.direct_by_disks(surface, viewer, DiskPoints::Rim, count, walk)
+        match &self.disks {
+            None => self.direct_by_area(surface, viewer, share, count, walk),
+            Some((disks, points)) => {
+                self.direct_by_disks(surface, viewer, (disks, *points), count, walk)
             }
         }
     }
@@ -178,7 +175,7 @@ impl Tracer<'_> {
         &self,
         surface: &Surface,
         viewer: Vec3,
-        points: DiskPoints,
+        (disks, points): (&Disks, DiskPoints),
         count: u32,
         walk: &mut Walk,
     ) -> Rgb {
@@ -191,13 +188,13 @@ impl Tracer<'_> {
         let mut index = 0;
         while index < count {
             let pick = |index| (f64::from(index) + offset) / f64::from(count);
-            let (number, probability) = self.lights.pick_disk(pick(index));
+            let (number, probability) = disks.pick(pick(index));
             let first = index;
-            while index < count && self.lights.pick_disk(pick(index)).0 == number {
+            while index < count && disks.pick(pick(index)).0 == number {
                 index += 1;
             }
-            let disk = self.lights.disk(number);
-            if self.lights.is_of(disk, surface.triangle) {
+            let disk = disks.disk(number);
+            if disks.is_of(disk, surface.triangle) {
                 continue;
             }
             let ray = |at, walk: &mut Walk| {
@@ -209,7 +206,7 @@ impl Tracer<'_> {
                     return (Rgb::ZERO, 0.0);
                 }
                 walk.rays += 1;
-                let own = |triangle| self.lights.is_of(disk, triangle);
+                let own = |triangle| disks.is_of(disk, triangle);
                 if self.world.rays.blocked(from, end, own) {
                     return (Rgb::ZERO, cosine);
                 }

@@ -1,5 +1,6 @@
 //! Checked settings of ray tracing.
 
+use super::disks::DiskPoints;
 use super::strata::Strata;
 use crate::render::RenderError;
 use crate::transport::options::Settings;
@@ -22,10 +23,8 @@ pub struct RayTracedSettings {
 pub enum LightSampling {
     /// The emissive triangles, uniform over each; unbiased.
     Area,
-    /// Lange's disks, uniform over each; biased.
-    Disk,
-    /// Lange's disks, along the edge of each; biased.
-    Rim,
+    /// Lange's disks, uniform over each or along its edge; biased.
+    Disks(DiskPoints),
 }
 
 /// Where in a pixel a pass sends its rays.
@@ -68,8 +67,8 @@ impl RayTracedSettings {
                 "light_sampling",
                 &[
                     ("area", LightSampling::Area),
-                    ("disk", LightSampling::Disk),
-                    ("rim", LightSampling::Rim),
+                    ("disk", LightSampling::Disks(DiskPoints::Area)),
+                    ("rim", LightSampling::Disks(DiskPoints::Rim)),
                 ],
             )?,
             pixel_sampling: settings.choice(

@@ -74,9 +74,20 @@ impl World {
         Self { rays: Rays::new(&scene), finishes, scene }
     }
 
+    /// Bytes that [`World::new`] and the scene's lights take at their peak for so many triangles.
+    pub fn needed_bytes(triangles: u64) -> u64 {
+        // Finishes; emitters with their densities, picks and groups, if all shine.
+        Rays::needed_bytes(triangles) + triangles * 250
+    }
+
     /// Whether a triangle's back reflects and emits too.
     pub fn is_two_sided(&self, triangle: u32) -> bool {
         self.finishes[triangle as usize].two_sided
+    }
+
+    /// Whether what a triangle reflects and emits varies over it.
+    pub fn varies(&self, triangle: u32) -> bool {
+        self.finishes[triangle as usize].varies
     }
 
     /// Radiance that a triangle emits at barycentric (u, v).
@@ -143,7 +154,9 @@ impl Surface {
         }
         let diffuse = importance(diffuse);
         let lobe = importance(specular) * LobeAlbedo::shared().at(exponent, cosine).max(1e-3);
-        diffuse / (diffuse + lobe)
+        let both = diffuse + lobe;
+        // Reflectances that are almost nothing may vanish in the products.
+        if both > 0.0 { diffuse / both } else { 1.0 }
     }
 
     /// f_r and, for directions picked diffusely with probability `diffuse_share`, their density.
@@ -161,7 +174,8 @@ impl Surface {
 
     /// Picks a direction for light that leaves towards `viewer`: by the cosine if `diffusely`,
     /// which must be so with probability `diffuse_share`, or else by the lobe. `None` where the
-    /// pick lies below the horizon.
+    /// pick lies below the horizon, of the shading normal, too, where the lobe was sampled: there the
+    /// lobe reflects nothing.
     pub fn scatter(
         &self,
         viewer: Vec3,
@@ -181,7 +195,7 @@ impl Surface {
         let (sin, cos) = (TAU * xi[1]).sin_cos();
         let direction = axis * cosine + (tangent * cos + bitangent * sin) * sine;
         let cosine = self.normal.dot(direction);
-        if cosine <= 0.0 {
+        if cosine <= 0.0 || !(diffusely || self.shading_normal.dot(direction) > 0.0) {
             return None;
         }
         let (value, density) = self.evaluate(viewer, direction, diffuse_share);
