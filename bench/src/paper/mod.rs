@@ -12,6 +12,7 @@ mod page;
 pub mod scenes;
 mod variants;
 
+use crate::Failure;
 use hemilux_engine::device::{self, Device};
 use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, Rendered, Unobserved, render};
 use hemilux_engine::scene::Scene;
@@ -22,9 +23,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 use variants::Variant;
-
-/// Why the benchmark could not be done.
-type Failure = Box<dyn std::error::Error>;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -219,12 +217,6 @@ struct Results {
     loads: Vec<f64>,
 }
 
-/// Runnable threads, averaged over the last five minutes.
-fn load() -> Option<f64> {
-    let text = std::fs::read_to_string("/proc/loadavg").ok()?;
-    text.split_whitespace().nth(1)?.parse().ok()
-}
-
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let size = if arguments.quick { QUICK } else { FULL };
     let default_out = if arguments.quick { "out/paper" } else { "docs/paper" };
@@ -232,11 +224,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let default_page = (!arguments.quick).then(|| PathBuf::from("docs/paper.md"));
     let page = arguments.page.clone().or(default_page);
     // What can't be written should be known before the minutes of measuring.
-    std::fs::create_dir_all(&out)
-        .map_err(|error| format!("cannot make the folder {}: {error}", out.display()))?;
+    crate::page::make_folder(&out)?;
     if let Some(path) = &page {
-        std::fs::metadata(path)
-            .map_err(|error| format!("cannot rewrite {}: {error}", path.display()))?;
+        crate::page::check(path)?;
     }
     let device = device::open(&arguments.device)?;
     let description = device.description();
@@ -247,7 +237,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (mut studies, mut loads) = (Vec::new(), Vec::new());
     for view in scenes::own(&mut bench)? {
         studies.push(study(&mut bench, view)?);
-        loads.extend(load());
+        loads.extend(crate::page::load());
     }
     let truth = match &arguments.reference {
         Some(folder) => Some(against_path_tracing(&mut bench, arguments, folder)?),
@@ -271,11 +261,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     for (name, bytes) in figures::sheets(&results)? {
         std::fs::write(out.join(name), bytes)?;
     }
-    let parts = page::parts(&results);
-    match page {
-        Some(path) => rewrite(&path, &parts)?,
-        None => parts.iter().for_each(|(name, text)| println!("{name}\n\n{text}\n")),
-    }
+    crate::page::write(page.as_deref(), &page::parts(&results))?;
     bench.say(&format!("done: {} jobs, results in {}", bench.jobs, out.display()));
     Ok(())
 }
@@ -313,15 +299,4 @@ fn against_path_tracing(
     let (shots, seeds) = (bench.size.true_shots, bench.size.seeds.min(2));
     let series = measure(bench, &view, &variants::discretisations(), shots, seeds)?;
     Ok((view, series))
-}
-
-fn rewrite(path: &Path, parts: &[(String, String)]) -> Result<(), Failure> {
-    let read = std::fs::read_to_string(path);
-    let mut text = read.map_err(|error| format!("cannot read {}: {error}", path.display()))?;
-    for (name, content) in parts {
-        text = crate::table::replace_generated(&text, name, content)
-            .map_err(|error| format!("{}: {error}", path.display()))?;
-    }
-    std::fs::write(path, text)?;
-    Ok(())
 }

@@ -3,7 +3,7 @@
 use super::surface::{Surface, World};
 use crate::patches::cells;
 use crate::radiometry::{Rgb, importance};
-use crate::rays::Spot;
+use crate::rays::{Spot, unit_normal};
 use glam::Vec3;
 
 /// Share of the pick that goes by the emission factor alone, so that no part of a texture that
@@ -48,6 +48,8 @@ pub struct Emitter {
     pub triangle: u32,
     /// Ray units.
     pub corners: [Vec3; 3],
+    /// Unit normal of the front.
+    normal: Vec3,
     /// Square ray units.
     pub area: f32,
     /// What it is picked in proportion to.
@@ -94,7 +96,8 @@ impl Lights {
             let weight = mixed * f64::from(area) * sides;
             if weight > 0.0 && weight.is_finite() {
                 let triangle = index as u32;
-                emitters.push(Emitter { triangle, corners, area, weight, radiance });
+                let normal = unit_normal(corners);
+                emitters.push(Emitter { triangle, corners, normal, area, weight, radiance });
             }
         }
         if emitters.is_empty() {
@@ -124,7 +127,7 @@ impl Lights {
         }
         let root = xi[0].sqrt();
         let (u, v) = (root * (1.0 - xi[1]), root * xi[1]);
-        let spot = Spot::new(emitter.corners, u, v);
+        let spot = Spot::new(emitter.corners, emitter.normal, u, v);
         let between = spot.point - surface.spot.point;
         let square = between.length_squared();
         let direction = between / square.sqrt();

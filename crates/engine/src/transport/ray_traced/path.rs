@@ -35,9 +35,16 @@ pub struct Walk {
     pub numbers: Numbers,
     /// Rays so far.
     pub rays: u64,
+    /// Whether a camera ray saw an emitter.
+    pub saw_emitter: bool,
 }
 
 impl Walk {
+    /// No rays yet.
+    pub fn new(numbers: Numbers) -> Self {
+        Self { numbers, rays: 0, saw_emitter: false }
+    }
+
     fn pair(&mut self) -> [f32; 2] {
         [self.numbers.uniform(), self.numbers.uniform()]
     }
@@ -50,6 +57,7 @@ impl Tracer<'_> {
         let Some((surface, _)) = self.world.meet(Eye::Camera, origin, direction) else {
             return Rgb::ZERO;
         };
+        walk.saw_emitter |= surface.emission != Rgb::ZERO;
         surface.emission + self.reflected(&surface, -direction, walk)
     }
 

@@ -5,7 +5,6 @@ use super::settings::PixelSampling;
 use crate::measurement::Frame;
 use crate::radiometry::Rgb;
 use crate::random::{Numbers, Stream};
-use crate::rays::Eye;
 use glam::{Vec2, Vec3};
 
 /// The camera, and how its pixels are sampled.
@@ -40,13 +39,13 @@ impl Cell {
 }
 
 impl Pixels<'_> {
-    /// The estimate of one pass for a pixel, and the rays that it took.
-    pub fn pixel(&self, column: u32, row: u32, pass: u64) -> (Rgb, u64) {
+    /// The estimate of one pass for a pixel, and the walk that it took.
+    pub fn pixel(&self, column: u32, row: u32, pass: u64) -> (Rgb, Walk) {
         let pixel = u64::from(row) * u64::from(self.size[0]) + u64::from(column);
         let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
         let numbers = Numbers::new(self.seed, Stream::Path, pass * pixels + pixel);
-        let mut walk = Walk { numbers, rays: 0 };
-        (self.sample(column, row, pass, &mut walk), walk.rays)
+        let mut walk = Walk::new(numbers);
+        (self.sample(column, row, pass, &mut walk), walk)
     }
 
     fn sample(&self, column: u32, row: u32, pass: u64, walk: &mut Walk) -> Rgb {
@@ -72,13 +71,6 @@ impl Pixels<'_> {
                 if levels == 0 { value } else { refinement.split(whole, levels, walk) }
             }
         }
-    }
-
-    /// Whether the ray through picture position `at` (pixels) sees an emitter first.
-    pub fn sees_emitter(&self, at: Vec2) -> bool {
-        let Some((origin, direction)) = self.ray(at) else { return false };
-        let met = self.tracer.world.meet(Eye::Camera, origin, direction);
-        met.is_some_and(|(surface, _)| surface.emission != Rgb::ZERO)
     }
 
     /// Radiance at picture position `at`, pixels from the upper left corner.
