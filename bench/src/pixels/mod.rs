@@ -153,7 +153,10 @@ impl Bench {
             method: "ray-traced".into(),
             limits: Limits { iterations: Some(passes), ..Limits::default() },
             seed,
-            options: [("pixel_samples".to_string(), CELLS.to_string())].into(),
+            // What pixels do, alone.
+            options: [("pixel_samples", CELLS.to_string()), ("path_strata", "false".into())]
+                .map(|(name, value)| (name.to_string(), value))
+                .into(),
         };
         for (name, value) in options.iter().copied().flatten() {
             request.options.insert((*name).into(), (*value).into());

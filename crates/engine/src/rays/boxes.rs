@@ -129,7 +129,8 @@ mod tests {
                 ..CwBvhNode::default()
             };
             let mut number = || 2.0 * numbers.uniform() - 1.0;
-            let origin = 3.0 * Vec3A::new(number(), number(), number());
+            let middle = Vec3A::new(0.0, 4.0, 1.0);
+            let origin = middle + 2.0 * Vec3A::new(number(), number(), number());
             let mut direction = Vec3A::new(number(), number(), number());
             if number() > 0.8 {
                 direction.y = 0.0;

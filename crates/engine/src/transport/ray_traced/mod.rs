@@ -91,6 +91,7 @@ impl Method for RayTraced {
                     frame: Frame::new(&record.camera, request.width, request.height),
                     size: [request.width, request.height],
                     sampling: options.pixel_sampling,
+                    path_strata: options.path_strata && options.rays_per_pixel == 1,
                     seed: request.seed,
                 };
                 solve(&mut run, &pixels, options.period())

@@ -4,6 +4,7 @@
 
 use super::disks::{DiskPoints, Disks};
 use super::lights::{LightSample, Lights};
+use super::strata::{CHOICES, Turn};
 use super::surface::{Surface, World};
 use crate::radiometry::Rgb;
 use crate::random::Numbers;
@@ -37,16 +38,48 @@ pub struct Walk {
     pub rays: u64,
     /// Whether a camera ray saw an emitter.
     pub saw_emitter: bool,
+    /// What spreads the choices at the first surfaces.
+    pub turn: Option<Turn>,
+}
+
+/// Choices at a surface.
+#[derive(Clone, Copy)]
+enum Choice {
+    /// Which light, and where on it.
+    Light,
+    LightPoint,
+    /// Diffuse part or lobe, and which direction.
+    Part,
+    Direction,
 }
 
 impl Walk {
     /// No rays yet.
     pub fn new(numbers: Numbers) -> Self {
-        Self { numbers, rays: 0, saw_emitter: false }
+        Self { numbers, rays: 0, saw_emitter: false, turn: None }
     }
 
-    fn pair(&mut self) -> [f32; 2] {
-        [self.numbers.uniform(), self.numbers.uniform()]
+    /// What spreads a choice at surface number `surface` of a path.
+    fn spread(&self, choice: Choice, surface: u32) -> Option<(&Turn, u64)> {
+        let number = 4 * u64::from(surface) + choice as u64;
+        self.turn.as_ref().filter(|_| number < CHOICES).map(|turn| (turn, number))
+    }
+
+    fn pair(&mut self, choice: Choice, surface: u32) -> [f32; 2] {
+        let pair = [self.numbers.uniform(), self.numbers.uniform()];
+        let spread = self.spread(choice, surface);
+        spread.map_or(pair, |(turn, number)| turn.pair(number, pair))
+    }
+
+    fn single(&mut self, choice: Choice, surface: u32) -> f64 {
+        let single = self.numbers.fine();
+        let spread = self.spread(choice, surface);
+        spread.map_or(single, |(turn, number)| turn.single(number, single))
+    }
+
+    /// Whether the diffuse part is sampled next, with probability `share`.
+    fn chooses_diffuse(&mut self, share: f32, surface: u32) -> bool {
+        share >= 1.0 || self.single(Choice::Part, surface) < f64::from(share)
     }
 }
 
@@ -77,11 +110,11 @@ impl Tracer<'_> {
             diffuse_count = ((share * count as f32).round() as u32).clamp(least, most);
             share = diffuse_count as f32 / count as f32;
         }
-        let mut radiance = self.direct(surface, viewer, share, count, walk);
+        let mut radiance = self.direct((surface, 0), viewer, share, count, walk);
         let weight = 1.0 / count as f32;
         for index in 0..count {
             let diffusely =
-                if count > 1 { index < diffuse_count } else { walk.numbers.uniform() < share };
+                if count > 1 { index < diffuse_count } else { walk.chooses_diffuse(share, 0) };
             radiance += weight * self.walk(*surface, viewer, share, diffusely, walk);
         }
         radiance
@@ -100,7 +133,7 @@ impl Tracer<'_> {
         let (mut radiance, mut weight) = (Rgb::ZERO, Rgb::ONE);
         let mut reflections = 1;
         loop {
-            let xi = walk.pair();
+            let xi = walk.pair(Choice::Direction, reflections - 1);
             let Some(scattered) = surface.scatter(viewer, share, diffusely, xi) else { break };
             weight *= scattered.factor;
             if reflections > SURE_REFLECTIONS {
@@ -124,8 +157,9 @@ impl Tracer<'_> {
             reflections += 1;
             (surface, viewer) = (next, -direction);
             share = surface.diffuse_share(viewer);
-            radiance += weight * self.direct(&surface, viewer, share, 1, walk);
-            diffusely = walk.numbers.uniform() < share;
+            let number = reflections - 1;
+            radiance += weight * self.direct((&surface, number), viewer, share, 1, walk);
+            diffusely = walk.chooses_diffuse(share, number);
         }
         radiance
     }
@@ -134,14 +168,14 @@ impl Tracer<'_> {
     /// samples.
     fn direct(
         &self,
-        surface: &Surface,
+        (surface, number): (&Surface, u32),
         viewer: Vec3,
         share: f32,
         count: u32,
         walk: &mut Walk,
     ) -> Rgb {
         match &self.disks {
-            None => self.direct_by_area(surface, viewer, share, count, walk),
+            None => self.direct_by_area((surface, number), viewer, share, count, walk),
             Some((disks, points)) => {
                 self.direct_by_disks(surface, viewer, (disks, *points), count, walk)
             }
@@ -150,7 +184,7 @@ impl Tracer<'_> {
 
     fn direct_by_area(
         &self,
-        surface: &Surface,
+        (surface, number): (&Surface, u32),
         viewer: Vec3,
         share: f32,
         count: u32,
@@ -158,8 +192,9 @@ impl Tracer<'_> {
     ) -> Rgb {
         let mut radiance = Rgb::ZERO;
         for index in 0..count {
-            let pick = (f64::from(index) + walk.numbers.fine()) / f64::from(count);
-            let xi = walk.pair();
+            let pick = walk.single(Choice::Light, number);
+            let pick = (f64::from(index) + pick) / f64::from(count);
+            let xi = walk.pair(Choice::LightPoint, number);
             let Some(light) = self.lights.sample(self.world, surface, pick, xi) else { continue };
             let LightSample { end, direction, radiance: emitted, density } = light;
             let (value, other) = surface.evaluate(viewer, direction, share);

@@ -2,6 +2,7 @@
 
 use super::path::{Tracer, Walk};
 use super::settings::PixelSampling;
+use super::strata::Turn;
 use crate::measurement::Frame;
 use crate::radiometry::Rgb;
 use crate::random::{Numbers, Stream};
@@ -17,6 +18,8 @@ pub struct Pixels<'a> {
     pub size: [u32; 2],
     /// How.
     pub sampling: PixelSampling,
+    /// Whether choices along paths are spread over cells as jittered samples are.
+    pub path_strata: bool,
     /// Seed of all random numbers.
     pub seed: u64,
 }
@@ -59,6 +62,10 @@ impl Pixels<'_> {
                 let pixel = u64::from(row) * u64::from(self.size[0]) + u64::from(column);
                 let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
                 let turn = pass / u64::from(strata.cells()) * pixels + pixel;
+                if self.path_strata {
+                    let place = (pass % u64::from(strata.cells())) as u32;
+                    walk.turn = Some(Turn::new(strata, self.seed, turn, place));
+                }
                 let start = Numbers::new(self.seed, Stream::Stratum, turn).uniform();
                 let within = Vec2::new(walk.numbers.uniform(), walk.numbers.uniform());
                 self.look(corner + strata.point(pass, start, within), walk)

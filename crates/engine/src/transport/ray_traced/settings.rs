@@ -16,6 +16,8 @@ pub struct RayTracedSettings {
     pub light_sampling: LightSampling,
     /// How pixels are sampled.
     pub pixel_sampling: PixelSampling,
+    /// Whether choices along paths are spread as the samples of their pixel are.
+    pub path_strata: bool,
 }
 
 /// How direct light is sampled.
@@ -62,6 +64,7 @@ impl RayTracedSettings {
         let limit = settings.whole("ray_depth", 0, 1_000_000)? as u32;
         Ok(Self {
             reflections: if limit == 0 { u32::MAX } else { limit },
+            path_strata: settings.switch("path_strata")?,
             rays_per_pixel: settings.whole("rays_per_pixel", 1, 4096)? as u32,
             light_sampling: settings.choice(
                 "light_sampling",
