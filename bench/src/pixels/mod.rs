@@ -27,7 +27,7 @@ const CELLS: u64 = 16;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// About a minute instead of ten: smaller pictures, fewer seeds; writes to out/ray-tracing.
+    /// About a minute instead of five: smaller pictures, fewer seeds; writes to out/ray-tracing.
     #[arg(long)]
     quick: bool,
     /// Folder for the table and the charts; `docs/ray-tracing`, with --quick `out/ray-tracing`.
