@@ -1,15 +1,22 @@
 //! Benchmarks. `shots` measures whole iterations a second on every device side by side; `paper`
 //! measures the claims of the paper that the method comes from; `methods` compares all methods,
-//! `form-factors` the routes to a form factor, `growth` what more patches cost.
+//! `form-factors` the routes to a form factor, `growth` what more patches cost; `pixels` measures
+//! ways to sample the pixels of a ray-traced picture.
 //!
-//! Errors, statistics, tables, charts and contact sheets are those of [`hemilux_charts`].
+//! Errors, statistics, tables, charts and contact sheets are those of [`hemilux_charts`]; what
+//! benchmarks share beyond that: [`views`] (scenes), [`cell`] (errors over seeds), [`page`] (how
+//! figures are written) and [`results`] (where they go).
 
+mod cell;
 mod form_factors;
 mod growth;
 mod methods;
+mod page;
 mod paper;
+mod pixels;
 mod results;
 mod shots;
+mod views;
 
 use clap::{Parser, Subcommand};
 
@@ -35,9 +42,11 @@ enum Benchmark {
     /// One point of `growth`, in a process of its own.
     #[command(hide = true)]
     GrowthPoint(growth::PointArguments),
+    /// Error against rays for every way to sample a pixel, with page and charts.
+    Pixels(pixels::Arguments),
 }
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() -> Result<(), Failure> {
     match Arguments::parse().benchmark {
         Benchmark::Shots(arguments) => shots::run(&arguments),
         Benchmark::Paper(arguments) => paper::run(&arguments),
@@ -45,5 +54,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Benchmark::FormFactors(arguments) => form_factors::run(&arguments),
         Benchmark::Growth(arguments) => growth::run(&arguments),
         Benchmark::GrowthPoint(arguments) => growth::point(&arguments),
+        Benchmark::Pixels(arguments) => pixels::run(&arguments),
     }
 }

@@ -5,6 +5,7 @@ pub mod devices;
 pub mod iterations;
 pub mod malformed;
 pub mod oracle;
+pub mod replicas;
 pub mod scenes;
 pub mod server;
 pub mod stability;

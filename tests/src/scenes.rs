@@ -71,6 +71,33 @@ impl Builder {
         self
     }
 
+    /// A regular polygon about `center` with corners at `radius`·(cos·u + sin·v), whose front is
+    /// the side from which `u` to `v` turns left.
+    pub fn polygon(
+        &mut self,
+        center: Vec3,
+        [u, v]: [Vec3; 2],
+        radius: f32,
+        sides: u32,
+        material: u32,
+    ) -> &mut Self {
+        let normal = u.cross(v).normalize();
+        let first = self.scene.vertices.len() as u32;
+        let rim = (0..sides).map(|side| {
+            let (sin, cos) = (side as f32 / sides as f32 * std::f32::consts::TAU).sin_cos();
+            center + radius * (cos * u + sin * v)
+        });
+        for position in std::iter::once(center).chain(rim) {
+            let uv = [Vec2::ZERO; 2];
+            self.scene.vertices.push(Vertex { position, normal, uv, color: Rgb::ONE });
+        }
+        for side in 0..sides {
+            let vertices = [first, first + 1 + side, first + 1 + (side + 1) % sides];
+            self.scene.triangles.push(Triangle { vertices, material });
+        }
+        self
+    }
+
     /// An axis-parallel box seen from inside (`inward`) or outside.
     pub fn cuboid(&mut self, low: Vec3, high: Vec3, inward: bool, material: u32) -> &mut Self {
         let size = high - low;

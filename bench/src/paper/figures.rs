@@ -1,7 +1,8 @@
 //! Charts and contact sheets of the measurements.
 
-use super::measure::{Cell, Series};
+use super::measure::Series;
 use super::{Failure, Results, Study, variants};
+use crate::cell::Cell;
 use hemilux_charts::chart::{Chart, Line, Panel};
 use hemilux_charts::sheet::{Row, Window, png};
 use hemilux_engine::image::{Exposure, Picture};

@@ -4,68 +4,9 @@
 use super::scenes::View;
 use super::variants::Variant;
 use super::{Bench, Failure};
-use hemilux_charts::accuracy::{Repetitions, error};
-use hemilux_charts::regions::REGIONS;
-use hemilux_charts::statistics::{Estimate, jackknife, log_slope, mean};
-use hemilux_engine::image::Picture;
-
-/// A variant after a number of shots, over all seeds.
-pub struct Cell {
-    /// Shots of one run.
-    pub shots: u64,
-    /// Iterations of one run.
-    pub iterations: u64,
-    /// Squared relative error by region and seed.
-    squared: [Vec<f64>; 3],
-    /// Squared relative bias by region.
-    squared_bias: [f64; 3],
-    /// Mean radiance over the reference's by region and seed.
-    energy: [Vec<f64>; 3],
-    /// `seconds_solve` by seed.
-    pub seconds: Vec<f64>,
-    /// Light-source selection ratio by seed.
-    pub light: Vec<f64>,
-    /// The picture of the first seed.
-    pub picture: Picture,
-}
-
-impl Cell {
-    /// rRMSE over a region: root mean square over the seeds, with its standard error.
-    pub fn error(&self, region: usize) -> Estimate {
-        let squared = &self.squared[region];
-        jackknife(squared.len(), |chosen| error(mean_of(squared, chosen)))
-    }
-
-    /// The part of the error that doesn't average out over seeds.
-    pub fn bias(&self, region: usize) -> f64 {
-        error(self.squared_bias[region])
-    }
-
-    /// The part that does.
-    pub fn noise(&self, region: usize) -> f64 {
-        error(mean(&self.squared[region]) - self.squared_bias[region])
-    }
-
-    /// Mean radiance over the reference's.
-    pub fn energy(&self, region: usize) -> Estimate {
-        let energy = &self.energy[region];
-        jackknife(energy.len(), |chosen| mean_of(energy, chosen))
-    }
-
-    /// Mean seconds of a run.
-    pub fn mean_seconds(&self) -> f64 {
-        mean(&self.seconds)
-    }
-
-    /// Mean light-source selection ratio.
-    pub fn light_ratio(&self) -> f64 {
-        mean(&self.light)
-    }
-}
-
-fn mean_of(values: &[f64], chosen: &[usize]) -> f64 {
-    mean(&chosen.iter().map(|at| values[*at]).collect::<Vec<_>>())
-}
+use crate::cell::{Cell, Pending, mean_of};
+use hemilux_charts::accuracy::error;
+use hemilux_charts::statistics::{Estimate, jackknife, log_slope};
 
 /// A variant in one view after increasing numbers of shots.
 pub struct Series {
@@ -148,64 +89,16 @@ pub fn measure(
                 job.seed = seed;
                 let iterations = (shots / variant.shots_per_iteration()).max(1);
                 let rendered = bench.render(job, iterations)?;
-                cell.add(view, variant, rendered);
+                cell.add(view.reference(variant), &view.regions, rendered);
             }
         }
     }
     let finish = |(variant, cells): (&Variant, Vec<Pending>)| Series {
-        cells: cells.into_iter().map(|cell| cell.finish(view, variant)).collect(),
+        cells: cells
+            .into_iter()
+            .map(|cell| cell.finish(view.reference(variant), &view.regions))
+            .collect(),
         variant: variant.clone(),
     };
     Ok(variants.iter().zip(pending).map(finish).collect())
-}
-
-/// A cell that still collects seeds.
-struct Pending {
-    cell: Cell,
-    repetitions: Repetitions,
-}
-
-impl Pending {
-    fn new(side: u32) -> Self {
-        let cell = Cell {
-            shots: 0,
-            iterations: 0,
-            squared: Default::default(),
-            squared_bias: [f64::NAN; 3],
-            energy: Default::default(),
-            seconds: Vec::new(),
-            light: Vec::new(),
-            picture: Picture::black(1, 1),
-        };
-        Self { cell, repetitions: Repetitions::new(side, side) }
-    }
-
-    fn add(&mut self, view: &View, variant: &Variant, rendered: hemilux_engine::render::Rendered) {
-        let (cell, reference) = (&mut self.cell, view.reference(variant));
-        for region in 0..REGIONS.len() {
-            let counted = &view.regions.masks[region];
-            let squared = reference.squared_error(&rendered.picture, counted);
-            cell.squared[region].push(squared);
-            cell.energy[region].push(reference.energy(&rendered.picture, counted));
-        }
-        cell.shots = rendered.stats.shots;
-        cell.iterations = rendered.stats.iterations;
-        cell.seconds.push(rendered.stats.seconds_solve);
-        cell.light.push(rendered.stats.light_source_selection_ratio);
-        self.repetitions.add(&rendered.picture);
-        if cell.seconds.len() == 1 {
-            cell.picture = rendered.picture;
-        }
-    }
-
-    fn finish(mut self, view: &View, variant: &Variant) -> Cell {
-        for region in 0..REGIONS.len() {
-            self.cell.squared_bias[region] = self.repetitions.squared_bias(
-                view.reference(variant),
-                &self.cell.squared[region],
-                &view.regions.masks[region],
-            );
-        }
-        self.cell
-    }
 }

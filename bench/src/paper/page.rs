@@ -1,13 +1,12 @@
 //! The generated parts of the page, and the table of all runs.
 
-use super::measure::{Cell, Gain, Series};
+use super::measure::{Gain, Series};
 use super::{Results, Study};
+use crate::cell::Cell;
+use crate::page::{REGION_WORDS, percent, percent_with, ratio};
 use hemilux_charts::regions::REGIONS;
 use hemilux_charts::statistics::{Estimate, log_slope_of, mean};
 use hemilux_charts::table::Table;
-
-/// [`REGIONS`] in the words of the page.
-const REGION_WORDS: [&str; 3] = ["all pixels", "near edges", "elsewhere"];
 
 /// Every cell of every study, as figures.
 pub fn runs(results: &Results) -> Table {
@@ -81,25 +80,6 @@ pub fn parts(results: &Results) -> Vec<(String, String)> {
         parts.push(("truth".into(), truth(results)));
     }
     parts
-}
-
-/// 12.3 %.
-fn percent(value: f64) -> String {
-    if value.is_nan() { "–".into() } else { format!("{:.1} %", 100.0 * value) }
-}
-
-/// 12.3 ± 0.4 %, or without the error where there is none.
-fn percent_with(estimate: Estimate) -> String {
-    let Estimate { value, error } = estimate;
-    if error.is_nan() {
-        return percent(value);
-    }
-    format!("{:.1} ± {:.1} %", 100.0 * value, 100.0 * error)
-}
-
-fn ratio(estimate: Estimate) -> String {
-    let Estimate { value, error } = estimate;
-    if error.is_nan() { format!("{value:.2}") } else { format!("{value:.2} ± {error:.2}") }
 }
 
 fn conditions(results: &Results) -> String {

@@ -3,6 +3,7 @@
 
 use super::variants::Variant;
 use super::{Bench, Failure};
+use crate::views::{imported, regions};
 use hemilux_charts::accuracy::Reference;
 use hemilux_charts::regions::Regions;
 use hemilux_charts::sheet::reduced;
@@ -17,8 +18,6 @@ use std::sync::Arc;
 const REFERENCE_SEEDS: [u64; 2] = [1_000_001, 1_000_002];
 /// The first iterations of a reference, without all bounces yet, are left out.
 const REFERENCE_BURN_IN: u64 = 32;
-/// How far from an edge between surfaces a pixel is "near" it, as a share of the picture's side.
-const EDGE_REACH: f64 = 0.012;
 
 /// A scene seen by its first camera.
 pub struct View {
@@ -50,15 +49,6 @@ impl View {
     pub fn reference(&self, variant: &Variant) -> &Reference {
         if variant.is_flat() { &self.flat } else { &self.smooth }
     }
-}
-
-fn imported(glb: &[u8]) -> Scene {
-    import(glb, &Resources::new(), &ImportLimits::default()).expect("the project's own scenes load")
-}
-
-fn regions(scene: &Scene, side: u32, samples: u32) -> Regions {
-    let reach = (EDGE_REACH * f64::from(side)).round().max(1.0) as u32;
-    Regions::new(scene, &scene.cameras[0], (side, side), samples, reach)
 }
 
 /// The three scenes of the paper's kind, with references from long unbiased runs on the same

@@ -44,6 +44,17 @@ impl Regions {
         Self { masks: [all, near_edge, rest] }
     }
 
+    /// The same without the pixels next to an emitter: where one covers a thousandth of a pixel,
+    /// no sample need see it, and yet it is most of the pixel's noise.
+    pub fn beside_no_emitter(mut self, width: u32) -> Self {
+        let emitters: Vec<bool> = self.masks[0].iter().map(|counted| !counted).collect();
+        let beside = near(&emitters, width as usize, 1);
+        for mask in &mut self.masks {
+            mask.iter_mut().zip(&beside).for_each(|(counted, beside)| *counted &= !beside);
+        }
+        self
+    }
+
     /// Share of the counted pixels that are near an edge.
     pub fn edge_share(&self) -> f64 {
         let count = |mask: &[bool]| mask.iter().filter(|counted| **counted).count() as f64;
@@ -219,6 +230,10 @@ mod tests {
         let crossings = (5..40).filter(|x| edges[at(*x, 30)]).count();
         assert!((2..=4).contains(&crossings), "{crossings} pixels of edge");
         assert!(all.iter().zip(edges).zip(rest).all(|((all, e), r)| *all == (e ^ r)));
+        let light = all.iter().filter(|counted| !**counted).count();
+        let without = Regions::new(&scene, camera, (side, side), 4, 0).beside_no_emitter(side);
+        let left_out = without.masks[0].iter().filter(|counted| !**counted).count();
+        assert!(left_out > light + 40 && left_out < 3 * light, "{light} {left_out}");
         let wider = Regions::new(&scene, camera, (side, side), 4, 2);
         assert!(wider.edge_share() > 2.0 * regions.edge_share());
     }

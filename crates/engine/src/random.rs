@@ -33,6 +33,8 @@ pub enum Stream {
     LightRay = 13,
     /// Shifts of the well-spread points that rays from the lights start with.
     LightShift = 14,
+    /// In which order a pixel's paths go through the cells of a choice that they make.
+    PathStratum = 15,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for
@@ -78,6 +80,13 @@ impl Numbers {
     #[inline]
     pub fn fine(&mut self) -> f64 {
         (self.bits() >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
+    }
+
+    /// The uniform number at a place of the sequence, 0 the next one, without going there.
+    #[inline]
+    pub fn ahead(&self, place: u64) -> f32 {
+        let state = self.state.wrapping_add(GOLDEN.wrapping_mul(place));
+        Self { state }.uniform()
     }
 
     #[inline]
@@ -127,6 +136,9 @@ mod tests {
             assert!((mean - 0.5).abs() < 3.0 * (1.0 / 12.0 / n as f64).sqrt(), "{mean}");
             assert!((serial / n as f64).abs() < 3.0 / 12.0 / (n as f64).sqrt(), "{serial}");
         }
+        let (mut walk, start) =
+            (Numbers::new(7, Stream::Path, 3), Numbers::new(7, Stream::Path, 3));
+        assert!((0..5).all(|place| start.ahead(place) == walk.uniform()));
         let other = Numbers::new(8, Stream::Path, 3).uniform();
         assert_ne!(Numbers::new(7, Stream::Path, 3).uniform(), other);
     }

@@ -47,27 +47,25 @@ impl Walks {
             let [a, b, c, d] = [(); 4].map(|()| generator.uniform());
             let from = self.world.point(patch, a, b);
             let direction = cosine_direction(self.world.normal(patch), c, d);
-            moments.push(PI * self.radiance(patch, from, direction, generator));
+            let hit = self.world.cast(patch, from, direction);
+            moments.push(PI * self.radiance(hit, direction, generator));
         }
         moments
     }
 
-    /// An estimate of the radiance that arrives at a point of `patch` from a direction.
-    fn radiance(
-        &self,
-        mut patch: usize,
-        mut from: DVec3,
-        mut direction: DVec3,
-        generator: &mut Generator,
-    ) -> f64 {
+    /// An estimate of the radiance that arrives at `eye` from a direction.
+    pub fn seen(&self, eye: DVec3, direction: DVec3, generator: &mut Generator) -> f64 {
+        self.radiance(self.world.look(eye, direction), direction, generator)
+    }
+
+    /// An estimate of the radiance that comes from what a ray hit.
+    fn radiance(&self, mut hit: Hit, mut direction: DVec3, generator: &mut Generator) -> f64 {
         let (mut radiance, mut weight) = (0.0, 1.0);
         loop {
-            let Hit::Patch { patch: hit, point } = self.world.cast(patch, from, direction) else {
-                return radiance;
-            };
-            let surface = self.surfaces[hit];
+            let Hit::Patch { patch, point } = hit else { return radiance };
+            let surface = self.surfaces[patch];
             radiance += weight * surface.emission;
-            let normal = self.world.normal(hit);
+            let normal = self.world.normal(patch);
             let Some((next, factor)) = surface.scatter(normal, -direction, generator) else {
                 return radiance;
             };
@@ -78,7 +76,7 @@ impl Walks {
                 }
                 weight = ROULETTE;
             }
-            (patch, from, direction) = (hit, point, next);
+            (hit, direction) = (self.world.cast(patch, point, next), next);
         }
     }
 }

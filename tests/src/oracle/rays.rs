@@ -205,10 +205,19 @@ impl World {
 
     /// What a ray from a point of `patch` meets first. A front wins over a back at the same place.
     pub fn cast(&self, patch: usize, origin: DVec3, direction: DVec3) -> Hit {
+        self.meet(Some(self.elements[patch].wall), origin, direction)
+    }
+
+    /// What a ray from anywhere meets first, as light meets it.
+    pub fn look(&self, origin: DVec3, direction: DVec3) -> Hit {
+        self.meet(None, origin, direction)
+    }
+
+    fn meet(&self, skip: Option<usize>, origin: DVec3, direction: DVec3) -> Hit {
         let near = 1e-9 * self.size / direction.length();
         let mut best: Option<(f64, usize, f64, f64, bool)> = None;
         for (index, wall) in self.walls.iter().enumerate() {
-            if index == self.elements[patch].wall {
+            if Some(index) == skip {
                 continue;
             }
             let Some((t, u, v, back)) = wall.meet(origin, direction) else { continue };

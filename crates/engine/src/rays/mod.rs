@@ -10,10 +10,12 @@
 //! Jakob, Humphreys, "Physically based rendering", §6.8), so rays start off their surface by no
 //! more than that.
 
+mod boxes;
 mod hierarchy;
 mod triangle;
 
 use crate::scene::Scene;
+use boxes::{Baseline, Boxes};
 use glam::{DVec3, UVec2, Vec3, Vec3A};
 use hierarchy::{Boxed, Hierarchy};
 use obvhs::ray::Ray as BoxRay;
@@ -70,10 +72,8 @@ pub struct Spot {
 }
 
 impl Spot {
-    /// Uniform over a triangle or anywhere else: the point at barycentric (u, v).
-    pub fn new(corners: [Vec3; 3], u: f32, v: f32) -> Self {
-        let [a, b, c] = corners;
-        let normal = (b - a).cross(c - a).normalize_or(Vec3::Z);
+    /// The point of a triangle at barycentric (u, v); `normal` is [`unit_normal`].
+    pub fn new([a, b, c]: [Vec3; 3], normal: Vec3, u: f32, v: f32) -> Self {
         let w = 1.0 - u - v;
         let point = a * w + b * u + c * v;
         let error = normal.abs().dot(a.abs() * w + b.abs() * u + c.abs() * v) * POINT_ERROR;
@@ -86,9 +86,15 @@ impl Spot {
     }
 }
 
+/// The unit normal of a triangle's front.
+pub fn unit_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
+    (b - a).cross(c - a).normalize_or(Vec3::Z)
+}
+
 /// A triangle as rays need it, in the order of the hierarchy's leaves.
 struct Leaf {
     corners: Corners,
+    normal: Vec3,
     /// Index into [`Scene::triangles`].
     triangle: u32,
     /// Whether its back is there for light and cameras: it reflects, or lets light out.
@@ -103,6 +109,8 @@ pub struct Rays {
     scale: f64,
     /// Centre and radius of a ball around everything, ray units.
     ball: (DVec3, f64),
+    #[cfg(target_arch = "x86_64")]
+    has_avx2: bool,
 }
 
 impl Rays {
@@ -122,6 +130,8 @@ impl Rays {
             center,
             scale,
             ball: (middle, 0.51 * (high - low).length() * scale),
+            #[cfg(target_arch = "x86_64")]
+            has_avx2: is_x86_feature_detected!("avx2"),
         };
         let mut boxes = Vec::with_capacity(scene.triangles.len());
         let mut leaves = Vec::with_capacity(scene.triangles.len());
@@ -137,6 +147,7 @@ impl Rays {
             boxes.push(Boxed { low, high, index: leaves.len() as u32 });
             leaves.push(Leaf {
                 corners: corners.map(|corner| corner.to_array()),
+                normal: unit_normal(corners),
                 triangle: index as u32,
                 two_sided: {
                     let material = &scene.materials[triangle.material as usize];
@@ -216,10 +227,32 @@ impl Rays {
 
     /// The place that a hit tells.
     pub fn spot(&self, hit: &Hit) -> Spot {
-        Spot::new(self.leaves[hit.leaf as usize].corners.map(Vec3::from_array), hit.u, hit.v)
+        let leaf = &self.leaves[hit.leaf as usize];
+        Spot::new(leaf.corners.map(Vec3::from_array), leaf.normal, hit.u, hit.v)
     }
 
     fn closest_along<const Z: usize>(
+        &self,
+        eye: Eye,
+        origin: Vec3,
+        direction: Vec3,
+    ) -> Option<Hit> {
+        #[cfg(target_arch = "x86_64")]
+        if self.has_avx2 {
+            // SAFETY: the feature was detected.
+            return unsafe { self.closest_avx2::<Z>(eye, origin, direction) };
+        }
+        self.closest_by::<Z, Baseline>(eye, origin, direction)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn closest_avx2<const Z: usize>(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<Hit> {
+        self.closest_by::<Z, boxes::Avx2>(eye, origin, direction)
+    }
+
+    #[inline(always)]
+    fn closest_by<const Z: usize, B: Boxes>(
         &self,
         eye: Eye,
         origin: Vec3,
@@ -231,7 +264,7 @@ impl Rays {
         let mut state = self.hierarchy.traversal(ray.direction);
         let mut node;
         let tree = self.hierarchy.tree();
-        traverse!(tree, node, state, node.intersect_ray(&ray, state.oct_inv4), {
+        traverse!(tree, node, state, B::met(node, &ray, state.oct_inv4), {
             let leaf = &self.leaves[state.primitive_id as usize];
             if let Some(crossing) = sheared.cross(&leaf.corners, ray.tmax) {
                 let black = !crossing.front && !leaf.two_sided;
@@ -254,12 +287,40 @@ impl Rays {
         end: f32,
         skip: impl Fn(u32) -> bool,
     ) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        if self.has_avx2 {
+            // SAFETY: the feature was detected.
+            return unsafe { self.blocked_avx2::<Z>(origin, direction, end, skip) };
+        }
+        self.blocked_by::<Z, Baseline>(origin, direction, end, skip)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn blocked_avx2<const Z: usize>(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        end: f32,
+        skip: impl Fn(u32) -> bool,
+    ) -> bool {
+        self.blocked_by::<Z, boxes::Avx2>(origin, direction, end, skip)
+    }
+
+    #[inline(always)]
+    fn blocked_by<const Z: usize, B: Boxes>(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        end: f32,
+        skip: impl Fn(u32) -> bool,
+    ) -> bool {
         let sheared = Sheared::<Z>::new(origin, direction);
         let ray = BoxRay::new(origin.into(), direction.into(), 0.0, end);
         let mut state = self.hierarchy.traversal(ray.direction);
         let mut node;
         let tree = self.hierarchy.tree();
-        traverse!(tree, node, state, node.intersect_ray(&ray, state.oct_inv4), {
+        traverse!(tree, node, state, B::met(node, &ray, state.oct_inv4), {
             let leaf = &self.leaves[state.primitive_id as usize];
             if sheared.cross(&leaf.corners, end).is_some() && !skip(leaf.triangle) {
                 return true;

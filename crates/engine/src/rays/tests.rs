@@ -157,7 +157,8 @@ fn surfaces_do_not_shade_themselves() {
             let triangle = (numbers.uniform() * 2.0) as u32;
             let root = numbers.uniform().sqrt();
             let (u, v) = (1.0 - root, root * numbers.uniform());
-            let spot = Spot::new(rays.corners(&built, triangle).0, u, v);
+            let corners = rays.corners(&built, triangle).0;
+            let spot = Spot::new(corners, unit_normal(corners), u, v);
             let mut away = direction(&mut numbers);
             // A third of the rays graze.
             if numbers.uniform() < 0.3 {

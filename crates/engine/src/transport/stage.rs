@@ -1,5 +1,5 @@
-//! What every method on patches sets up and leaves behind: the cut scene, the camera, the plan,
-//! the warnings, and at the end the figures.
+//! What every method sets up and leaves behind: camera, plan, warnings, and at the end the figures
+//! ([`Record`]); for methods on patches the cut scene, too ([`Stage`]).
 
 use super::options::{MeshSettings, Settings};
 use super::run::Run;
@@ -16,22 +16,6 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// The set-up of one job.
-pub struct Stage {
-    start: Instant,
-    device: DeviceDescription,
-    plan: Plan,
-    warnings: Vec<Warning>,
-    scene_triangles: u64,
-    width: u32,
-    height: u32,
-    mesh: MeshSettings,
-    /// The camera that takes the picture.
-    pub camera: Camera,
-    /// The scene in patches.
-    pub scene: Arc<PatchedScene>,
-}
-
 /// What a job asks of a method.
 pub struct Asked<'a> {
     /// The method's name.
@@ -44,54 +28,61 @@ pub struct Asked<'a> {
     pub settings: &'a Settings,
 }
 
-impl Stage {
-    /// Cuts `scene` (the request's, or what the method makes of it) and tells the observer the
-    /// plan.
-    pub fn new(
-        asked: Asked<'_>,
-        scene: Arc<Scene>,
-        device: DeviceDescription,
-        more_warnings: impl FnOnce(&PatchedScene) -> Vec<Warning>,
-        observer: &mut dyn Observer,
-    ) -> Result<Self, RenderError> {
+/// The record of one job, whatever its method.
+pub struct Record {
+    start: Instant,
+    device: String,
+    plan: Plan,
+    warnings: Vec<Warning>,
+    scene_triangles: u64,
+    width: u32,
+    height: u32,
+    /// The camera that takes the picture.
+    pub camera: Camera,
+}
+
+impl Record {
+    /// Starts the clock and picks the camera. `device` is what runs, in words.
+    ///
+    /// # Errors
+    /// [`RenderError::Parameter`] where the scene has no such camera.
+    pub fn new(asked: Asked<'_>, device: String) -> Result<Self, RenderError> {
         let start = Instant::now();
         let Asked { method, reasons, request, settings } = asked;
-        let mesh = settings.mesh()?;
         let (camera, made_up) = choose_camera(&request.scene, &request.camera)?;
-        let scene = Arc::new(PatchedScene::new(scene, mesh.patches));
-        let plan = Plan {
-            method: method.into(),
-            reasons,
-            settings: settings.values().clone(),
-            patches: scene.patches.len() as u64,
-            triangles: scene.facets.len() as u64,
-        };
+        let settings = settings.values().clone();
+        let plan = Plan { method: method.into(), reasons, settings, ..Plan::default() };
         let mut warnings = request.scene.warnings.clone();
-        warnings.extend(scene.warnings.iter().cloned());
         warnings.extend(made_up);
-        if !scene.patches.any_light() {
-            warnings.push(Warning::new(
-                "scene",
-                "nothing emits light, so the picture is black; give a material an emissive factor",
-            ));
-        }
-        warnings.extend(unseen::by_patches(&request.scene));
-        warnings.extend(more_warnings(&scene));
-        observer.planned(&plan, &warnings);
-        let scene_triangles = request.scene.triangles.len() as u64;
-        let (width, height) = (request.width, request.height);
         Ok(Self {
             start,
             device,
             plan,
             warnings,
-            scene_triangles,
-            width,
-            height,
-            mesh,
+            scene_triangles: request.scene.triangles.len() as u64,
+            width: request.width,
+            height: request.height,
             camera,
-            scene,
         })
+    }
+
+    /// Tells the observer the plan, with the method's own warnings and one where nothing shines.
+    pub fn announce(
+        &mut self,
+        (patches, triangles): (usize, usize),
+        shines: bool,
+        warnings: impl IntoIterator<Item = Warning>,
+        observer: &mut dyn Observer,
+    ) {
+        (self.plan.patches, self.plan.triangles) = (patches as u64, triangles as u64);
+        if !shines {
+            self.warnings.push(Warning::new(
+                "scene",
+                "nothing emits light, so the picture is black; give a material an emissive factor",
+            ));
+        }
+        self.warnings.extend(warnings);
+        observer.planned(&self.plan, &self.warnings);
     }
 
     /// The run of this job.
@@ -99,21 +90,14 @@ impl Stage {
         Run::new(self.start, request.limits, observer)
     }
 
-    /// What turns solutions into the picture.
-    pub fn measurement(&self) -> Measurement {
-        Measurement::new(
-            self.scene.clone(),
-            &self.camera,
-            self.width,
-            self.height,
-            self.mesh.pixel_samples,
-            self.mesh.smoothness,
-        )
-    }
-
     /// The picture of a scene without light.
     pub fn black(&self) -> Picture {
         Picture::black(self.width, self.height)
+    }
+
+    /// Seconds since the start.
+    pub fn seconds(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
     }
 
     /// The result, with the method's own figures.
@@ -124,7 +108,7 @@ impl Stage {
         diagnostics: BTreeMap<String, f64>,
     ) -> Rendered {
         let progress = run.finish();
-        let seconds = self.start.elapsed().as_secs_f64();
+        let seconds = self.seconds();
         let stats = Stats {
             method: self.plan.method.clone(),
             stopped,
@@ -136,11 +120,77 @@ impl Stage {
             estimated_error: progress.estimated_error,
             patches: self.plan.patches,
             triangles: self.scene_triangles,
-            device: format!("{} ({})", self.device.name, self.device.driver),
+            device: self.device,
             warnings: self.warnings.iter().map(Into::into).collect(),
             diagnostics,
             plan: self.plan,
         };
         Rendered { picture, stats }
+    }
+}
+
+/// The set-up of one job on patches.
+pub struct Stage {
+    record: Record,
+    mesh: MeshSettings,
+    /// The camera that takes the picture.
+    pub camera: Camera,
+    /// The scene in patches.
+    pub scene: Arc<PatchedScene>,
+}
+
+impl Stage {
+    /// Cuts `scene` (the request's, or what the method makes of it) and tells the observer the
+    /// plan.
+    pub fn new(
+        asked: Asked<'_>,
+        scene: Arc<Scene>,
+        device: DeviceDescription,
+        more_warnings: impl FnOnce(&PatchedScene) -> Vec<Warning>,
+        observer: &mut dyn Observer,
+    ) -> Result<Self, RenderError> {
+        let mesh = asked.settings.mesh()?;
+        let asked_scene = &asked.request.scene;
+        let mut record = Record::new(asked, format!("{} ({})", device.name, device.driver))?;
+        let scene = Arc::new(PatchedScene::new(scene, mesh.patches));
+        let shines = scene.patches.any_light();
+        let warnings = (scene.warnings.iter().cloned())
+            .chain(unseen::by_patches(asked_scene))
+            .chain(more_warnings(&scene));
+        let sizes = (scene.patches.len(), scene.facets.len());
+        record.announce(sizes, shines, warnings, observer);
+        Ok(Self { camera: record.camera.clone(), record, mesh, scene })
+    }
+
+    /// The run of this job.
+    pub fn run<'a>(&self, request: &RenderRequest, observer: &'a mut dyn Observer) -> Run<'a> {
+        self.record.run(request, observer)
+    }
+
+    /// What turns solutions into the picture.
+    pub fn measurement(&self) -> Measurement {
+        Measurement::new(
+            self.scene.clone(),
+            &self.camera,
+            self.record.width,
+            self.record.height,
+            self.mesh.pixel_samples,
+            self.mesh.smoothness,
+        )
+    }
+
+    /// The picture of a scene without light.
+    pub fn black(&self) -> Picture {
+        self.record.black()
+    }
+
+    /// The result, with the method's own figures.
+    pub fn rendered(
+        self,
+        run: Run<'_>,
+        result: (Picture, StopReason),
+        diagnostics: BTreeMap<String, f64>,
+    ) -> Rendered {
+        self.record.rendered(run, result, diagnostics)
     }
 }

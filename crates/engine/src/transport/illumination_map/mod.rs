@@ -18,17 +18,16 @@ mod map;
 use super::Method;
 use super::options::Settings;
 use super::ray_traced::{
-    Caustics, Film, Lights, Pixels, RayTracedSettings, Tracer, World, approximations,
+    Caustics, DiskPoints, Disks, Film, Lights, Pixels, RayTracedSettings, Tracer, World, warnings,
 };
 use super::run::Run;
+use super::stage::{Asked, Record};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceError, free_memory};
 use crate::image::Picture;
 use crate::measurement::Frame;
 use crate::radiometry::{IMPORTANCE_WEIGHTS, Rgb, importance};
-use crate::render::{
-    Observer, Plan, RenderError, RenderRequest, Rendered, Stats, StopReason, choose_camera,
-};
+use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
 use crate::scene::{Camera, Warning};
 use charts::{Charts, Receiver};
 use light_rays::{Casters, LightRays};
@@ -98,73 +97,40 @@ impl Method for IlluminationMap {
         reasons: Vec<String>,
         observer: &mut dyn Observer,
     ) -> Result<Rendered, RenderError> {
-        let start = Instant::now();
         let settings = Settings::new(&request.options)?;
         let options = RayTracedSettings::new(&settings)?;
         let own = MapSettings::new(&settings)?;
-        let (camera, made_up) = choose_camera(&request.scene, &request.camera)?;
-        let triangles = request.scene.triangles.len() as u64;
-        check_memory(triangles, &own, request)?;
+        let triangles = request.scene.triangles.len();
+        check_memory(triangles as u64, &own, request)?;
+        let asked = Asked { method: self.name(), reasons, request, settings: &settings };
+        let mut record = Record::new(asked, format!("{} (rays)", CpuDevice::describe().name))?;
         let world = World::new(request.scene.clone());
         let lights = Lights::new(&world);
         let casters = Casters::new(&world);
-        let plan = Plan {
-            method: self.name().into(),
-            reasons,
-            settings: settings.values().clone(),
-            patches: 0,
-            triangles,
-        };
-        let mut warnings = request.scene.warnings.clone();
-        warnings.extend(made_up);
-        warnings.extend(approximations(&options, &device.description()));
-        if lights.is_none() {
-            warnings.push(Warning::new(
-                "scene",
-                "nothing emits light, so the picture is black; give a material an emissive factor",
-            ));
-        }
-        if world.rays.is_empty() {
-            warnings.push(Warning::new("scene", "there is no surface; the picture is black"));
-        }
+        let mut warnings = warnings(&world, &options, &device.description());
         if casters.is_none() {
             warnings.push(Warning::new(
                 "scene",
                 "nothing mirrors sharply or lets light through, so there are no caustics to map; ray-traced shows the same",
             ));
         }
-        observer.planned(&plan, &warnings);
+        record.announce((0, triangles), lights.is_some(), warnings, observer);
 
-        let mut run = Run::new(start, request.limits, observer);
+        let mut run = record.run(request, observer);
         let mut diagnostics = BTreeMap::new();
-        let (picture, stopped) = match &lights {
+        let result = match &lights {
             Some(lights) => {
-                let job = Job { world: &world, lights, camera: &camera, request, options, own };
+                let camera = &record.camera;
+                let disks = options.disks(&world, lights);
+                let job = Job { world: &world, lights, disks, camera, request, options, own };
                 job.solve(&mut run, casters.as_ref(), &mut diagnostics)
             }
-            None => (Picture::black(request.width, request.height), StopReason::NoLight),
+            None => (record.black(), StopReason::NoLight),
         };
-        let progress = run.finish();
-        let seconds = start.elapsed().as_secs_f64();
-        diagnostics.insert("rays".into(), progress.shots as f64);
-        diagnostics.insert("rays_per_second".into(), progress.shots as f64 / seconds);
-        let stats = Stats {
-            method: self.name().into(),
-            stopped,
-            iterations: progress.iterations,
-            shots: progress.shots,
-            light_source_selection_ratio: progress.light_source_selection_ratio,
-            seconds_total: seconds,
-            seconds_solve: seconds,
-            estimated_error: progress.estimated_error,
-            patches: plan.patches,
-            triangles,
-            device: format!("{} (rays)", CpuDevice::describe().name),
-            warnings: warnings.iter().map(Into::into).collect(),
-            diagnostics,
-            plan,
-        };
-        Ok(Rendered { picture, stats })
+        let rays = run.tally.shots as f64;
+        diagnostics.insert("rays".into(), rays);
+        diagnostics.insert("rays_per_second".into(), rays / record.seconds());
+        Ok(record.rendered(run, result, diagnostics))
     }
 }
 
@@ -212,6 +178,7 @@ fn receivers(world: &World) -> Vec<Receiver> {
 struct Job<'a> {
     world: &'a World,
     lights: &'a Lights,
+    disks: Option<(Disks, DiskPoints)>,
     camera: &'a Camera,
     request: &'a RenderRequest,
     options: RayTracedSettings,
@@ -244,7 +211,7 @@ impl Job<'_> {
         diagnostics: &mut BTreeMap<String, f64>,
     ) -> (Picture, StopReason) {
         let mut maker = casters.map(|casters| self.maker(casters));
-        let film = Film::new(&self.pixels(None), self.options.period());
+        let film = Film::new([self.request.width, self.request.height], self.options.period());
         let mut exposure = Exposure { film, estimated: Instant::now(), estimate_seconds: 0.0 };
         let stopped = loop {
             if let Err(reason) = self.pass(run, maker.as_mut(), &mut exposure) {
@@ -282,7 +249,7 @@ impl Job<'_> {
             tracer: Tracer {
                 world: self.world,
                 lights: self.lights,
-                light_sampling: self.options.light_sampling,
+                disks: self.disks.as_ref().map(|(disks, points)| (disks, *points)),
                 reflections: self.options.reflections,
                 rays_per_pixel: self.options.rays_per_pixel,
                 caustics,
@@ -290,6 +257,7 @@ impl Job<'_> {
             frame: Frame::new(self.camera, size[0], size[1]),
             size,
             sampling: self.options.pixel_sampling,
+            path_strata: self.options.spreads_paths(),
             seed: self.request.seed,
         }
     }

@@ -114,9 +114,9 @@ fn with_ambient(
     }
     let patches = &scene.patches;
     let (mut waiting, mut absorbed) = (Rgb::ZERO, Rgb::ZERO);
-    for i in 0..patches.len() {
-        waiting += patches.area[i] * unshot[i];
-        absorbed += patches.area[i] * (Rgb::ONE - patches.diffuse[i]);
+    for ((area, diffuse), unshot) in patches.area.iter().zip(&patches.diffuse).zip(unshot) {
+        waiting += *area * *unshot;
+        absorbed += *area * (Rgb::ONE - *diffuse);
     }
     let everywhere = PI * waiting / absorbed.max(Rgb::splat(f32::MIN_POSITIVE));
     let everywhere = if importance(everywhere).is_finite() { everywhere } else { Rgb::ZERO };

@@ -134,7 +134,7 @@ mod tests {
     use crate::rays::Spot;
 
     fn surface(back: bool) -> Surface {
-        let spot = Spot::new([Vec3::ZERO, Vec3::X, Vec3::Y], 0.3, 0.3);
+        let spot = Spot::new([Vec3::ZERO, Vec3::X, Vec3::Y], Vec3::Z, 0.3, 0.3);
         let normal = if back { -spot.normal } else { spot.normal };
         Surface {
             triangle: 0,

@@ -3,7 +3,6 @@
 use super::pixels::Pixels;
 use crate::image::Picture;
 use crate::radiometry::Rgb;
-use glam::Vec2;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -20,29 +19,33 @@ pub struct Film {
 
 /// A row of the picture.
 struct Row {
-    /// Σ over passes, per pixel.
-    sums: Vec<Rgb>,
-    /// The same of the turn that is not complete.
-    open: Vec<Rgb>,
-    /// Σ over passes of [`super::pixels::Estimate::by_map`]; empty without a map of caustics.
-    by_map: Vec<Rgb>,
-    /// Pixels that see an emitter: they don't count for the error.
-    emitters: Vec<bool>,
+    pixels: Vec<Sums>,
     passes: u64,
     rays: u64,
-    /// Σ over passes and counted pixels of the squared value.
+}
+
+/// What a pixel adds up to.
+#[derive(Clone, Default)]
+struct Sums {
+    /// Σ over passes.
+    sum: Rgb,
+    /// The same of the turn that is not complete.
+    open: Rgb,
+    /// Σ over passes of the squared value.
     squares: f64,
-    /// Σ over complete turns and counted pixels of the squared mean of the turn.
+    /// Σ over complete turns of the squared mean of the turn.
     turn_squares: f64,
+    /// Σ over passes of [`super::pixels::Estimate::by_map`].
+    by_map: Rgb,
+    /// Whether any sample saw an emitter: then it doesn't count for the error.
+    sees_emitter: bool,
 }
 
 /// What error estimates sum over the pixels that count.
 #[derive(Clone, Copy, Default)]
 struct Scatter {
-    /// Variance of the mean of the passes as if they were independent.
-    by_passes: f64,
-    /// The same from complete turns; `None` with too few.
-    by_turns: Option<f64>,
+    /// Variance of the mean of the passes.
+    variance: f64,
     /// Variance that passes have in common, as they read the same map.
     by_map: f64,
     sum: f64,
@@ -50,40 +53,17 @@ struct Scatter {
 }
 
 impl Film {
-    /// An empty film; which pixels see an emitter is found out at their centres and corners.
-    pub fn new(pixels: &Pixels<'_>, period: u32) -> Self {
-        let [width, height] = pixels.size;
-        let corners = |row: u32| -> Vec<bool> {
-            let at = |column| Vec2::new(column as f32, row as f32);
-            (0..=width).map(|column| pixels.sees_emitter(at(column))).collect()
-        };
-        let grid: Vec<Vec<bool>> = (0..=height).into_par_iter().map(corners).collect();
-        let rows = (0..height).into_par_iter().map(|row| {
-            let (above, below) = (&grid[row as usize], &grid[row as usize + 1]);
-            let sees = |column: u32| {
-                let at = column as usize;
-                let center = Vec2::new(column as f32 + 0.5, row as f32 + 0.5);
-                [above[at], above[at + 1], below[at], below[at + 1]].contains(&true)
-                    || pixels.sees_emitter(center)
-            };
-            Row {
-                sums: vec![Rgb::ZERO; width as usize],
-                by_map: Vec::new(),
-                open: vec![Rgb::ZERO; if period > 1 { width as usize } else { 0 }],
-                emitters: (0..width).map(sees).collect(),
-                passes: 0,
-                rays: 0,
-                squares: 0.0,
-                turn_squares: 0.0,
-            }
-        });
-        Self { width, period: u64::from(period), rows: rows.collect() }
+    /// An empty film.
+    pub fn new([width, height]: [u32; 2], period: u32) -> Self {
+        let pixels = vec![Sums::default(); width as usize];
+        let row = |_| Row { pixels: pixels.clone(), passes: 0, rays: 0 };
+        Self { width, period: u64::from(period), rows: (0..height).map(row).collect() }
     }
 
-    /// Bytes of a film.
+    /// Bytes of a film, and of its picture.
     pub fn needed_bytes(width: u32, height: u32) -> u64 {
-        // Sums, the open turn, the map's share, the mask, and the picture.
-        u64::from(width) * u64::from(height) * 52
+        let pixel = size_of::<Sums>() + size_of::<Rgb>();
+        u64::from(width) * u64::from(height) * pixel as u64
     }
 
     /// Rows.
@@ -117,7 +97,7 @@ impl Film {
         let mut pixels = Vec::with_capacity(self.width as usize * self.rows.len());
         for row in &self.rows {
             let share = 1.0 / row.passes.max(1) as f32;
-            pixels.extend(row.sums.iter().map(|sum| *sum * share));
+            pixels.extend(row.pixels.iter().map(|pixel| pixel.sum * share));
         }
         Picture { width: self.width, height: self.height(), pixels }
     }
@@ -127,23 +107,23 @@ impl Film {
         self.passes() >= FEWEST
     }
 
-    /// Estimated rRMSE of [`Film::picture`] from the scatter of the passes, or of whole turns
-    /// once there are enough. Knows noise only. `None` with too few or a black picture.
+    /// Estimated rRMSE of [`Film::picture`] from the scatter of whole turns, or of the passes as
+    /// if they were independent until there are enough turns. Knows noise only. `None` with too
+    /// few or a black picture.
     pub fn relative_error(&self) -> Option<f64> {
         if !self.enough() {
             return None;
         }
-        let rows: Vec<Scatter> = self.rows.par_iter().map(|row| row.scatter(self.period)).collect();
-        let mut all = Scatter { by_turns: Some(0.0), ..Scatter::default() };
-        for row in &rows {
-            all.by_passes += row.by_passes;
-            all.by_turns = all.by_turns.zip(row.by_turns).map(|(sum, more)| sum + more);
-            all.by_map += row.by_map;
-            all.sum += row.sum;
-            all.pixels += row.pixels;
-        }
+        let period = if self.passes() / self.period >= FEWEST { self.period } else { 1 };
+        let rows: Vec<Scatter> = self.rows.par_iter().map(|row| row.scatter(period)).collect();
+        let all = rows.iter().fold(Scatter::default(), |all, row| Scatter {
+            variance: all.variance + row.variance,
+            by_map: all.by_map + row.by_map,
+            sum: all.sum + row.sum,
+            pixels: all.pixels + row.pixels,
+        });
         let values = 3.0 * all.pixels as f64;
-        let variance = (all.by_turns.unwrap_or(all.by_passes).max(0.0) + all.by_map) / values;
+        let variance = (all.variance.max(0.0) + all.by_map) / values;
         (all.sum > 0.0).then(|| variance.sqrt() / (all.sum / values))
     }
 }
@@ -151,61 +131,37 @@ impl Film {
 impl Row {
     fn advance(&mut self, pixels: &Pixels<'_>, row: u32, period: u64) {
         let closes = period > 1 && (self.passes + 1).is_multiple_of(period);
-        let (mut squares, mut turn_squares) = (0.0, 0.0);
-        let has_map = pixels.tracer.caustics.is_some();
-        if has_map {
-            self.by_map.resize(self.sums.len(), Rgb::ZERO);
-        }
-        for column in 0..self.sums.len() {
-            let (estimate, rays) = pixels.pixel(column as u32, row, self.passes);
+        for (column, sums) in self.pixels.iter_mut().enumerate() {
+            let (estimate, walk) = pixels.pixel(column as u32, row, self.passes);
             let value = estimate.radiance;
-            self.rays += rays;
-            if has_map {
-                self.by_map[column] += estimate.by_map;
-            }
-            self.sums[column] += value;
-            let counts = !self.emitters[column];
-            if counts {
-                squares += square(value);
-            }
+            self.rays += walk.rays;
+            sums.sum += value;
+            sums.by_map += estimate.by_map;
+            sums.squares += square(value);
+            sums.sees_emitter |= walk.saw_emitter;
             if period > 1 {
-                self.open[column] += value;
+                sums.open += value;
             }
             if closes {
-                let mean = std::mem::take(&mut self.open[column]) / period as f32;
-                if counts {
-                    turn_squares += square(mean);
-                }
+                sums.turn_squares += square(std::mem::take(&mut sums.open) / period as f32);
             }
         }
-        self.squares += squares;
-        self.turn_squares += turn_squares;
         self.passes += 1;
     }
 
+    /// Of turns of `period` passes, or of passes with 1.
     fn scatter(&self, period: u64) -> Scatter {
-        let (passes, turns) = (self.passes as f64, self.passes / period);
-        let turned = (turns * period) as f32;
+        let turns = (self.passes / period) as f64;
         let mut scatter = Scatter::default();
-        let (mut means, mut turn_means) = (0.0, 0.0);
-        let counted = (0..self.sums.len()).filter(|column| !self.emitters[*column]);
-        for column in counted {
-            let mean = self.sums[column] / self.passes as f32;
-            means += square(mean);
-            if period > 1 {
-                turn_means += square((self.sums[column] - self.open[column]) / turned);
-            }
-            if let Some(by_map) = self.by_map.get(column) {
-                scatter.by_map += square(*by_map / self.passes as f32);
-            }
-            scatter.sum += f64::from(mean.element_sum());
+        for pixel in self.pixels.iter().filter(|pixel| !pixel.sees_emitter) {
+            let (squares, sum) = match period {
+                1 => (pixel.squares, pixel.sum),
+                _ => (pixel.turn_squares, (pixel.sum - pixel.open) / period as f32),
+            };
+            scatter.variance += (squares - square(sum) / turns) / (turns * (turns - 1.0));
+            scatter.by_map += square(pixel.by_map / self.passes as f32);
+            scatter.sum += f64::from(pixel.sum.element_sum()) / self.passes as f64;
             scatter.pixels += 1;
-        }
-        scatter.by_passes = (self.squares - passes * means) / (passes * (passes - 1.0));
-        if period > 1 && turns >= FEWEST {
-            let turns = turns as f64;
-            scatter.by_turns =
-                Some((self.turn_squares - turns * turn_means) / (turns * (turns - 1.0)));
         }
         scatter
     }

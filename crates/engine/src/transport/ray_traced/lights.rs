@@ -1,22 +1,14 @@
-//! Where direct light comes from: the emissive triangles by themselves, picked by their power, or
-//! each connected group of them as a disk (Lange 1994, as Rogers prints it).
+//! Where direct light comes from: the emissive triangles, picked by their power.
 
 use super::surface::{Surface, World};
 use crate::patches::cells;
 use crate::radiometry::{Rgb, importance};
-use crate::random::Numbers;
-use crate::rays::Spot;
+use crate::rays::{Spot, unit_normal};
 use glam::Vec3;
-use std::collections::HashMap;
-use std::f32::consts::{PI, TAU};
 
-/// "In no group."
-const NO_GROUP: u32 = u32::MAX;
 /// Share of the pick that goes by the emission factor alone, so that no part of a texture that
 /// the samples missed is left out.
 const FACTOR_SHARE: f64 = 0.1;
-/// A group whose vector area is less than this share of its area is a body, not a sheet.
-const SHEET: f32 = 0.2;
 
 /// Things by probability.
 pub struct Choice {
@@ -51,12 +43,19 @@ impl Choice {
 }
 
 /// An emissive triangle.
-struct Emitter {
-    triangle: u32,
-    corners: [Vec3; 3],
-    area: f32,
+pub struct Emitter {
+    /// Index into [`crate::scene::Scene::triangles`].
+    pub triangle: u32,
+    /// Ray units.
+    pub corners: [Vec3; 3],
+    /// Unit normal of the front.
+    normal: Vec3,
+    /// Square ray units.
+    pub area: f32,
+    /// What it is picked in proportion to.
     weight: f64,
-    radiance: Rgb,
+    /// Mean emitted radiance.
+    pub radiance: Rgb,
 }
 
 /// The lights of a scene.
@@ -65,9 +64,6 @@ pub struct Lights {
     choice: Choice,
     /// Probability per area, by scene triangle.
     density: Vec<f32>,
-    disks: Vec<Disk>,
-    disk_choice: Choice,
-    group_of: Vec<u32>,
 }
 
 /// A point of a light, as a surface sees it.
@@ -96,26 +92,6 @@ pub struct Emitted {
     pub density: f32,
 }
 
-/// A connected group of emissive triangles as a disk of the same area.
-pub struct Disk {
-    center: Vec3,
-    /// Unit normal; `None` for closed bodies, which turn the same disk to everyone.
-    normal: Option<Vec3>,
-    radius: f32,
-    radiance: Rgb,
-    two_sided: bool,
-    group: u32,
-}
-
-/// Points that stand for a disk.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DiskPoints {
-    /// Uniform over its area.
-    Area,
-    /// Uniform along its edge.
-    Rim,
-}
-
 impl Lights {
     /// The lights of a scene; `None` without any.
     pub fn new(world: &World) -> Option<Self> {
@@ -134,7 +110,8 @@ impl Lights {
             let weight = mixed * f64::from(area) * sides;
             if weight > 0.0 && weight.is_finite() {
                 let triangle = index as u32;
-                emitters.push(Emitter { triangle, corners, area, weight, radiance });
+                let normal = unit_normal(corners);
+                emitters.push(Emitter { triangle, corners, normal, area, weight, radiance });
             }
         }
         if emitters.is_empty() {
@@ -146,13 +123,7 @@ impl Lights {
             density[emitter.triangle as usize] =
                 (choice.probability(index) / f64::from(emitter.area)) as f32;
         }
-        let (group_of, disks) = disks(world, &emitters);
-        let power = |disk: &Disk| {
-            let area = PI * disk.radius * disk.radius;
-            f64::from(importance(disk.radiance)).max(f64::MIN_POSITIVE) * f64::from(area)
-        };
-        let disk_choice = Choice::new(disks.iter().map(power));
-        Some(Self { emitters, choice, density, disks, disk_choice, group_of })
+        Some(Self { emitters, choice, density })
     }
 
     /// A point of the emissive triangles, picked by power, uniform over the triangle; `None` where
@@ -170,7 +141,7 @@ impl Lights {
         }
         let root = xi[0].sqrt();
         let (u, v) = (root * (1.0 - xi[1]), root * xi[1]);
-        let spot = Spot::new(emitter.corners, u, v);
+        let spot = Spot::new(emitter.corners, emitter.normal, u, v);
         let between = spot.point - surface.spot.point;
         let square = between.length_squared();
         let direction = between / square.sqrt();
@@ -199,133 +170,27 @@ impl Lights {
         let (u, v) = (root * (1.0 - xi[1]), root * xi[1]);
         Emitted {
             triangle: emitter.triangle,
-            spot: Spot::new(emitter.corners, u, v),
+            spot: Spot::new(emitter.corners, emitter.normal, u, v),
             radiance: world.emission(emitter.triangle, u, v),
             two_sided: world.is_two_sided(emitter.triangle),
             density: self.density[emitter.triangle as usize],
         }
     }
 
-    /// The disk for a uniform number, and its probability.
-    pub fn pick_disk(&self, xi: f64) -> (usize, f32) {
-        let index = self.disk_choice.pick(xi);
-        (index, self.disk_choice.probability(index) as f32)
-    }
-
-    /// A disk.
-    pub fn disk(&self, index: usize) -> &Disk {
-        &self.disks[index]
-    }
-
-    /// Whether a triangle belongs to the group that `disk` stands for.
-    pub fn is_of(&self, disk: &Disk, triangle: u32) -> bool {
-        self.group_of[triangle as usize] == disk.group
-    }
-}
-
-impl Disk {
-    /// Its centre for [`Disk::light`].
-    pub fn center(&self) -> [f32; 2] {
-        [0.0; 2]
-    }
-
-    /// A random point for [`Disk::light`]: polar coordinates, radius in shares of the disk's.
-    pub fn random(&self, points: DiskPoints, numbers: &mut Numbers) -> [f32; 2] {
-        let radius = match points {
-            DiskPoints::Area => numbers.uniform().sqrt(),
-            DiskPoints::Rim => 1.0,
-        };
-        [radius, TAU * numbers.uniform()]
-    }
-
-    /// The disk's light as if all of it came from one of its points: where that is, the direction
-    /// to it, and radiance × area × cosθ_y/distance². `None` where it shines the other way.
-    pub fn light(&self, from: Vec3, [radius, angle]: [f32; 2]) -> Option<(Vec3, Vec3, Rgb)> {
-        let normal = self.normal.unwrap_or_else(|| (from - self.center).normalize_or(Vec3::Y));
-        let (tangent, bitangent) = crate::hemicube::frame(normal, angle);
-        debug_assert!(bitangent.is_finite());
-        let point = self.center + tangent * (radius * self.radius);
-        let between = point - from;
-        let square = between.length_squared();
-        if square <= 0.0 {
-            return None;
-        }
-        let direction = between / square.sqrt();
-        let mut cosine = -normal.dot(direction);
-        if self.two_sided {
-            cosine = cosine.abs();
-        }
-        let area = PI * self.radius * self.radius;
-        (cosine > 0.0).then(|| (point, direction, self.radiance * (area * cosine / square)))
+    /// The emissive triangles.
+    pub fn emitters(&self) -> &[Emitter] {
+        &self.emitters
     }
 }
 
 /// Emission averaged over a triangle by 64 samples where a texture varies it.
 fn mean_emission(world: &World, triangle: u32) -> Rgb {
+    if !world.varies(triangle) {
+        return world.emission(triangle, 0.0, 0.0);
+    }
     let samples: Vec<Rgb> = cells(8)
         .map(|[a, b, c]| (a + b + c) / 3.0)
         .map(|at| world.emission(triangle, at.x, at.y))
         .collect();
     samples.iter().sum::<Rgb>() / samples.len() as f32
-}
-
-/// Groups of emissive triangles with common corners, and a disk for each.
-fn disks(world: &World, emitters: &[Emitter]) -> (Vec<u32>, Vec<Disk>) {
-    let mut parent: Vec<usize> = (0..emitters.len()).collect();
-    fn root(parent: &mut [usize], mut at: usize) -> usize {
-        while parent[at] != at {
-            parent[at] = parent[parent[at]];
-            at = parent[at];
-        }
-        at
-    }
-    let mut first_at: HashMap<[u32; 3], usize> = HashMap::new();
-    for (index, emitter) in emitters.iter().enumerate() {
-        for corner in emitter.corners {
-            let key = (corner + 0.0).to_array().map(f32::to_bits);
-            let other = *first_at.entry(key).or_insert(index);
-            let (a, b) = (root(&mut parent, index), root(&mut parent, other));
-            parent[a] = b;
-        }
-    }
-    #[derive(Default)]
-    struct Sum {
-        area: f32,
-        vector_area: Vec3,
-        moment: Vec3,
-        power: Rgb,
-        two_sided: bool,
-    }
-    let mut group_of = vec![NO_GROUP; world.scene.triangles.len()];
-    let mut number: HashMap<usize, u32> = HashMap::new();
-    let mut sums: Vec<Sum> = Vec::new();
-    for (index, emitter) in emitters.iter().enumerate() {
-        let root = root(&mut parent, index);
-        let group = *number.entry(root).or_insert_with(|| {
-            sums.push(Sum { two_sided: true, ..Sum::default() });
-            sums.len() as u32 - 1
-        });
-        group_of[emitter.triangle as usize] = group;
-        let sum = &mut sums[group as usize];
-        let [a, b, c] = emitter.corners;
-        sum.area += emitter.area;
-        sum.vector_area += 0.5 * (b - a).cross(c - a);
-        sum.moment += (a + b + c) * (emitter.area / 3.0);
-        sum.power += emitter.radiance * emitter.area;
-        sum.two_sided &= world.is_two_sided(emitter.triangle);
-    }
-    let disk = |(group, sum): (usize, &Sum)| {
-        let sheet = sum.vector_area.length() > SHEET * sum.area;
-        // A convex body shows a quarter of its surface on average (Cauchy).
-        let area = if sheet { sum.area } else { 0.25 * sum.area };
-        Disk {
-            center: sum.moment / sum.area,
-            normal: sheet.then(|| sum.vector_area.normalize()),
-            radius: (area / PI).sqrt(),
-            radiance: sum.power / sum.area,
-            two_sided: sum.two_sided,
-            group: group as u32,
-        }
-    };
-    (group_of, sums.iter().enumerate().map(disk).collect())
 }

@@ -6,6 +6,7 @@
 //! run on the processor whatever the device.
 
 mod clear;
+mod disks;
 mod film;
 mod lights;
 mod path;
@@ -17,19 +18,19 @@ mod surface;
 use super::Method;
 use super::options::Settings;
 use super::run::Run;
+use super::stage::{Asked, Record};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceDescription, DeviceError, free_memory};
 use crate::image::Picture;
 use crate::measurement::Frame;
-use crate::render::{
-    Observer, Plan, RenderError, RenderRequest, Rendered, Stats, StopReason, choose_camera,
-};
+use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
 use crate::scene::Warning;
 use settings::{LightSampling, PixelSampling};
 use std::time::Instant;
 
 pub use settings::RayTracedSettings;
 // What illumination maps share.
+pub(super) use disks::{DiskPoints, Disks};
 pub(super) use film::Film;
 pub(super) use lights::{Choice, Emitted, Lights};
 pub(super) use path::{Caustics, Mapped, Tracer};
@@ -62,88 +63,52 @@ impl Method for RayTraced {
         reasons: Vec<String>,
         observer: &mut dyn Observer,
     ) -> Result<Rendered, RenderError> {
-        let start = Instant::now();
         let settings = Settings::new(&request.options)?;
         let options = RayTracedSettings::new(&settings)?;
-        let (camera, made_up) = choose_camera(&request.scene, &request.camera)?;
-        let triangles = request.scene.triangles.len() as u64;
-        check_memory(triangles, request)?;
+        check_memory(request)?;
+        let asked = Asked { method: self.name(), reasons, request, settings: &settings };
+        let mut record = Record::new(asked, format!("{} (rays)", CpuDevice::describe().name))?;
         let world = World::new(request.scene.clone());
         let lights = Lights::new(&world);
-        let plan = Plan {
-            method: self.name().into(),
-            reasons,
-            settings: settings.values().clone(),
-            patches: 0,
-            triangles,
-        };
-        let device = device.description();
-        let mut warnings = request.scene.warnings.clone();
-        warnings.extend(made_up);
-        warnings.extend(approximations(&options, &device));
-        if lights.is_none() {
-            warnings.push(Warning::new(
-                "scene",
-                "nothing emits light, so the picture is black; give a material an emissive factor",
-            ));
-        }
-        if world.rays.is_empty() {
-            warnings.push(Warning::new("scene", "there is no surface; the picture is black"));
-        }
-        observer.planned(&plan, &warnings);
+        let warnings = warnings(&world, &options, &device.description());
+        let triangles = request.scene.triangles.len();
+        record.announce((0, triangles), lights.is_some(), warnings, observer);
 
-        let mut run = Run::new(start, request.limits, observer);
-        let (picture, stopped) = match &lights {
+        let mut run = record.run(request, observer);
+        let result = match &lights {
             Some(lights) => {
+                let disks = options.disks(&world, lights);
                 let tracer = Tracer {
                     world: &world,
                     lights,
-                    light_sampling: options.light_sampling,
+                    disks: disks.as_ref().map(|(disks, points)| (disks, *points)),
                     reflections: options.reflections,
                     rays_per_pixel: options.rays_per_pixel,
                     caustics: None,
                 };
                 let pixels = Pixels {
                     tracer,
-                    frame: Frame::new(&camera, request.width, request.height),
+                    frame: Frame::new(&record.camera, request.width, request.height),
                     size: [request.width, request.height],
                     sampling: options.pixel_sampling,
+                    path_strata: options.spreads_paths(),
                     seed: request.seed,
                 };
                 solve(&mut run, &pixels, options.period())
             }
-            None => (Picture::black(request.width, request.height), StopReason::NoLight),
+            None => (record.black(), StopReason::NoLight),
         };
-        let progress = run.finish();
-        let seconds = start.elapsed().as_secs_f64();
-        let rays = progress.shots as f64;
+        let rays = run.tally.shots as f64;
         let diagnostics =
-            [("rays".into(), rays), ("rays_per_second".into(), rays / seconds)].into();
-        let processor = CpuDevice::describe();
-        let stats = Stats {
-            method: self.name().into(),
-            stopped,
-            iterations: progress.iterations,
-            shots: progress.shots,
-            light_source_selection_ratio: progress.light_source_selection_ratio,
-            seconds_total: seconds,
-            seconds_solve: seconds,
-            estimated_error: progress.estimated_error,
-            patches: plan.patches,
-            triangles,
-            device: format!("{} (rays)", processor.name),
-            warnings: warnings.iter().map(Into::into).collect(),
-            diagnostics,
-            plan,
-        };
-        Ok(Rendered { picture, stats })
+            [("rays".into(), rays), ("rays_per_second".into(), rays / record.seconds())].into();
+        Ok(record.rendered(run, result, diagnostics))
     }
 }
 
 /// Refuses what would not fit into memory before anything is allocated.
-fn check_memory(triangles: u64, request: &RenderRequest) -> Result<(), DeviceError> {
-    let needed_bytes =
-        World::needed_bytes(triangles) + Film::needed_bytes(request.width, request.height);
+fn check_memory(request: &RenderRequest) -> Result<(), DeviceError> {
+    let needed_bytes = World::needed_bytes(request.scene.triangles.len() as u64)
+        + Film::needed_bytes(request.width, request.height);
     let available_bytes = free_memory();
     if needed_bytes > available_bytes {
         let device = CpuDevice::describe().id;
@@ -152,12 +117,17 @@ fn check_memory(triangles: u64, request: &RenderRequest) -> Result<(), DeviceErr
     Ok(())
 }
 
-/// What is not as it should be: bias that was asked for, another device than was asked for.
-pub(super) fn approximations(
+/// What is not as it should be: an empty scene, bias that was asked for, another device than was
+/// asked for.
+pub(super) fn warnings(
+    world: &World,
     options: &RayTracedSettings,
     device: &DeviceDescription,
 ) -> Vec<Warning> {
     let mut warnings = Vec::new();
+    if world.rays.is_empty() {
+        warnings.push(Warning::new("scene", "there is no surface; the picture is black"));
+    }
     if device.kind != "cpu" {
         let what = format!("rays are traced by the processor, not by {}", device.name);
         warnings.push(Warning::new("device", what));
@@ -179,7 +149,7 @@ pub(super) fn approximations(
 
 /// Traces passes until a limit is reached.
 fn solve(run: &mut Run<'_>, pixels: &Pixels<'_>, period: u32) -> (Picture, StopReason) {
-    let mut film = Film::new(pixels, period);
+    let mut film = Film::new(pixels.size, period);
     let height = film.height();
     let (mut row, mut step) = (0, height.min(4));
     let mut step_passes = 1;
@@ -209,6 +179,7 @@ fn solve(run: &mut Run<'_>, pixels: &Pixels<'_>, period: u32) -> (Picture, StopR
             if estimated.elapsed().as_secs_f64() >= ESTIMATE_PAUSE * estimate_seconds {
                 let began = Instant::now();
                 run.estimated_error = film.relative_error();
+                run.without_estimate = run.estimated_error.is_none() && film.enough();
                 estimate_seconds = began.elapsed().as_secs_f64();
                 estimated = Instant::now();
             }

@@ -5,8 +5,9 @@
 //! same light is left out ([`Carried`]).
 
 use super::clear::Inside;
-use super::lights::{DiskPoints, LightSample, Lights};
-use super::settings::LightSampling;
+use super::disks::{DiskPoints, Disks};
+use super::lights::{LightSample, Lights};
+use super::strata::{CHOICES, Turn};
 use super::surface::{Parts, Surface, World};
 use crate::radiometry::Rgb;
 use crate::random::Numbers;
@@ -45,8 +46,8 @@ pub struct Tracer<'a> {
     pub world: &'a World,
     /// Its lights.
     pub lights: &'a Lights,
-    /// How they are sampled.
-    pub light_sampling: LightSampling,
+    /// What stands for them where Lange's sampling is asked for.
+    pub disks: Option<(&'a Disks, DiskPoints)>,
     /// Most reflections of a path.
     pub reflections: u32,
     /// Rays that leave the first surface N.
@@ -63,11 +64,50 @@ pub struct Walk {
     pub rays: u64,
     /// What [`Mapped::scatter`] adds to the radiance in place of the irradiance.
     pub by_map: Rgb,
+    /// Whether a camera ray saw an emitter.
+    pub saw_emitter: bool,
+    /// What spreads the choices at the first surfaces.
+    pub turn: Option<Turn>,
+}
+
+/// Choices at a surface.
+#[derive(Clone, Copy)]
+enum Choice {
+    /// Which light, and where on it.
+    Light,
+    LightPoint,
+    /// Diffuse part or lobe, and which direction.
+    Part,
+    Direction,
 }
 
 impl Walk {
-    fn pair(&mut self) -> [f32; 2] {
-        [self.numbers.uniform(), self.numbers.uniform()]
+    /// No rays yet.
+    pub fn new(numbers: Numbers) -> Self {
+        Self { numbers, rays: 0, by_map: Rgb::ZERO, saw_emitter: false, turn: None }
+    }
+
+    /// What spreads a choice at surface number `surface` of a path.
+    fn spread(&self, choice: Choice, surface: u32) -> Option<(&Turn, u64)> {
+        let number = 4 * u64::from(surface) + choice as u64;
+        self.turn.as_ref().filter(|_| number < CHOICES).map(|turn| (turn, number))
+    }
+
+    fn pair(&mut self, choice: Choice, surface: u32) -> [f32; 2] {
+        let pair = [self.numbers.uniform(), self.numbers.uniform()];
+        let spread = self.spread(choice, surface);
+        spread.map_or(pair, |(turn, number)| turn.pair(number, pair))
+    }
+
+    fn single(&mut self, choice: Choice, surface: u32) -> f64 {
+        let single = self.numbers.fine();
+        let spread = self.spread(choice, surface);
+        spread.map_or(single, |(turn, number)| turn.single(number, single))
+    }
+
+    /// Whether the diffuse part is sampled next, with probability `share`.
+    fn chooses_diffuse(&mut self, share: f32, surface: u32) -> bool {
+        share >= 1.0 || self.single(Choice::Part, surface) < f64::from(share)
     }
 }
 
@@ -171,9 +211,10 @@ impl Tracer<'_> {
                 *carried = carried.times(inside.left_after(distance));
             }
             let is_sampled = density.is_finite();
-            if surface.emission != Rgb::ZERO
-                && (self.light_sampling == LightSampling::Area || !is_sampled)
-            {
+            if crossings == 0 && *eye == Eye::Camera {
+                walk.saw_emitter |= surface.emission != Rgb::ZERO;
+            }
+            if surface.emission != Rgb::ZERO && (self.disks.is_none() || !is_sampled) {
                 let other = self.lights.density(&surface, *direction, distance);
                 radiance += carried.unmapped() * surface.emission * heuristic(*density, other);
             }
@@ -224,11 +265,11 @@ impl Tracer<'_> {
             diffuse_count = ((share * count as f32).round() as u32).clamp(least, most);
             share = diffuse_count as f32 / count as f32;
         }
-        let mut radiance = self.direct(stop, share, count, walk) + self.caustics(stop, walk);
+        let mut radiance = self.direct((stop, 0), share, count, walk) + self.caustics(stop, walk);
         let weight = 1.0 / count as f32;
         for index in 0..count {
             let diffusely =
-                if count > 1 { index < diffuse_count } else { walk.numbers.uniform() < share };
+                if count > 1 { index < diffuse_count } else { walk.chooses_diffuse(share, 0) };
             let before = std::mem::take(&mut walk.by_map);
             radiance += weight * self.walk(*stop, share, diffusely, walk);
             walk.by_map = before + weight * walk.by_map;
@@ -243,7 +284,7 @@ impl Tracer<'_> {
         let mut reflections = 1;
         loop {
             let Stop { surface, viewer, .. } = stop;
-            let xi = walk.pair();
+            let xi = walk.pair(Choice::Direction, reflections - 1);
             let Some(scattered) = surface.scatter(viewer, share, diffusely, xi) else { break };
             let has_map = self.caustics.is_some();
             let mut carried = stop.carried.reflected(&surface, scattered.factor, has_map);
@@ -271,8 +312,9 @@ impl Tracer<'_> {
             reflections += 1;
             stop = next;
             share = stop.surface.diffuse_share(stop.viewer);
-            radiance += self.direct(&stop, share, 1, walk) + self.caustics(&stop, walk);
-            diffusely = walk.numbers.uniform() < share;
+            let number = reflections - 1;
+            radiance += self.direct((&stop, number), share, 1, walk) + self.caustics(&stop, walk);
+            diffusely = walk.chooses_diffuse(share, number);
         }
         radiance
     }
@@ -293,21 +335,27 @@ impl Tracer<'_> {
 
     /// Light that comes from the emitters without detour and is reflected here, by `count`
     /// samples.
-    fn direct(&self, stop: &Stop, share: f32, count: u32, walk: &mut Walk) -> Rgb {
-        match self.light_sampling {
-            LightSampling::Area => self.direct_by_area(stop, share, count, walk),
-            LightSampling::Disk => self.direct_by_disks(stop, DiskPoints::Area, count, walk),
-            LightSampling::Rim => self.direct_by_disks(stop, DiskPoints::Rim, count, walk),
+    fn direct(&self, (stop, number): (&Stop, u32), share: f32, count: u32, walk: &mut Walk) -> Rgb {
+        match self.disks {
+            None => self.direct_by_area((stop, number), share, count, walk),
+            Some(disks) => self.direct_by_disks(stop, disks, count, walk),
         }
     }
 
-    fn direct_by_area(&self, stop: &Stop, share: f32, count: u32, walk: &mut Walk) -> Rgb {
+    fn direct_by_area(
+        &self,
+        (stop, number): (&Stop, u32),
+        share: f32,
+        count: u32,
+        walk: &mut Walk,
+    ) -> Rgb {
         let Stop { surface, viewer, carried, .. } = stop;
         let has_map = self.caustics.is_some();
         let mut radiance = Rgb::ZERO;
         for index in 0..count {
-            let pick = (f64::from(index) + walk.numbers.fine()) / f64::from(count);
-            let xi = walk.pair();
+            let pick = walk.single(Choice::Light, number);
+            let pick = (f64::from(index) + pick) / f64::from(count);
+            let xi = walk.pair(Choice::LightPoint, number);
             let Some(light) = self.lights.sample(self.world, surface, pick, xi) else { continue };
             let LightSample { end, direction, radiance: emitted, density } = light;
             let (parts, other) = surface.evaluate(*viewer, direction, share);
@@ -331,7 +379,13 @@ impl Tracer<'_> {
     /// Lange's lights as Rogers prints them: the ray to a disk's centre counts w = cosⁿθ and the
     /// random ones 1 − w, with θ from the surface's normal and n its Phong exponent (1 where it
     /// has no lobe).
-    fn direct_by_disks(&self, stop: &Stop, points: DiskPoints, count: u32, walk: &mut Walk) -> Rgb {
+    fn direct_by_disks(
+        &self,
+        stop: &Stop,
+        (disks, points): (&Disks, DiskPoints),
+        count: u32,
+        walk: &mut Walk,
+    ) -> Rgb {
         let Stop { surface, viewer, carried, .. } = stop;
         let has_map = self.caustics.is_some();
         let reflectance = &surface.reflectance;
@@ -343,13 +397,13 @@ impl Tracer<'_> {
         let mut index = 0;
         while index < count {
             let pick = |index| (f64::from(index) + offset) / f64::from(count);
-            let (number, probability) = self.lights.pick_disk(pick(index));
+            let (number, probability) = disks.pick(pick(index));
             let first = index;
-            while index < count && self.lights.pick_disk(pick(index)).0 == number {
+            while index < count && disks.pick(pick(index)).0 == number {
                 index += 1;
             }
-            let disk = self.lights.disk(number);
-            if self.lights.is_of(disk, surface.triangle) {
+            let disk = disks.disk(number);
+            if disks.is_of(disk, surface.triangle) {
                 continue;
             }
             let ray = |at, walk: &mut Walk| {
@@ -361,7 +415,7 @@ impl Tracer<'_> {
                     return (Rgb::ZERO, 0.0);
                 }
                 walk.rays += 1;
-                let own = |triangle| self.lights.is_of(disk, triangle);
+                let own = |triangle| disks.is_of(disk, triangle);
                 if self.world.rays.blocked(from, end, own) {
                     return (Rgb::ZERO, cosine);
                 }

@@ -2,10 +2,10 @@
 
 use super::path::{Tracer, Walk};
 use super::settings::PixelSampling;
+use super::strata::Turn;
 use crate::measurement::Frame;
 use crate::radiometry::Rgb;
 use crate::random::{Numbers, Stream};
-use crate::rays::Eye;
 use glam::{Vec2, Vec3};
 
 /// The camera, and how its pixels are sampled.
@@ -18,6 +18,8 @@ pub struct Pixels<'a> {
     pub size: [u32; 2],
     /// How.
     pub sampling: PixelSampling,
+    /// Whether choices along paths are spread over cells as jittered samples are.
+    pub path_strata: bool,
     /// Seed of all random numbers.
     pub seed: u64,
 }
@@ -66,13 +68,13 @@ impl Cell {
 }
 
 impl Pixels<'_> {
-    /// The estimate of one pass for a pixel, and the rays that it took.
-    pub fn pixel(&self, column: u32, row: u32, pass: u64) -> (Estimate, u64) {
+    /// The estimate of one pass for a pixel, and the walk that it took.
+    pub fn pixel(&self, column: u32, row: u32, pass: u64) -> (Estimate, Walk) {
         let pixel = u64::from(row) * u64::from(self.size[0]) + u64::from(column);
         let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
         let numbers = Numbers::new(self.seed, Stream::Path, pass * pixels + pixel);
-        let mut walk = Walk { numbers, rays: 0, by_map: Rgb::ZERO };
-        (self.sample(column, row, pass, &mut walk), walk.rays)
+        let mut walk = Walk::new(numbers);
+        (self.sample(column, row, pass, &mut walk), walk)
     }
 
     fn sample(&self, column: u32, row: u32, pass: u64, walk: &mut Walk) -> Estimate {
@@ -86,6 +88,10 @@ impl Pixels<'_> {
                 let pixel = u64::from(row) * u64::from(self.size[0]) + u64::from(column);
                 let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
                 let turn = pass / u64::from(strata.cells()) * pixels + pixel;
+                if self.path_strata {
+                    let place = (pass % u64::from(strata.cells())) as u32;
+                    walk.turn = Some(Turn::new(strata, self.seed, turn, place));
+                }
                 let start = Numbers::new(self.seed, Stream::Stratum, turn).uniform();
                 let within = Vec2::new(walk.numbers.uniform(), walk.numbers.uniform());
                 self.look(corner + strata.point(pass, start, within), walk)
@@ -98,13 +104,6 @@ impl Pixels<'_> {
                 if levels == 0 { value } else { refinement.split(whole, levels, walk) }
             }
         }
-    }
-
-    /// Whether the ray through picture position `at` (pixels) sees an emitter first.
-    pub fn sees_emitter(&self, at: Vec2) -> bool {
-        let Some((origin, direction)) = self.ray(at) else { return false };
-        let met = self.tracer.world.meet(Eye::Camera, origin, direction);
-        met.is_some_and(|(surface, _)| surface.emission != Rgb::ZERO)
     }
 
     /// Radiance at picture position `at`, pixels from the upper left corner.

@@ -1,6 +1,9 @@
 //! Checked settings of ray tracing.
 
+use super::disks::{DiskPoints, Disks};
+use super::lights::Lights;
 use super::strata::Strata;
+use super::surface::World;
 use crate::render::RenderError;
 use crate::transport::options::Settings;
 
@@ -15,6 +18,8 @@ pub struct RayTracedSettings {
     pub light_sampling: LightSampling,
     /// How pixels are sampled.
     pub pixel_sampling: PixelSampling,
+    /// Whether choices along paths are spread as the samples of their pixel are.
+    pub path_strata: bool,
 }
 
 /// How direct light is sampled.
@@ -22,10 +27,8 @@ pub struct RayTracedSettings {
 pub enum LightSampling {
     /// The emissive triangles, uniform over each; unbiased.
     Area,
-    /// Lange's disks, uniform over each; biased.
-    Disk,
-    /// Lange's disks, along the edge of each; biased.
-    Rim,
+    /// Lange's disks, uniform over each or along its edge; biased.
+    Disks(DiskPoints),
 }
 
 /// Where in a pixel a pass sends its rays.
@@ -63,13 +66,14 @@ impl RayTracedSettings {
         let limit = settings.whole("ray_depth", 0, 1_000_000)? as u32;
         Ok(Self {
             reflections: if limit == 0 { u32::MAX } else { limit },
+            path_strata: settings.switch("path_strata")?,
             rays_per_pixel: settings.whole("rays_per_pixel", 1, 4096)? as u32,
             light_sampling: settings.choice(
                 "light_sampling",
                 &[
                     ("area", LightSampling::Area),
-                    ("disk", LightSampling::Disk),
-                    ("rim", LightSampling::Rim),
+                    ("disk", LightSampling::Disks(DiskPoints::Area)),
+                    ("rim", LightSampling::Disks(DiskPoints::Rim)),
                 ],
             )?,
             pixel_sampling: settings.choice(
@@ -82,6 +86,19 @@ impl RayTracedSettings {
                 ],
             )?,
         })
+    }
+
+    /// What stands for the lights where they are sampled as disks.
+    pub fn disks(&self, world: &World, lights: &Lights) -> Option<(Disks, DiskPoints)> {
+        match self.light_sampling {
+            LightSampling::Area => None,
+            LightSampling::Disks(points) => Some((Disks::new(world, lights), points)),
+        }
+    }
+
+    /// Whether the choices of a pixel's paths are spread; N rays are stratified by themselves.
+    pub fn spreads_paths(&self) -> bool {
+        self.path_strata && self.rays_per_pixel == 1
     }
 
     /// Passes after which the sampling of a pixel repeats itself; their means are independent.

@@ -4,7 +4,7 @@
 use super::clear::Clear;
 use crate::hemicube::frame;
 use crate::radiometry::{LobeAlbedo, Reflectance, Rgb, importance};
-use crate::rays::{Eye, Hit, Rays, Spot};
+use crate::rays::{Eye, Hit, Rays, Spot, unit_normal};
 use crate::scene::Scene;
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
@@ -106,20 +106,25 @@ impl World {
         Self { rays, finishes, scene }
     }
 
-    /// Bytes that [`World::new`] takes at its peak for so many triangles.
-    pub fn needed_bytes(triangles: u64) -> u64 {
-        // Finishes; emitters with their densities, picks and groups, if all shine.
-        Rays::needed_bytes(triangles) + triangles * 300
-    }
-
     /// Square metres of a square ray unit.
     pub fn square_metre(&self) -> f32 {
         (self.rays.scale() * self.rays.scale()).recip() as f32
     }
 
+    /// Bytes that [`World::new`] and the scene's lights take at their peak for so many triangles.
+    pub fn needed_bytes(triangles: u64) -> u64 {
+        // Finishes; emitters with their densities, picks and groups, if all shine.
+        Rays::needed_bytes(triangles) + triangles * 300
+    }
+
     /// Whether a triangle's back reflects and emits too.
     pub fn is_two_sided(&self, triangle: u32) -> bool {
         self.finishes[triangle as usize].two_sided
+    }
+
+    /// Whether what a triangle reflects and emits varies over it.
+    pub fn varies(&self, triangle: u32) -> bool {
+        self.finishes[triangle as usize].varies
     }
 
     /// Radiance that a triangle emits at barycentric (u, v).
@@ -147,7 +152,7 @@ impl World {
     /// The surface of a side of a triangle at barycentric (u, v).
     pub fn at(&self, triangle: u32, [u, v]: [f32; 2], back: bool) -> Surface {
         let (corners, _) = self.rays.corners(&self.scene, triangle);
-        self.surface(triangle, [u, v], back, Spot::new(corners, u, v))
+        self.surface(triangle, [u, v], back, Spot::new(corners, unit_normal(corners), u, v))
     }
 
     fn surface(&self, index: u32, [u, v]: [f32; 2], back: bool, spot: Spot) -> Surface {
@@ -227,7 +232,9 @@ impl Surface {
         }
         let diffuse = importance(diffuse);
         let lobe = importance(specular) * LobeAlbedo::shared().at(exponent, cosine).max(1e-3);
-        diffuse / (diffuse + lobe)
+        let both = diffuse + lobe;
+        // Reflectances that are almost nothing may vanish in the products.
+        if both > 0.0 { diffuse / both } else { 1.0 }
     }
 
     /// f_r and, for directions picked diffusely with probability `diffuse_share`, their density.
@@ -246,7 +253,8 @@ impl Surface {
 
     /// Picks a direction for light that leaves towards `viewer`: by the cosine if `diffusely`,
     /// which must be so with probability `diffuse_share`, or else by the lobe. `None` where the
-    /// pick lies below the horizon.
+    /// pick lies below the horizon, of the shading normal, too, where the lobe was sampled: there the
+    /// lobe reflects nothing.
     pub fn scatter(
         &self,
         viewer: Vec3,
@@ -266,7 +274,7 @@ impl Surface {
         let (sin, cos) = (TAU * xi[1]).sin_cos();
         let direction = axis * cosine + (tangent * cos + bitangent * sin) * sine;
         let cosine = self.normal.dot(direction);
-        if cosine <= 0.0 {
+        if cosine <= 0.0 || !(diffusely || self.shading_normal.dot(direction) > 0.0) {
             return None;
         }
         let (value, density) = self.evaluate(viewer, direction, diffuse_share);
