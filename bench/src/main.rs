@@ -46,7 +46,7 @@ enum Benchmark {
     Pixels(pixels::Arguments),
 }
 
-fn main() -> Result<(), Failure> {
+fn main() -> Result<(), results::Failure> {
     match Arguments::parse().benchmark {
         Benchmark::Shots(arguments) => shots::run(&arguments),
         Benchmark::Paper(arguments) => paper::run(&arguments),
