@@ -67,14 +67,14 @@ pub const OPTIONS: &[OptionSpec] = &[
         meaning: "rays: area: points of the emissive triangles; disk, rim: each connected group of them as a disk, sampled over its area or along its edge, its centre weighted by cosⁿθ and the random points by 1 − cosⁿθ (Lange; biased)",
     },
     OptionSpec {
-        name: "path_strata",
-        default: "true",
-        meaning: "rays, pixel_sampling jittered with one ray a pixel: the light samples and directions of a pixel's paths at their first two surfaces are spread over as many cells as its samples are",
-    },
-    OptionSpec {
         name: "patches",
         default: "16000",
         meaning: "wanted number of surface patches, 1 to 4000000; at least one a triangle side",
+    },
+    OptionSpec {
+        name: "path_strata",
+        default: "true",
+        meaning: "rays, pixel_sampling jittered with one ray a pixel: the light samples and directions of a pixel's paths at their first two surfaces are spread over as many cells as its samples are",
     },
     OptionSpec {
         name: "pixel_samples",
