@@ -154,13 +154,13 @@ fn slopes(results: &Results) -> String {
     header.extend(["slope of plain".into(), "mean slope of all switches".into()]);
     let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
     for study in &results.studies {
-        for region in 0..REGIONS.len() {
+        for (region, words) in REGION_WORDS.iter().enumerate() {
             let cells: Vec<&Cell> = study.slope.iter().flat_map(|series| &series.cells).collect();
             let points: Vec<(f64, Estimate)> =
                 cells.iter().map(|cell| (cell.shots as f64, cell.error(region))).collect();
             let converging = study.switches.iter().filter(|series| series.variant.converges);
             let others: Vec<f64> = converging.map(|series| series.slope(region).value).collect();
-            let mut row = vec![study.view.name.clone(), REGION_WORDS[region].into()];
+            let mut row = vec![study.view.name.clone(), (*words).into()];
             row.extend(points.iter().map(|(_, error)| percent_with(*error)));
             row.extend([ratio(log_slope_of(&points)), format!("{:.2}", mean(&others))]);
             table.add(row);
