@@ -143,6 +143,6 @@ mod tests {
             assert_eq!(unsafe { with_avx2(&node, &ray, oct_inv4) }, expected);
             hits += expected.count_ones();
         }
-        assert!(hits > 10_000, "{hits}");
+        assert!(hits > 2_000, "{hits}");
     }
 }

@@ -78,14 +78,14 @@ pub const OPTIONS: &[OptionSpec] = &[
         meaning: "illumination-map: wanted number of cells of the map, 1 to 16777216; at least one a diffuse triangle side, more where caustics are",
     },
     OptionSpec {
-        name: "path_strata",
-        default: "true",
-        meaning: "rays, pixel_sampling jittered with one ray a pixel: the light samples and directions of a pixel's paths at their first two surfaces are spread over as many cells as its samples are",
-    },
-    OptionSpec {
         name: "patches",
         default: "16000",
         meaning: "wanted number of surface patches, 1 to 4000000; at least one a triangle side",
+    },
+    OptionSpec {
+        name: "path_strata",
+        default: "true",
+        meaning: "rays, pixel_sampling jittered with one ray a pixel: the light samples and directions of a pixel's paths at their first two surfaces are spread over as many cells as its samples are",
     },
     OptionSpec {
         name: "pixel_samples",

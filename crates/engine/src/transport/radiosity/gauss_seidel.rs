@@ -259,10 +259,11 @@ mod tests {
             let pivot = (k..n).max_by(largest).unwrap();
             matrix.swap(k, pivot);
             right.swap(k, pivot);
-            for i in k + 1..n {
-                let factor = matrix[i][k] / matrix[k][k];
-                for j in k..n {
-                    matrix[i][j] -= factor * matrix[k][j];
+            let (above, below) = matrix.split_at_mut(k + 1);
+            for (i, row) in (k + 1..n).zip(below) {
+                let factor = row[k] / above[k][k];
+                for (value, pivot) in row.iter_mut().zip(&above[k]).skip(k) {
+                    *value -= factor * pivot;
                 }
                 right[i] -= factor * right[k];
             }

@@ -133,7 +133,8 @@ mod tests {
                 orders.push(order);
             }
             orders.dedup();
-            assert!(cells < 12 || orders.len() == 4, "{orders:?}");
+            // Two of four may agree by chance.
+            assert!(cells < 12 || orders.len() >= 3, "{orders:?}");
             let last = Turn::new(strata, 3, 0, 0);
             let [u, v] = last.pair(0, [1.0 - 0.5 * f32::EPSILON; 2]);
             assert!(u < 1.0 && v < 1.0 && last.single(0, 0.999) < 1.0);
