@@ -3,17 +3,9 @@
 use hemilux_charts::regions::Regions;
 use hemilux_engine::scene::Scene;
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
-#[cfg(test)]
-use hemilux_engine::scene::made;
 
 /// How far from an edge between surfaces a pixel is "near" it, as a share of the picture's side.
 const EDGE_REACH: f64 = 0.012;
-
-/// The Cornell box.
-#[cfg(test)]
-pub fn cornell_box() -> Scene {
-    imported(&made::cornell())
-}
 
 /// One of the project's own scenes.
 ///
