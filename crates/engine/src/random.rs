@@ -29,6 +29,14 @@ pub enum Stream {
     Path = 11,
     /// Which cell of a pixel rays go through.
     Stratum = 12,
+    /// Points of a patch and of the lights that shine on it.
+    PatchLight = 13,
+    /// Directions that light is gathered from.
+    Gather = 14,
+    /// Points of the lights that shadow rays go to.
+    Light = 15,
+    /// Directions of a lobe.
+    Gloss = 16,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

@@ -2,6 +2,7 @@
 //! registry, one toolbox, so that a comparison of methods is fair.
 
 mod batches;
+mod hemilux;
 pub mod known;
 pub mod options;
 mod radiosity;
@@ -43,11 +44,12 @@ pub const REGISTRY: &[&dyn Method] = &[
     &radiosity::Progressive,
     &radiosity::GaussSeidel,
     &ray_traced::RayTraced,
+    &hemilux::Hemilux,
 ];
 
 /// Names that a request may use for its method.
 pub const METHODS: &[&str] =
-    &["auto", "stochastic", "monte-carlo", "progressive", "gauss-seidel", "ray-traced"];
+    &["auto", "stochastic", "monte-carlo", "progressive", "gauss-seidel", "ray-traced", "hemilux"];
 
 /// Runs a request with the method that it names; `auto` picks one and says why.
 ///

@@ -53,11 +53,24 @@ impl Stage {
         more_warnings: impl FnOnce(&PatchedScene) -> Vec<Warning>,
         observer: &mut dyn Observer,
     ) -> Result<Self, RenderError> {
+        let patches = asked.settings.mesh()?.patches;
+        Self::with_patches(asked, scene, device, more_warnings, patches, observer)
+    }
+
+    /// The same with another wanted number of patches than the settings'.
+    pub fn with_patches(
+        asked: Asked<'_>,
+        scene: Arc<Scene>,
+        device: DeviceDescription,
+        more_warnings: impl FnOnce(&PatchedScene) -> Vec<Warning>,
+        patches: usize,
+        observer: &mut dyn Observer,
+    ) -> Result<Self, RenderError> {
         let start = Instant::now();
         let Asked { method, reasons, request, settings } = asked;
         let mesh = settings.mesh()?;
         let (camera, made_up) = choose_camera(&request.scene, &request.camera)?;
-        let scene = Arc::new(PatchedScene::new(scene, mesh.patches));
+        let scene = Arc::new(PatchedScene::new(scene, patches));
         let plan = Plan {
             method: method.into(),
             reasons,

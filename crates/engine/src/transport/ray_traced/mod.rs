@@ -11,7 +11,7 @@ mod path;
 mod pixels;
 mod settings;
 mod strata;
-mod surface;
+pub(super) mod surface;
 
 use super::Method;
 use super::options::Settings;

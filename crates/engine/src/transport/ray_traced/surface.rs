@@ -19,12 +19,14 @@ pub struct World {
 }
 
 /// What a triangle reflects and emits.
-struct Finish {
+pub struct Finish {
     /// At its first corner; everywhere where nothing varies.
-    reflectance: Reflectance,
-    emission: Rgb,
+    pub reflectance: Reflectance,
+    /// Emitted radiance, likewise.
+    pub emission: Rgb,
     two_sided: bool,
-    varies: bool,
+    /// Whether colour or emission changes over the triangle.
+    pub varies: bool,
 }
 
 /// A point of a surface, seen from the side that reflects.
@@ -89,16 +91,33 @@ impl World {
         }
     }
 
+    /// What a triangle reflects and emits.
+    pub fn finish(&self, triangle: u32) -> &Finish {
+        &self.finishes[triangle as usize]
+    }
+
+    /// Diffuse albedo and emitted radiance of a triangle at barycentric (u, v).
+    pub fn finish_at(&self, triangle: u32, u: f32, v: f32) -> (Rgb, Rgb) {
+        let triangle = &self.scene.triangles[triangle as usize];
+        let material = &self.scene.materials[triangle.material as usize];
+        let reflectance = material.reflectance(self.scene.base_color(triangle, u, v));
+        (reflectance.diffuse, self.scene.emission(triangle, u, v))
+    }
+
+    /// The surface at a hit; `None` at a black back.
+    pub fn surface(&self, hit: &Hit) -> Option<Surface> {
+        let finish = &self.finishes[hit.triangle as usize];
+        (!hit.back || finish.two_sided).then(|| self.surface_of(hit, finish))
+    }
+
     /// The surface that a ray along the unit `direction` meets first; `None` where there is
     /// nothing or a black back.
     pub fn meet(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<(Surface, f32)> {
         let hit = self.rays.closest(eye, origin, direction)?;
-        let finish = &self.finishes[hit.triangle as usize];
-        let black = hit.back && !finish.two_sided;
-        (!black).then(|| (self.surface(&hit, finish), hit.distance))
+        self.surface(&hit).map(|surface| (surface, hit.distance))
     }
 
-    fn surface(&self, hit: &Hit, finish: &Finish) -> Surface {
+    fn surface_of(&self, hit: &Hit, finish: &Finish) -> Surface {
         let triangle = &self.scene.triangles[hit.triangle as usize];
         let spot = self.rays.spot(hit);
         let side = if hit.back { -1.0 } else { 1.0 };

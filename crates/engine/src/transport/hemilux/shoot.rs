@@ -1,0 +1,257 @@
+//! Tier 1, shoot: the light of the whole scene on a coarse mesh. Direct light at points of every
+//! patch by the closed form and shadow rays; everything that bounces by stochastic hemicube
+//! iteration on the residual. It is only ever seen through gathers.
+
+use super::lights::Lights;
+use super::sequence::{Shifted, cosine_direction};
+use crate::device::{KnownLight, Shooting, ShootingSettings, Sums};
+use crate::measurement::reconstruction::{Reconstruction, Smoothness};
+use crate::patches::{PatchedScene, nth_cell};
+use crate::radiometry::{LobeAlbedo, Rgb};
+use crate::random::Stream;
+use crate::rays::{Eye, Hit, Spot};
+use crate::transport::known::equilibrium;
+use crate::transport::ray_traced::surface::World;
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use std::f32::consts::PI;
+use std::sync::Arc;
+
+/// The coarse solution.
+pub struct Coarse<'a> {
+    world: &'a World,
+    /// The mesh.
+    pub scene: Arc<PatchedScene>,
+    reconstruction: Reconstruction,
+    /// Facets of scene triangle t: `pieces[t]..pieces[t + 1]`.
+    pieces: Vec<u32>,
+    direct: Vec<Patched>,
+    /// Whether no ray of all patches left the scene.
+    pub closed: bool,
+    /// What the iteration need not carry: the direct light and a constant radiance.
+    known: Arc<KnownLight>,
+    /// Sums of the iteration so far.
+    sums: Sums,
+    /// Irradiance at the vertices of the reconstruction: direct and indirect.
+    both: Vec<Rgb>,
+    /// The same, indirect only.
+    indirect: Vec<Rgb>,
+}
+
+/// Direct light on a patch.
+#[derive(Clone, Copy)]
+struct Patched {
+    /// Mean irradiance of the points that are not inside a body.
+    irradiance: Rgb,
+    /// Share of points that are not inside a body.
+    open: f32,
+    escaped: bool,
+}
+
+impl<'a> Coarse<'a> {
+    /// Cuts the scene and lights the patches directly, by `points` points each.
+    pub fn new(
+        world: &'a World,
+        lights: &Lights,
+        scene: Arc<PatchedScene>,
+        points: u32,
+        seed: u64,
+    ) -> Self {
+        let triangles = scene.scene.triangles.len();
+        let mut pieces = vec![0u32; triangles + 1];
+        for facet in &scene.facets {
+            pieces[facet.source as usize + 1] += 1;
+        }
+        for triangle in 0..triangles {
+            pieces[triangle + 1] += pieces[triangle];
+        }
+        let patches = scene.patches.len() as u32;
+        let lit = |patch| light_patch(world, lights, &scene, patch, points, seed);
+        let direct: Vec<Patched> = (0..patches).into_par_iter().map(lit).collect();
+        let closed = !direct.iter().any(|patch| patch.escaped);
+        let known = Arc::new(known_light(&scene, &direct, closed));
+        let reconstruction = Reconstruction::new(&scene, Smoothness::Smooth);
+        let mut this = Self {
+            world,
+            scene,
+            reconstruction,
+            pieces,
+            direct,
+            closed,
+            known,
+            sums: Sums::default(),
+            both: Vec::new(),
+            indirect: Vec::new(),
+        };
+        this.refresh();
+        this
+    }
+
+    /// Settings of the iteration that carries the rest.
+    pub fn settings(&self, resolution: u32, seed: u64) -> ShootingSettings {
+        let known = Some(self.known.clone());
+        ShootingSettings { resolution, seed, known, ..ShootingSettings::default() }
+    }
+
+    /// Takes what the iteration has summed, and makes it what hits look up.
+    pub fn absorb(&mut self, shooting: &mut dyn Shooting) -> Result<(), crate::device::DeviceError> {
+        let sums = shooting.drain()?;
+        if self.sums.iterations == 0 {
+            self.sums = sums;
+        } else {
+            self.sums.iterations += sums.iterations;
+            let all = self.sums.irradiance.iter_mut();
+            all.zip(sums.irradiance).for_each(|(sum, more)| *sum += more);
+        }
+        self.refresh();
+        Ok(())
+    }
+
+    fn refresh(&mut self) {
+        let count = self.sums.iterations.max(1) as f32;
+        let mut both = vec![Rgb::ZERO; self.direct.len()];
+        let mut indirect = both.clone();
+        for (patch, lit) in self.direct.iter().enumerate() {
+            if lit.open <= 0.0 {
+                continue;
+            }
+            // Before the first iteration the constant radiance is all that is known.
+            let mean = match self.sums.iterations {
+                0 => self.known.irradiance[patch],
+                _ => self.sums.irradiance[patch] / count,
+            };
+            indirect[patch] = mean / lit.open - lit.irradiance;
+            both[patch] = mean / lit.open;
+        }
+        self.both = self.reconstruction.apply(&both);
+        self.indirect = self.reconstruction.apply(&indirect);
+    }
+
+    /// Irradiance at a hit's place, all of it or what has bounced.
+    pub fn irradiance(&self, hit: &Hit, bounced_only: bool) -> Rgb {
+        let values = if bounced_only { &self.indirect } else { &self.both };
+        let triangle = hit.triangle as usize;
+        let (first, end) = (self.pieces[triangle] as usize, self.pieces[triangle + 1] as usize);
+        let mut found = None;
+        let mut nearest = f32::NEG_INFINITY;
+        for facet in first..end {
+            let at = in_piece(&self.scene.facets[facet].source_uv, hit.u, hit.v);
+            let inside = at.x.min(at.y).min(1.0 - at.x - at.y);
+            if inside > nearest {
+                (nearest, found) = (inside, Some((facet, at)));
+            }
+            if inside >= 0.0 {
+                break;
+            }
+        }
+        let Some((facet, at)) = found else { return Rgb::ZERO };
+        self.on_facet(values, facet, hit.back, at)
+    }
+
+    fn on_facet(&self, values: &[Rgb], facet: usize, back: bool, at: Vec2) -> Rgb {
+        let (u, v) = (at.x.clamp(0.0, 1.0), at.y.clamp(0.0, 1.0 - at.x.clamp(0.0, 1.0)));
+        let piece = &self.scene.facets[facet];
+        let Some(corners) = self.reconstruction.corners(facet, back, piece, u, v) else {
+            return Rgb::ZERO;
+        };
+        corners.iter().map(|(vertex, weight)| values[*vertex as usize] * *weight).sum::<Rgb>()
+    }
+
+    /// Irradiance that has bounced, at barycentric coordinates of a facet of the mesh.
+    pub fn bounced(&self, facet: usize, back: bool, at: Vec2) -> Rgb {
+        self.on_facet(&self.indirect, facet, back, at)
+    }
+
+    /// Irradiance from the emitters, at barycentric coordinates of a facet of the mesh.
+    pub fn direct(&self, facet: usize, back: bool, at: Vec2) -> Rgb {
+        self.on_facet(&self.both, facet, back, at) - self.on_facet(&self.indirect, facet, back, at)
+    }
+
+    /// Radiance that a hit reflects, as if all of it were diffuse.
+    pub fn reflected(&self, hit: &Hit) -> Rgb {
+        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
+        let mut albedo = surface.reflectance.diffuse;
+        if surface.reflectance.is_glossy() {
+            let lobe = LobeAlbedo::shared().mean(surface.reflectance.exponent);
+            albedo += surface.reflectance.specular * lobe;
+        }
+        albedo * self.irradiance(hit, false) / PI
+    }
+}
+
+/// Barycentric coordinates in a piece of the barycentric (u, v) of its triangle.
+fn in_piece(corners: &[Vec2; 3], u: f32, v: f32) -> Vec2 {
+    let [a, b, c] = *corners;
+    let (ab, ac, p) = (b - a, c - a, Vec2::new(u, v) - a);
+    let determinant = ab.perp_dot(ac);
+    Vec2::new(p.perp_dot(ac), ab.perp_dot(p)) / determinant
+}
+
+fn light_patch(
+    world: &World,
+    lights: &Lights,
+    scene: &PatchedScene,
+    patch: u32,
+    points: u32,
+    seed: u64,
+) -> Patched {
+    let facet = &scene.facets[scene.patches.facet[patch as usize] as usize];
+    let back = facet.back != crate::patches::NO_PATCH && patch >= facet.back;
+    let first = if back { facet.back } else { facet.front };
+    let [a, b, c] = nth_cell(facet.divisions, patch - first);
+    let corners = facet.corners.map(|corner| world.rays.place(scene.positions[corner as usize]));
+    let mut sequence = Shifted::new(seed, Stream::PatchLight, u64::from(patch));
+    let mut sum = Rgb::ZERO;
+    let (mut open, mut escaped) = (0, false);
+    for _ in 0..points {
+        let [x, y] = sequence.next_pair();
+        let root = x.sqrt();
+        let at = a * (1.0 - root) + b * (root * (1.0 - y)) + c * (root * y);
+        let spot = Spot::new(corners, at.x, at.y);
+        let normal = if back { -spot.normal } else { spot.normal };
+        let start = spot.off_surface(normal);
+        let direction = cosine_direction(normal, sequence.second_pair());
+        match world.rays.closest(Eye::Light, start, direction) {
+            None => escaped = true,
+            // Seeing a black back: inside a body, or behind a one-sided wall; light never comes here.
+            Some(hit) if hit.back && !world.is_two_sided(hit.triangle) => continue,
+            Some(_) => {}
+        }
+        open += 1;
+        let unoccluded = lights.unoccluded(start, normal);
+        let Some(point) = lights.sample(&unoccluded, start, normal, sequence.triple()) else {
+            continue;
+        };
+        if !world.rays.blocked(start, point.end, |_| false) {
+            sum += if lights.is_exact() { unoccluded.irradiance } else { point.irradiance };
+        }
+    }
+    Patched {
+        irradiance: sum / open.max(1) as f32,
+        open: open as f32 / points as f32,
+        escaped,
+    }
+}
+
+fn known_light(scene: &PatchedScene, direct: &[Patched], closed: bool) -> KnownLight {
+    let patches = &scene.patches;
+    let mut known = KnownLight {
+        radiance: patches.emission.clone(),
+        irradiance: direct.iter().map(|patch| patch.irradiance * patch.open).collect(),
+    };
+    if closed {
+        let open: Vec<f32> = direct.iter().map(|patch| patch.open).collect();
+        let left = |i: usize| patches.diffuse[i] * known.irradiance[i] / PI;
+        let radiance = equilibrium(scene, left, &open);
+        for (i, open) in open.iter().enumerate() {
+            known.radiance[i] += radiance;
+            known.irradiance[i] += PI * open * radiance;
+        }
+    }
+    known
+}
+
+/// A point that is surely a number.
+pub fn finite(point: Vec3) -> Vec3 {
+    if point.is_finite() { point } else { Vec3::ZERO }
+}
