@@ -17,6 +17,21 @@ pub const SECTORS: usize = 12;
 const NEAR: f32 = 0.6;
 /// Farther than this share it is not: something stands in between.
 const BEHIND: f32 = 0.9;
+/// What is less behind a plane than this share of its distance is not behind it.
+const IN_FRONT: f32 = 1e-3;
+
+/// The nearest thing in a sector of a record's horizon.
+#[derive(Clone, Copy)]
+struct Obstacle {
+    /// Distance along the record's surface.
+    distance: f32,
+    /// Unit normal of its surface, towards the record.
+    normal: Vec3,
+    /// How far the record is in front of its plane.
+    offset: f32,
+}
+
+const NOTHING: Obstacle = Obstacle { distance: f32::INFINITY, normal: Vec3::ZERO, offset: 0.0 };
 
 /// Indirect irradiance at a point of a surface, ray units.
 #[derive(Clone)]
@@ -35,8 +50,8 @@ pub struct Record {
     sum: Rgb,
     /// Σ 1/distance over rays.
     nearness: f32,
-    /// Per sector of the horizon, least distance along the surface at which a ray met something.
-    horizon: [f32; SECTORS],
+    /// What is nearest in each sector of the horizon.
+    horizon: [Obstacle; SECTORS],
     /// Irradiance after the neighbours were heard.
     pub value: Rgb,
     /// Its change along the surface, per ray unit, in world axes.
@@ -56,7 +71,7 @@ impl Record {
             rays: 0,
             sum: Rgb::ZERO,
             nearness: 0.0,
-            horizon: [f32::INFINITY; SECTORS],
+            horizon: [NOTHING; SECTORS],
             value: Rgb::ZERO,
             slope: [Vec3::ZERO; 3],
             radius: 0.0,
@@ -74,8 +89,13 @@ impl Record {
             let Some(hit) = world.rays.closest(Eye::Light, self.point, direction) else { continue };
             self.nearness += 1.0 / hit.distance.max(1e-3);
             let along = hit.distance * local.length();
-            let sector = &mut self.horizon[sector(local)];
-            *sector = sector.min(along);
+            let nearest = &mut self.horizon[sector(local)];
+            if along < nearest.distance {
+                let normal = world.rays.spot(&hit).normal;
+                let away = normal.dot(direction) * hit.distance;
+                let normal = if away > 0.0 { -normal } else { normal };
+                *nearest = Obstacle { distance: along, normal, offset: away.abs() };
+            }
             self.sum += coarse.reflected(&hit);
         }
         self.rays += rays;
@@ -115,18 +135,21 @@ impl Record {
         weight * self.clearance(between, height, square)
     }
 
-    /// 1 where nothing stands between, 0 where something does.
+    /// 1 where nothing stands between, 0 where something does: it is nearer, and the point lies
+    /// behind it. (A wall that the record stands next to hides nothing of the floor.)
     #[inline]
     fn clearance(&self, between: Vec3, height: f32, square: f32) -> f32 {
         let along = between - self.normal * height;
         let (tangent, bitangent) = frame(self.normal, 0.0);
         let local = Vec2::new(along.dot(tangent), along.dot(bitangent));
-        let nearest = self.horizon[sector(local)];
+        let nearest = &self.horizon[sector(local)];
         let distance = square.sqrt();
-        if distance <= NEAR * nearest {
+        if distance <= NEAR * nearest.distance
+            || nearest.normal.dot(between) + nearest.offset >= -IN_FRONT * distance
+        {
             return 1.0;
         }
-        ((BEHIND * nearest - distance) / ((BEHIND - NEAR) * nearest)).max(0.0)
+        ((BEHIND * nearest.distance - distance) / ((BEHIND - NEAR) * nearest.distance)).max(0.0)
     }
 }
 

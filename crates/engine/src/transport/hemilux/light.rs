@@ -21,6 +21,8 @@ const AROUND: i32 = 2;
 const ENOUGH_RAYS: u32 = 64;
 /// Fragments per task.
 const CHUNK: usize = 1024;
+/// Points of a light that are tried for one above the horizon.
+const TRIES: u32 = 4;
 /// Order in which the pixels of a tile take the points of a sequence (Bayer 1973).
 const BAYER: [u32; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
 
@@ -188,11 +190,15 @@ impl Lit {
         for _ in 0..count {
             let point = seen.sample_point(fragment, self.rays);
             let unoccluded = lights.unoccluded(point, fragment.normal);
-            let xi = sequence.at(self.rays * 16 + place).triple();
-            self.rays += 1;
-            let Some(light) = lights.sample(&unoccluded, point, fragment.normal, xi) else {
-                continue;
+            let sample = |tries: u32| {
+                let xi = sequence.at((self.rays * TRIES + tries) * 16 + place).triple();
+                lights.sample(&unoccluded, point, fragment.normal, xi)
             };
+            // Where the horizon cuts a light, the ratio of seen to cast asks for points above it.
+            let tries = if lights.is_exact() { TRIES } else { 1 };
+            let light = (0..tries).find_map(sample);
+            self.rays += 1;
+            let Some(light) = light else { continue };
             self.cast += light.irradiance;
             if world.rays.blocked(point, light.end, |_| false) {
                 self.blocked += 1;
