@@ -18,7 +18,9 @@ fn main() {
         panic!("too few arguments")
     };
     let bytes = std::fs::read(scene).expect("the scene can be read");
-    let scene = Arc::new(import(&bytes, &Resources::default(), &ImportLimits::default()).expect("the scene is good"));
+    let scene = Arc::new(
+        import(&bytes, &Resources::default(), &ImportLimits::default()).expect("the scene is good"),
+    );
     let side: u32 = size.parse().expect("size");
     let picture = |path: &String| {
         (path != "-").then(|| Picture::from_exr(&std::fs::read(path).unwrap()).unwrap())

@@ -43,6 +43,11 @@ pub const OPTIONS: &[OptionSpec] = &[
         meaning: "hemilux: wanted number of patches of the coarse mesh that gathers look at, 1 to 1000000; at least one a triangle side",
     },
     OptionSpec {
+        name: "coarse_rays",
+        default: "64",
+        meaning: "hemilux, coarse_solver links: rays of a patch in each iteration, 4 to 4096",
+    },
+    OptionSpec {
         name: "coarse_resolution",
         default: "64",
         meaning: "hemilux: pixels along the top of the hemicubes that shoot on the coarse mesh, even, 8 to 2048",
@@ -51,6 +56,11 @@ pub const OPTIONS: &[OptionSpec] = &[
         name: "coarse_shots",
         default: "256",
         meaning: "hemilux: shots on the coarse mesh before the first picture, 8 to 1000000; each later iteration adds half as many",
+    },
+    OptionSpec {
+        name: "coarse_solver",
+        default: "links",
+        meaning: "hemilux: links: each patch of the coarse mesh remembers the patches that its rays meet, and sweeps solve the balance; shots: stochastic hemicube iteration on the device",
     },
     OptionSpec {
         name: "constant_radiance",
@@ -71,6 +81,11 @@ pub const OPTIONS: &[OptionSpec] = &[
         name: "gather",
         default: "true",
         meaning: "hemilux: gather indirect light at records on what the camera sees; otherwise it is shown as the coarse mesh has it",
+    },
+    OptionSpec {
+        name: "gather_direct",
+        default: "true",
+        meaning: "hemilux: find the direct light afresh where gather rays end; otherwise it is as the coarse mesh has it",
     },
     OptionSpec {
         name: "gather_fit",

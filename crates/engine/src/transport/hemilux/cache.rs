@@ -44,6 +44,8 @@ pub struct Gathering {
     pub seed: u64,
     /// Rays of a new record.
     pub rays: u32,
+    /// Whether direct light is found out afresh where they end.
+    pub afresh: bool,
     /// Factor of all radii.
     pub scale: f32,
 }
@@ -62,7 +64,7 @@ impl Cache {
     /// Traces more rays for every record.
     pub fn refine(&mut self, world: &World, coarse: &Coarse<'_>, gathering: Gathering) {
         self.records.par_iter_mut().with_max_len(16).for_each(|record| {
-            record.gather(world, coarse, gathering.seed, gathering.rays);
+            record.gather(world, coarse, gathering.seed, gathering.rays, gathering.afresh);
         });
     }
 
@@ -101,7 +103,13 @@ impl Cache {
                         let number = (first + index) as u32;
                         let point = seen.sample_point(fragment, 0);
                         let mut record = Record::new(point, fragment.normal, footprint, number);
-                        record.gather(world, coarse, gathering.seed, gathering.rays);
+                        record.gather(
+                            world,
+                            coarse,
+                            gathering.seed,
+                            gathering.rays,
+                            gathering.afresh,
+                        );
                         record.radius = radius(&record, gathering.scale);
                         record
                     })
@@ -170,8 +178,7 @@ impl Cache {
     /// Indirect irradiance of every fragment; `None` where no record counts.
     pub fn irradiance(&self, seen: &Seen) -> Vec<Option<Rgb>> {
         let sums = splat(seen, &self.records, 1.0, |record, between, weight| {
-            let change =
-                Rgb::from_array(record.slope.map(|slope| slope.dot(between)));
+            let change = Rgb::from_array(record.slope.map(|slope| slope.dot(between)));
             // A slope is a guess: it must not turn light into darkness.
             let value = (record.value + change).clamp(0.5 * record.value, 2.0 * record.value);
             (value * weight).extend(weight)

@@ -79,7 +79,14 @@ impl Record {
     }
 
     /// Traces more rays.
-    pub fn gather(&mut self, world: &World, coarse: &Coarse<'_>, seed: u64, rays: u32) {
+    pub fn gather(
+        &mut self,
+        world: &World,
+        coarse: &Coarse<'_>,
+        seed: u64,
+        rays: u32,
+        afresh: bool,
+    ) {
         let (tangent, bitangent) = frame(self.normal, 0.0);
         let mut sequence = Shifted::new(seed, Stream::Gather, u64::from(self.number)).at(self.rays);
         for _ in 0..rays {
@@ -96,7 +103,7 @@ impl Record {
                 let normal = if away > 0.0 { -normal } else { normal };
                 *nearest = Obstacle { distance: along, normal, offset: away.abs() };
             }
-            self.sum += coarse.reflected(&hit);
+            self.sum += coarse.reflected(&hit, afresh.then(|| sequence.triple()));
         }
         self.rays += rays;
     }

@@ -122,8 +122,8 @@ impl Direct {
                 let mut disagrees = false;
                 around(seen, index, AROUND, |other, _| {
                     let other = &lit[other];
-                    disagrees |= other.rays > 0
-                        && (other.blocked * mine.rays != mine.blocked * other.rays);
+                    disagrees |=
+                        other.rays > 0 && (other.blocked * mine.rays != mine.blocked * other.rays);
                 });
                 disagrees
             })

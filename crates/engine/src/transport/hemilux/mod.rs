@@ -14,6 +14,7 @@ mod fragments;
 mod gather;
 mod light;
 mod lights;
+mod links;
 mod sequence;
 mod settings;
 mod shoot;
@@ -77,8 +78,13 @@ impl Method for Hemilux {
         clock.lap("seconds_prepare");
         let coarse = Coarse::new(&world, &lights, stage.scene.clone(), 16, request.seed);
         clock.lap("seconds_patches");
-        let shooting = device
-            .begin(stage.scene.clone(), &coarse.settings(options.coarse_resolution, request.seed))?;
+        let shooting = match options.shoot {
+            true => {
+                let shots = coarse.settings(options.coarse_resolution, request.seed);
+                Some(device.begin(stage.scene.clone(), &shots)?)
+            }
+            false => None,
+        };
         let seen = Seen::new(
             &world,
             stage.scene.clone(),
@@ -132,7 +138,7 @@ struct Tiers<'a> {
     lights: &'a Lights,
     seen: &'a Seen,
     coarse: Coarse<'a>,
-    shooting: Box<dyn Shooting + 'a>,
+    shooting: Option<Box<dyn Shooting + 'a>>,
     cache: Cache,
     direct: Direct,
     options: HemiluxSettings,
@@ -158,19 +164,28 @@ impl Tiers<'_> {
     fn iterate(&mut self, run: &mut Run<'_>) -> Result<(), RenderError> {
         let first = run.tally.iterations == 0;
         self.clock.last = Instant::now();
-        let shots = self.options.coarse_shots / if first { 1 } else { 2 };
-        let tally = self.shooting.iterate((shots / 8).max(1))?;
-        run.tally.shots += tally.shots;
-        run.tally.light_shots += tally.light_shots;
-        self.coarse.absorb(&mut *self.shooting)?;
+        match &mut self.shooting {
+            Some(shooting) => {
+                let shots = self.options.coarse_shots / if first { 1 } else { 2 };
+                let tally = shooting.iterate((shots / 8).max(1))?;
+                run.tally.shots += tally.shots;
+                run.tally.light_shots += tally.light_shots;
+                self.coarse.absorb(&mut **shooting)?;
+            }
+            None => self.coarse.link(self.seed, self.options.coarse_rays),
+        }
         self.clock.lap("seconds_shoot");
         if self.options.light {
             self.direct.pass(self.world, self.lights, self.seen, self.seed);
         }
         self.clock.lap("seconds_light");
         if self.options.gather {
-            let gathering =
-                Gathering { seed: self.seed, rays: self.options.gather_rays, scale: 1.0 };
+            let gathering = Gathering {
+                seed: self.seed,
+                rays: self.options.gather_rays,
+                afresh: self.options.gather_direct,
+                scale: 1.0,
+            };
             if first {
                 self.cache.fill(self.world, &self.coarse, self.seen, gathering);
             } else {
@@ -224,6 +239,7 @@ impl Tiers<'_> {
         figures.insert("records".into(), self.cache.len() as f64);
         figures.insert("gather_rays".into(), self.cache.rays() as f64);
         figures.insert("shadow_rays".into(), self.direct.rays as f64);
+        figures.insert("links".into(), self.coarse.links() as f64);
         figures.insert("fragments".into(), self.seen.fragments.len() as f64);
         figures.insert("lights".into(), self.lights.count() as f64);
         figures

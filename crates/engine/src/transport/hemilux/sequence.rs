@@ -47,10 +47,7 @@ impl Shifted {
     /// The point of the square at the present place.
     #[inline]
     pub fn pair(&self) -> [f32; 2] {
-        [
-            fraction(self.shift[0], TWO[0], self.index),
-            fraction(self.shift[1], TWO[1], self.index),
-        ]
+        [fraction(self.shift[0], TWO[0], self.index), fraction(self.shift[1], TWO[1], self.index)]
     }
 
     /// Another point of the square at the same place.

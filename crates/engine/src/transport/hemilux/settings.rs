@@ -8,6 +8,10 @@ use crate::transport::options::Settings;
 pub struct HemiluxSettings {
     /// Wanted patches of the coarse mesh.
     pub coarse_patches: usize,
+    /// Whether the coarse mesh is solved by hemicube shots, rather than by links.
+    pub shoot: bool,
+    /// Rays of a patch in each iteration, where it is solved by links.
+    pub coarse_rays: u32,
     /// Hemicube resolution of its shots.
     pub coarse_resolution: u32,
     /// Shots before the first picture; half as many in every later iteration.
@@ -16,6 +20,8 @@ pub struct HemiluxSettings {
     pub gather: bool,
     /// Rays of a record in each iteration.
     pub gather_rays: u32,
+    /// Whether direct light is found out afresh where gather rays end.
+    pub gather_direct: bool,
     /// Whether records hear their neighbours.
     pub gather_fit: bool,
     /// Whether direct light is found per pixel, rather than shown as the coarse mesh has it.
@@ -38,10 +44,13 @@ impl HemiluxSettings {
         }
         Ok(Self {
             coarse_patches: settings.whole("coarse_patches", 1, 1_000_000)? as usize,
+            shoot: settings.choice("coarse_solver", &[("links", false), ("shots", true)])?,
+            coarse_rays: settings.whole("coarse_rays", 4, 4096)? as u32,
             coarse_resolution: resolution,
             coarse_shots: settings.whole("coarse_shots", 8, 1_000_000)? as u32,
             gather: settings.switch("gather")?,
             gather_rays: settings.whole("gather_rays", 4, 65_536)? as u32,
+            gather_direct: settings.switch("gather_direct")?,
             gather_fit: settings.switch("gather_fit")?,
             light: settings.switch("light")?,
             shadow_filter: settings.switch("shadow_filter")?,

@@ -3,14 +3,15 @@
 //! iteration on the residual. It is only ever seen through gathers.
 
 use super::lights::Lights;
+use super::links::{Links, PatchPoints};
 use super::sequence::{Shifted, cosine_direction};
 use crate::device::{KnownLight, Shooting, ShootingSettings, Sums};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
-use crate::patches::{PatchedScene, nth_cell};
+use crate::patches::{PatchedScene, cell_index};
 use crate::radiometry::{LobeAlbedo, Rgb};
 use crate::random::Stream;
-use crate::rays::{Eye, Hit, Spot};
-use crate::transport::known::equilibrium;
+use crate::rays::{Eye, Hit};
+use crate::transport::known::{albedo, equilibrium};
 use crate::transport::ray_traced::surface::World;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -20,6 +21,7 @@ use std::sync::Arc;
 /// The coarse solution.
 pub struct Coarse<'a> {
     world: &'a World,
+    lights: &'a Lights,
     /// The mesh.
     pub scene: Arc<PatchedScene>,
     reconstruction: Reconstruction,
@@ -32,6 +34,9 @@ pub struct Coarse<'a> {
     known: Arc<KnownLight>,
     /// Sums of the iteration so far.
     sums: Sums,
+    links: Links,
+    /// Albedo of each patch, all of it taken as diffuse.
+    albedo: Vec<Rgb>,
     /// Irradiance at the vertices of the reconstruction: direct and indirect.
     both: Vec<Rgb>,
     /// The same, indirect only.
@@ -40,9 +45,9 @@ pub struct Coarse<'a> {
 
 /// Direct light on a patch.
 #[derive(Clone, Copy)]
-struct Patched {
+pub struct Patched {
     /// Mean irradiance of the points that are not inside a body.
-    irradiance: Rgb,
+    pub irradiance: Rgb,
     /// Share of points that are not inside a body.
     open: f32,
     escaped: bool,
@@ -52,7 +57,7 @@ impl<'a> Coarse<'a> {
     /// Cuts the scene and lights the patches directly, by `points` points each.
     pub fn new(
         world: &'a World,
-        lights: &Lights,
+        lights: &'a Lights,
         scene: Arc<PatchedScene>,
         points: u32,
         seed: u64,
@@ -70,9 +75,11 @@ impl<'a> Coarse<'a> {
         let direct: Vec<Patched> = (0..patches).into_par_iter().map(lit).collect();
         let closed = !direct.iter().any(|patch| patch.escaped);
         let known = Arc::new(known_light(&scene, &direct, closed));
+        let albedo = (0..scene.patches.len()).map(|patch| albedo(&scene, patch)).collect();
         let reconstruction = Reconstruction::new(&scene, Smoothness::Smooth);
         let mut this = Self {
             world,
+            lights,
             scene,
             reconstruction,
             pieces,
@@ -80,6 +87,8 @@ impl<'a> Coarse<'a> {
             closed,
             known,
             sums: Sums::default(),
+            links: Links::default(),
+            albedo,
             both: Vec::new(),
             indirect: Vec::new(),
         };
@@ -94,7 +103,10 @@ impl<'a> Coarse<'a> {
     }
 
     /// Takes what the iteration has summed, and makes it what hits look up.
-    pub fn absorb(&mut self, shooting: &mut dyn Shooting) -> Result<(), crate::device::DeviceError> {
+    pub fn absorb(
+        &mut self,
+        shooting: &mut dyn Shooting,
+    ) -> Result<(), crate::device::DeviceError> {
         let sums = shooting.drain()?;
         if self.sums.iterations == 0 {
             self.sums = sums;
@@ -107,12 +119,30 @@ impl<'a> Coarse<'a> {
         Ok(())
     }
 
+    /// Traces more links and solves for them, and makes that what hits look up.
+    pub fn link(&mut self, seed: u64, rays: u32) {
+        let mut links = std::mem::take(&mut self.links);
+        links.trace(self.world, self, seed, rays);
+        links.solve(&self.scene, &self.albedo, &self.direct);
+        self.links = links;
+        self.refresh();
+    }
+
+    /// Links so far.
+    pub fn links(&self) -> usize {
+        self.links.count()
+    }
+
     fn refresh(&mut self) {
         let count = self.sums.iterations.max(1) as f32;
         let mut both = vec![Rgb::ZERO; self.direct.len()];
         let mut indirect = both.clone();
         for (patch, lit) in self.direct.iter().enumerate() {
             if lit.open <= 0.0 {
+                continue;
+            }
+            if let Some(bounced) = self.links.bounced.get(patch) {
+                (indirect[patch], both[patch]) = (*bounced, *bounced + lit.irradiance);
                 continue;
             }
             // Before the first iteration the constant radiance is all that is known.
@@ -130,8 +160,25 @@ impl<'a> Coarse<'a> {
     /// Irradiance at a hit's place, all of it or what has bounced.
     pub fn irradiance(&self, hit: &Hit, bounced_only: bool) -> Rgb {
         let values = if bounced_only { &self.indirect } else { &self.both };
+        let Some((facet, at)) = self.facet_at(hit) else { return Rgb::ZERO };
+        self.on_facet(values, facet, hit.back, at)
+    }
+
+    /// The patch at a hit; `None` at a black back.
+    pub fn patch_at(&self, hit: &Hit) -> Option<u32> {
+        let (facet, at) = self.facet_at(hit)?;
+        let piece = &self.scene.facets[facet];
+        let first = piece.first_patch(hit.back)?;
+        Some(first + cell_index(piece.divisions, at.x, at.y))
+    }
+
+    /// Facet of a hit and barycentric coordinates there.
+    fn facet_at(&self, hit: &Hit) -> Option<(usize, Vec2)> {
         let triangle = hit.triangle as usize;
         let (first, end) = (self.pieces[triangle] as usize, self.pieces[triangle + 1] as usize);
+        if end == first + 1 {
+            return Some((first, Vec2::new(hit.u, hit.v)));
+        }
         let mut found = None;
         let mut nearest = f32::NEG_INFINITY;
         for facet in first..end {
@@ -144,8 +191,7 @@ impl<'a> Coarse<'a> {
                 break;
             }
         }
-        let Some((facet, at)) = found else { return Rgb::ZERO };
-        self.on_facet(values, facet, hit.back, at)
+        found
     }
 
     fn on_facet(&self, values: &[Rgb], facet: usize, back: bool, at: Vec2) -> Rgb {
@@ -167,15 +213,29 @@ impl<'a> Coarse<'a> {
         self.on_facet(&self.both, facet, back, at) - self.on_facet(&self.indirect, facet, back, at)
     }
 
-    /// Radiance that a hit reflects, as if all of it were diffuse.
-    pub fn reflected(&self, hit: &Hit) -> Rgb {
+    /// Radiance that a hit reflects, as if all of it were diffuse. With a point of the unit cube
+    /// the direct light there is found out afresh, else it is as the patches have it.
+    pub fn reflected(&self, hit: &Hit, afresh: Option<Vec3>) -> Rgb {
         let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
         let mut albedo = surface.reflectance.diffuse;
         if surface.reflectance.is_glossy() {
             let lobe = LobeAlbedo::shared().mean(surface.reflectance.exponent);
             albedo += surface.reflectance.specular * lobe;
         }
-        albedo * self.irradiance(hit, false) / PI
+        if albedo == Rgb::ZERO {
+            return Rgb::ZERO;
+        }
+        let Some(xi) = afresh else { return albedo * self.irradiance(hit, false) / PI };
+        let (start, normal) = (surface.start(), surface.normal);
+        let unoccluded = self.lights.unoccluded(start, normal);
+        let mut irradiance = self.irradiance(hit, true);
+        if let Some(light) = self.lights.sample(&unoccluded, start, normal, xi)
+            && !self.world.rays.blocked(start, light.end, |_| false)
+        {
+            let exact = self.lights.is_exact();
+            irradiance += if exact { unoccluded.irradiance } else { light.irradiance };
+        }
+        albedo * irradiance / PI
     }
 }
 
@@ -195,21 +255,12 @@ fn light_patch(
     points: u32,
     seed: u64,
 ) -> Patched {
-    let facet = &scene.facets[scene.patches.facet[patch as usize] as usize];
-    let back = facet.back != crate::patches::NO_PATCH && patch >= facet.back;
-    let first = if back { facet.back } else { facet.front };
-    let [a, b, c] = nth_cell(facet.divisions, patch - first);
-    let corners = facet.corners.map(|corner| world.rays.place(scene.positions[corner as usize]));
+    let from = PatchPoints::new(world, scene, patch);
     let mut sequence = Shifted::new(seed, Stream::PatchLight, u64::from(patch));
     let mut sum = Rgb::ZERO;
     let (mut open, mut escaped) = (0, false);
     for _ in 0..points {
-        let [x, y] = sequence.next_pair();
-        let root = x.sqrt();
-        let at = a * (1.0 - root) + b * (root * (1.0 - y)) + c * (root * y);
-        let spot = Spot::new(corners, at.x, at.y);
-        let normal = if back { -spot.normal } else { spot.normal };
-        let start = spot.off_surface(normal);
+        let (start, normal) = from.point(sequence.next_pair());
         let direction = cosine_direction(normal, sequence.second_pair());
         match world.rays.closest(Eye::Light, start, direction) {
             None => escaped = true,
@@ -226,11 +277,7 @@ fn light_patch(
             sum += if lights.is_exact() { unoccluded.irradiance } else { point.irradiance };
         }
     }
-    Patched {
-        irradiance: sum / open.max(1) as f32,
-        open: open as f32 / points as f32,
-        escaped,
-    }
+    Patched { irradiance: sum / open.max(1) as f32, open: open as f32 / points as f32, escaped }
 }
 
 fn known_light(scene: &PatchedScene, direct: &[Patched], closed: bool) -> KnownLight {
@@ -249,9 +296,4 @@ fn known_light(scene: &PatchedScene, direct: &[Patched], closed: bool) -> KnownL
         }
     }
     known
-}
-
-/// A point that is surely a number.
-pub fn finite(point: Vec3) -> Vec3 {
-    if point.is_finite() { point } else { Vec3::ZERO }
 }
