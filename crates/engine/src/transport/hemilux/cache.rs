@@ -76,7 +76,7 @@ impl Cache {
         self.coverage = vec![0.0; seen.fragments.len()];
         self.cover(seen, 0);
         for spacing in SPACINGS {
-            let least = if spacing == 1 { NEARLY_NOTHING } else { COVERED };
+            let least = if spacing == 1 { tune("NEARLY", NEARLY_NOTHING) } else { tune("COVERED", COVERED) };
             let double = 2 * spacing;
             let phases: &[[u32; 2]] = if spacing == SPACINGS[0] {
                 &[[0, 0], [1, 1], [0, 1], [1, 0]]
@@ -150,7 +150,8 @@ impl Cache {
             .par_iter()
             .with_min_len(16)
             .map(|record| {
-                let reach = record.radius * HEARD;
+                let heard = tune("HEARD", HEARD);
+                let reach = record.radius * heard;
                 let window = seen.frame.window(record.point, reach, seen.width, seen.height);
                 let Some([x0, x1, y0, y1]) = window else {
                     return (record.irradiance(), [Vec3::ZERO; 3]);
@@ -160,7 +161,7 @@ impl Cache {
                     for column in x0 / TILE..=(x1.max(1) - 1) / TILE {
                         for other in &tiles[(row * across + column) as usize] {
                             let other = &records[*other as usize];
-                            let weight = record.weight(other.point, other.normal, HEARD);
+                            let weight = record.weight(other.point, other.normal, heard);
                             if weight > 0.0 {
                                 plane.add(record, other, weight * other.rays as f32);
                             }
@@ -187,9 +188,13 @@ impl Cache {
     }
 }
 
+pub fn tune(name: &str, value: f32) -> f32 {
+    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(value)
+}
+
 fn radius(record: &Record, scale: f32) -> f32 {
-    let pixels = [LEAST_PIXELS, MOST_PIXELS].map(|pixels| pixels * record.footprint);
-    (RADIUS * record.distance()).clamp(pixels[0], pixels[1]) * scale
+    let pixels = [tune("LEAST", LEAST_PIXELS), tune("MOST", MOST_PIXELS)].map(|pixels| pixels * record.footprint);
+    (tune("RADIUS", RADIUS) * record.distance()).clamp(pixels[0], pixels[1]) * scale
 }
 
 /// Sums of a least-squares plane.
@@ -199,17 +204,19 @@ struct Plane {
     matrix: Mat3,
     /// Σ w (1, x, y)ᵀ E, per channel.
     right: Mat3,
-    tangent: Vec3,
-    bitangent: Vec3,
     squares: f32,
+    /// Least and largest irradiance heard.
+    range: Option<(Rgb, Rgb)>,
 }
 
 impl Plane {
     fn add(&mut self, center: &Record, other: &Record, weight: f32) {
-        (self.tangent, self.bitangent) = crate::hemicube::frame(center.normal, 0.0);
         let between = (other.point - center.point) / center.radius;
-        let at = Vec3::new(1.0, between.dot(self.tangent), between.dot(self.bitangent));
+        let [tangent, bitangent] = center.tangents;
+        let at = Vec3::new(1.0, between.dot(tangent), between.dot(bitangent));
         let e = other.irradiance();
+        let (least, most) = self.range.unwrap_or((e, e));
+        self.range = Some((least.min(e), most.max(e)));
         let weighted = at * weight;
         self.matrix += Mat3::from_cols(weighted * at.x, weighted * at.y, weighted * at.z);
         self.right += Mat3::from_cols(weighted * e.x, weighted * e.y, weighted * e.z);
@@ -224,7 +231,7 @@ impl Plane {
         if total.is_nan() || total <= 0.0 || count < 3.0 {
             return (own, [Vec3::ZERO; 3]);
         }
-        let ridge = 0.01 * total;
+        let ridge = tune("RIDGE", 0.01) * total;
         self.matrix.y_axis.y += ridge;
         self.matrix.z_axis.z += ridge;
         let inverse = self.matrix.inverse();
@@ -233,8 +240,15 @@ impl Plane {
         }
         let solved = inverse * self.right;
         let channels = [solved.x_axis, solved.y_axis, solved.z_axis];
-        let value = Rgb::from_array(channels.map(|c| c.x)).clamp(0.5 * own, 2.0 * own);
-        let slope = channels.map(|c| (self.tangent * c.y + self.bitangent * c.z) / record.radius);
+        // Neither value nor slope may leave what was heard.
+        let (least, most) = self.range.unwrap_or((own, own));
+        let value = Rgb::from_array(channels.map(|c| c.x)).clamp(least, most);
+        let [tangent, bitangent] = record.tangents;
+        let range = most - least;
+        let slope = std::array::from_fn(|k| {
+            let slope = tangent * channels[k].y + bitangent * channels[k].z;
+            slope.clamp_length_max(range[k]) / record.radius
+        });
         (value, slope)
     }
 }

@@ -9,7 +9,7 @@ use crate::random::Stream;
 use crate::rays::Eye;
 use crate::transport::ray_traced::surface::World;
 use glam::{Vec2, Vec3};
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::PI;
 
 /// Sectors of the horizon.
 pub const SECTORS: usize = 12;
@@ -40,6 +40,8 @@ pub struct Record {
     pub point: Vec3,
     /// Unit normal of the lit side.
     pub normal: Vec3,
+    /// Unit vectors along the surface.
+    pub tangents: [Vec3; 2],
     /// Side of a pixel there, seen from the camera that asked for it.
     pub footprint: f32,
     /// Number of its random sequence.
@@ -63,9 +65,11 @@ pub struct Record {
 impl Record {
     /// An empty record.
     pub fn new(point: Vec3, normal: Vec3, footprint: f32, number: u32) -> Self {
+        let (tangent, bitangent) = frame(normal, 0.0);
         Self {
             point,
             normal,
+            tangents: [tangent, bitangent],
             footprint,
             number,
             rays: 0,
@@ -87,7 +91,7 @@ impl Record {
         rays: u32,
         afresh: bool,
     ) {
-        let (tangent, bitangent) = frame(self.normal, 0.0);
+        let [tangent, bitangent] = self.tangents;
         let mut sequence = Shifted::new(seed, Stream::Gather, u64::from(self.number)).at(self.rays);
         for _ in 0..rays {
             let (local, height) = cosine_local(sequence.next_pair());
@@ -147,8 +151,7 @@ impl Record {
     #[inline]
     fn clearance(&self, between: Vec3, height: f32, square: f32) -> f32 {
         let along = between - self.normal * height;
-        let (tangent, bitangent) = frame(self.normal, 0.0);
-        let local = Vec2::new(along.dot(tangent), along.dot(bitangent));
+        let local = Vec2::new(along.dot(self.tangents[0]), along.dot(self.tangents[1]));
         let nearest = &self.horizon[sector(local)];
         let distance = square.sqrt();
         if distance <= NEAR * nearest.distance
@@ -163,6 +166,8 @@ impl Record {
 /// The sector of a direction along the surface.
 #[inline]
 fn sector(local: Vec2) -> usize {
-    let angle = local.y.atan2(local.x) * (SECTORS as f32 / TAU) + SECTORS as f32 * 0.5;
-    (angle as usize).min(SECTORS - 1)
+    // Along the edge of the square |x| + |y| = 1 instead of around the circle.
+    let along = local.y / (local.x.abs() + local.y.abs()).max(f32::MIN_POSITIVE);
+    let turned = if local.x < 0.0 { 2.0 - along } else { along } + 1.0;
+    ((turned * (SECTORS as f32 / 4.0)) as usize).min(SECTORS - 1)
 }

@@ -2,6 +2,7 @@
 //! that is found out by shadow rays, few where they agree, many where they don't.
 
 use super::fragments::{Fragment, Seen};
+use super::cache::tune;
 use super::lights::Lights;
 use super::sequence::Shifted;
 use crate::radiometry::Rgb;
@@ -10,8 +11,10 @@ use crate::transport::ray_traced::surface::World;
 use rayon::prelude::*;
 
 /// Rays of every fragment at first, interleaved over tiles of 4 × 4 pixels.
+#[allow(dead_code)]
 const FIRST_RAYS: u32 = 2;
 /// Rays of fragments where rays disagree, each pass.
+#[allow(dead_code)]
 const MORE_RAYS: u32 = 8;
 /// Every so many passes a fragment where they agree gets another ray.
 const SECOND_LOOK: u32 = 4;
@@ -66,15 +69,15 @@ impl Direct {
     /// Casts another pass of rays.
     pub fn pass(&mut self, world: &World, lights: &Lights, seen: &Seen, seed: u64) {
         if self.passes == 0 {
-            self.cast(world, lights, seen, seed, |_, _| FIRST_RAYS);
+            self.cast(world, lights, seen, seed, |_, _| tune("FIRST", 2.0) as u32);
             self.dispute(seen);
-            self.cast(world, lights, seen, seed, |_, lit| if lit.disputed { MORE_RAYS } else { 0 });
+            self.cast(world, lights, seen, seed, |_, lit| if lit.disputed { tune("MORE", 8.0) as u32 } else { 0 });
         } else {
             self.dispute(seen);
             let passes = self.passes;
             self.cast(world, lights, seen, seed, |fragment, lit| {
                 let looks = (fragment.pixel + passes).is_multiple_of(SECOND_LOOK);
-                if lit.disputed { MORE_RAYS } else { u32::from(looks) }
+                if lit.disputed { tune("MORE", 8.0) as u32 } else { u32::from(looks) }
             });
         }
         self.passes += 1;
@@ -187,9 +190,10 @@ impl Lit {
         let tile = u64::from(y / 4) << 32 | u64::from(x / 4);
         let place = BAYER[(y % 4 * 4 + x % 4) as usize];
         let sequence = Shifted::new(seed, Stream::Light, tile);
+        // Good enough to pick a light by, for all points of the pixel.
+        let unoccluded = lights.unoccluded(fragment.point, fragment.normal);
         for _ in 0..count {
             let point = seen.sample_point(fragment, self.rays);
-            let unoccluded = lights.unoccluded(point, fragment.normal);
             let sample = |tries: u32| {
                 let xi = sequence.at((self.rays * TRIES + tries) * 16 + place).triple();
                 lights.sample(&unoccluded, point, fragment.normal, xi)
