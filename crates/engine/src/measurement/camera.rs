@@ -85,6 +85,15 @@ impl Frame {
         }
     }
 
+    /// Unit direction from a point to the camera.
+    pub fn towards_eye(&self, point: Vec3) -> Vec3 {
+        if self.perspective {
+            (self.eye - point).normalize_or(-self.forward)
+        } else {
+            -self.forward
+        }
+    }
+
     /// Side of a pixel at a point's depth, for a picture of so many rows.
     pub fn footprint(&self, point: Vec3, height: u32) -> f32 {
         let depth = if self.perspective { self.project(point).1.abs() } else { 1.0 };

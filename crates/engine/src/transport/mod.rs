@@ -51,6 +51,18 @@ pub const REGISTRY: &[&dyn Method] = &[
 pub const METHODS: &[&str] =
     &["auto", "stochastic", "monte-carlo", "progressive", "gauss-seidel", "ray-traced", "hemilux"];
 
+/// The method that `auto` stands for, and why.
+fn pick(request: &RenderRequest) -> (&'static str, Vec<String>) {
+    let needed = hemilux::needed_bytes(&request.scene, request.width, request.height);
+    if needed > crate::device::free_memory() / 2 {
+        let why =
+            "stochastic, because scene and picture are too large for the memory that hemilux takes";
+        return ("stochastic", vec![why.into()]);
+    }
+    let why = "hemilux, because it reaches every accuracy first on all scenes that were measured";
+    ("hemilux", vec![why.into()])
+}
+
 /// Runs a request with the method that it names; `auto` picks one and says why.
 ///
 /// # Errors
@@ -62,10 +74,7 @@ pub fn run(
 ) -> Result<Rendered, RenderError> {
     request.check()?;
     let (name, reasons) = match request.method.as_str() {
-        "auto" => (
-            "stochastic",
-            vec!["stochastic hemicube iteration handles diffuse and glossy scenes alike".into()],
-        ),
+        "auto" => pick(request),
         name => (name, vec![format!("{name} was asked for")]),
     };
     let method = REGISTRY.iter().find(|method| method.name() == name).ok_or_else(|| {

@@ -12,12 +12,14 @@ use crate::transport::ray_traced::surface::World;
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
+/// Most records that get more rays at a time.
+const REFINED: usize = 6000;
 /// Rows of a task.
 const BAND: u32 = 8;
 /// Distances in pixels between the places that are looked at, one after the other.
 const SPACINGS: [u32; 5] = [16, 8, 4, 2, 1];
 /// A place where the weights add up to less is not covered.
-const COVERED: f32 = 0.35;
+const COVERED: f32 = 0.6;
 /// The same at the last: what is left over is filled only where there is next to nothing.
 const NEARLY_NOTHING: f32 = 0.02;
 /// Radius of a record in harmonic mean distances, and its limits in pixels.
@@ -61,11 +63,21 @@ impl Cache {
         self.records.iter().map(|record| u64::from(record.rays)).sum()
     }
 
-    /// Traces more rays for every record.
-    pub fn refine(&mut self, world: &World, coarse: &Coarse<'_>, gathering: Gathering) {
-        self.records.par_iter_mut().with_max_len(16).for_each(|record| {
-            record.gather(world, coarse, gathering.seed, gathering.rays, gathering.afresh);
-        });
+    /// Traces more rays: for every record, or for every n-th in turn where there are many.
+    pub fn refine(
+        &mut self,
+        world: &World,
+        coarse: &Coarse<'_>,
+        gathering: Gathering,
+        turn: usize,
+    ) {
+        let every = self.records.len().div_ceil(REFINED);
+        let records = self.records.par_iter_mut().enumerate().with_max_len(16);
+        records.filter(|(index, _)| (index + turn).is_multiple_of(every)).for_each(
+            |(_, record)| {
+                record.gather(world, coarse, gathering.seed, gathering.rays, gathering.afresh);
+            },
+        );
     }
 
     /// Adds records until every fragment is covered.
@@ -76,7 +88,7 @@ impl Cache {
         self.coverage = vec![0.0; seen.fragments.len()];
         self.cover(seen, 0);
         for spacing in SPACINGS {
-            let least = if spacing == 1 { tune("NEARLY", NEARLY_NOTHING) } else { tune("COVERED", COVERED) };
+            let least = if spacing == 1 { NEARLY_NOTHING } else { COVERED };
             let double = 2 * spacing;
             let phases: &[[u32; 2]] = if spacing == SPACINGS[0] {
                 &[[0, 0], [1, 1], [0, 1], [1, 0]]
@@ -134,6 +146,7 @@ impl Cache {
         if !fit {
             for record in &mut self.records {
                 (record.value, record.slope) = (record.irradiance(), [Vec3::ZERO; 3]);
+                record.variance = (0.1 * record.value).powf(2.0);
             }
             return;
         }
@@ -146,15 +159,15 @@ impl Cache {
             }
         }
         let records = &self.records;
-        let fits: Vec<(Rgb, [Vec3; 3])> = records
+        let fits: Vec<Fit> = records
             .par_iter()
             .with_min_len(16)
             .map(|record| {
-                let heard = tune("HEARD", HEARD);
+                let heard = HEARD;
                 let reach = record.radius * heard;
                 let window = seen.frame.window(record.point, reach, seen.width, seen.height);
                 let Some([x0, x1, y0, y1]) = window else {
-                    return (record.irradiance(), [Vec3::ZERO; 3]);
+                    return Plane::default().fit(record);
                 };
                 let mut plane = Plane::default();
                 for row in y0 / TILE..=(y1.max(1) - 1) / TILE {
@@ -171,31 +184,59 @@ impl Cache {
                 plane.fit(record)
             })
             .collect();
-        for (record, (value, slope)) in self.records.iter_mut().zip(fits) {
-            (record.value, record.slope) = (value, slope);
+        for (record, fit) in self.records.iter_mut().zip(fits) {
+            (record.value, record.slope) = (fit.value, fit.slope);
+            record.variance = fit.variance;
         }
     }
 
-    /// Indirect irradiance of every fragment; `None` where no record counts.
-    pub fn irradiance(&self, seen: &Seen) -> Vec<Option<Rgb>> {
+    /// Indirect irradiance of every fragment with its estimated variance; `None` where no record
+    /// counts. The variance is that of the records' own values about the plane through them, which
+    /// knows both noise and curvature.
+    pub fn irradiance(&self, seen: &Seen) -> Vec<Option<(Rgb, Rgb)>> {
         let sums = splat(seen, &self.records, 1.0, |record, between, weight| {
             let change = Rgb::from_array(record.slope.map(|slope| slope.dot(between)));
             // A slope is a guess: it must not turn light into darkness.
             let value = (record.value + change).clamp(0.5 * record.value, 2.0 * record.value);
-            (value * weight).extend(weight)
+            Sum { value: value * weight, variance: record.variance * weight, weight }
         });
-        sums.into_iter().map(|sum| (sum.w > 0.0).then(|| sum.truncate() / sum.w)).collect()
+        let mean = |sum: Sum| {
+            (sum.weight > 0.0).then(|| (sum.value / sum.weight, sum.variance / sum.weight))
+        };
+        sums.into_iter().map(mean).collect()
     }
 }
 
-pub fn tune(name: &str, value: f32) -> f32 {
-    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(value)
+/// What records add up to at a fragment.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    value: Rgb,
+    variance: Rgb,
+    weight: f32,
+}
+
+impl std::ops::AddAssign for Sum {
+    fn add_assign(&mut self, other: Self) {
+        self.value += other.value;
+        self.variance += other.variance;
+        self.weight += other.weight;
+    }
 }
 
 fn radius(record: &Record, scale: f32) -> f32 {
-    let pixels = [tune("LEAST", LEAST_PIXELS), tune("MOST", MOST_PIXELS)].map(|pixels| pixels * record.footprint);
-    (tune("RADIUS", RADIUS) * record.distance()).clamp(pixels[0], pixels[1]) * scale
+    let pixels = [LEAST_PIXELS, MOST_PIXELS].map(|pixels| pixels * record.footprint);
+    (RADIUS * record.distance()).clamp(pixels[0], pixels[1]) * scale
 }
+
+/// What a plane says of a record.
+struct Fit {
+    value: Rgb,
+    slope: [Vec3; 3],
+    variance: Rgb,
+}
+
+/// Share of its value that a record without neighbours may be off.
+const ALONE: f32 = 0.2;
 
 /// Sums of a least-squares plane.
 #[derive(Default)]
@@ -205,6 +246,8 @@ struct Plane {
     /// Σ w (1, x, y)ᵀ E, per channel.
     right: Mat3,
     squares: f32,
+    /// Σ w E².
+    energy: Rgb,
     /// Least and largest irradiance heard.
     range: Option<(Rgb, Rgb)>,
 }
@@ -220,23 +263,26 @@ impl Plane {
         let weighted = at * weight;
         self.matrix += Mat3::from_cols(weighted * at.x, weighted * at.y, weighted * at.z);
         self.right += Mat3::from_cols(weighted * e.x, weighted * e.y, weighted * e.z);
+        self.energy += e * e * weight;
         self.squares += weight * weight;
     }
 
-    fn fit(mut self, record: &Record) -> (Rgb, [Vec3; 3]) {
+    fn fit(mut self, record: &Record) -> Fit {
         let own = record.irradiance();
         let total = self.matrix.x_axis.x;
         // Effective number of records.
         let count = total * total / self.squares.max(f32::MIN_POSITIVE);
         if total.is_nan() || total <= 0.0 || count < 3.0 {
-            return (own, [Vec3::ZERO; 3]);
+            let variance = own * own * (ALONE * ALONE);
+            return Fit { value: own, slope: [Vec3::ZERO; 3], variance };
         }
-        let ridge = tune("RIDGE", 0.01) * total;
+        let ridge = 0.01 * total;
         self.matrix.y_axis.y += ridge;
         self.matrix.z_axis.z += ridge;
         let inverse = self.matrix.inverse();
         if !inverse.is_finite() {
-            return (own, [Vec3::ZERO; 3]);
+            let variance = own * own * (ALONE * ALONE);
+            return Fit { value: own, slope: [Vec3::ZERO; 3], variance };
         }
         let solved = inverse * self.right;
         let channels = [solved.x_axis, solved.y_axis, solved.z_axis];
@@ -249,7 +295,12 @@ impl Plane {
             let slope = tangent * channels[k].y + bitangent * channels[k].z;
             slope.clamp_length_max(range[k]) / record.radius
         });
-        (value, slope)
+        // Σ w (E − plane)², by the normal equations; the plane takes three of the records.
+        let explained =
+            Rgb::from_array(std::array::from_fn(|k| channels[k].dot(self.right.col(k))));
+        let scatter = ((self.energy - explained) / total).max(Rgb::ZERO);
+        let variance = scatter * (3.0 / (count - 2.0).max(1.0)).min(1.0);
+        Fit { value, slope, variance }
     }
 }
 

@@ -7,7 +7,7 @@ use crate::radiometry::Rgb;
 use crate::raster::{PixelPlane, Target, fill};
 use crate::rays::Spot;
 use crate::scene::Camera;
-use crate::transport::ray_traced::surface::World;
+use crate::transport::ray_traced::surface::{Surface, World};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// Rows that are rasterised together.
 const BAND: u32 = 16;
 /// Most sub-pixel samples: a bit each.
-pub const MOST_SAMPLES: u32 = 32;
+pub const MOST_SAMPLES: u32 = 64;
 /// Facets whose normals differ by less than this cosine may share a fragment.
 const SMOOTH: f32 = 0.97;
 
@@ -27,7 +27,7 @@ pub struct Fragment {
     /// Facet and side that most of its samples see; see [`item`].
     pub code: u32,
     /// Samples that see that side of that facet, a bit each.
-    pub mask: u32,
+    pub mask: u64,
     /// Share of the pixel's samples.
     pub share: f32,
     /// Mean place, ray units, off the surface by the rounding error.
@@ -113,12 +113,7 @@ impl Seen {
 
     /// The surface point of a fragment's n-th sample, off the surface by the rounding error.
     pub fn sample_point(&self, fragment: &Fragment, n: u32) -> Vec3 {
-        let bits = fragment.mask.count_ones();
-        let mut mask = fragment.mask;
-        for _ in 0..n % bits.max(1) {
-            mask &= mask - 1;
-        }
-        let offset = self.samples[mask.trailing_zeros().min(MOST_SAMPLES - 1) as usize];
+        let offset = self.sample(fragment, n);
         let Some((facet, back)) = item::decode(fragment.code) else { return fragment.point };
         let at = self.barycentric(facet, fragment.pixel, offset);
         self.spot(facet, back, at).0
@@ -127,8 +122,29 @@ impl Seen {
     /// Facet, side and barycentric coordinates of a fragment's first sample.
     pub fn place_on_facet(&self, fragment: &Fragment) -> (usize, bool, Vec2) {
         let (facet, back) = item::decode(fragment.code).unwrap_or((0, false));
-        let offset = self.samples[fragment.mask.trailing_zeros().min(MOST_SAMPLES - 1) as usize];
+        let offset = self.sample(fragment, 0);
         (facet as usize, back, self.barycentric(facet, fragment.pixel, offset))
+    }
+
+    /// The surface at a fragment's n-th sample.
+    pub fn surface(&self, world: &World, fragment: &Fragment, n: u32) -> Surface {
+        let (facet, back) = item::decode(fragment.code).unwrap_or((0, false));
+        let at = self.barycentric(facet, fragment.pixel, self.sample(fragment, n));
+        let placed = &self.placed[facet as usize];
+        let spot = Spot::new(placed.corners, at.x, at.y);
+        let piece = &self.scene.facets[facet as usize];
+        let at = piece.to_source(at.x, at.y);
+        let side = if back { -1.0 } else { 1.0 };
+        world.surface_at(piece.source, at, spot, side)
+    }
+
+    fn sample(&self, fragment: &Fragment, n: u32) -> Vec2 {
+        let bits = fragment.mask.count_ones();
+        let mut mask = fragment.mask;
+        for _ in 0..n % bits.max(1) {
+            mask &= mask - 1;
+        }
+        self.samples[mask.trailing_zeros().min(self.samples.len() as u32 - 1) as usize]
     }
 
     fn barycentric(&self, facet: u32, pixel: u32, offset: Vec2) -> Vec2 {
@@ -177,7 +193,7 @@ impl Seen {
                 if code == item::EMPTY {
                     continue;
                 }
-                let bit = 1 << sample;
+                let bit = 1u64 << sample;
                 match groups.iter_mut().find(|group| group.code == code) {
                     Some(group) => group.mask |= bit,
                     None => groups.push(Group { code, mask: bit }),
@@ -279,7 +295,7 @@ impl Fragment {
 
 struct Group {
     code: u32,
-    mask: u32,
+    mask: u64,
 }
 
 struct Band {

@@ -56,6 +56,8 @@ pub struct Record {
     horizon: [Obstacle; SECTORS],
     /// Irradiance after the neighbours were heard.
     pub value: Rgb,
+    /// Estimated variance of that.
+    pub variance: Rgb,
     /// Its change along the surface, per ray unit, in world axes.
     pub slope: [Vec3; 3],
     /// Radius within which it counts.
@@ -77,6 +79,7 @@ impl Record {
             nearness: 0.0,
             horizon: [NOTHING; SECTORS],
             value: Rgb::ZERO,
+            variance: Rgb::ZERO,
             slope: [Vec3::ZERO; 3],
             radius: 0.0,
         }

@@ -2,7 +2,6 @@
 //! that is found out by shadow rays, few where they agree, many where they don't.
 
 use super::fragments::{Fragment, Seen};
-use super::cache::tune;
 use super::lights::Lights;
 use super::sequence::Shifted;
 use crate::radiometry::Rgb;
@@ -11,11 +10,9 @@ use crate::transport::ray_traced::surface::World;
 use rayon::prelude::*;
 
 /// Rays of every fragment at first, interleaved over tiles of 4 × 4 pixels.
-#[allow(dead_code)]
-const FIRST_RAYS: u32 = 2;
+const FIRST_RAYS: u32 = 1;
 /// Rays of fragments where rays disagree, each pass.
-#[allow(dead_code)]
-const MORE_RAYS: u32 = 8;
+const MORE_RAYS: u32 = 4;
 /// Every so many passes a fragment where they agree gets another ray.
 const SECOND_LOOK: u32 = 4;
 /// Pixels around, in each direction, whose rays must agree.
@@ -24,6 +21,8 @@ const AROUND: i32 = 2;
 const ENOUGH_RAYS: u32 = 64;
 /// Fragments per task.
 const CHUNK: usize = 1024;
+/// How much neighbours lower the variance.
+const HELPED: f32 = 0.15;
 /// Points of a light that are tried for one above the horizon.
 const TRIES: u32 = 4;
 /// Order in which the pixels of a tile take the points of a sequence (Bayer 1973).
@@ -56,8 +55,7 @@ pub struct Direct {
 
 impl Direct {
     /// Without a ray.
-    pub fn new(world: &World, lights: &Lights, seen: &Seen) -> Self {
-        let _ = world;
+    pub fn new(lights: &Lights, seen: &Seen) -> Self {
         let unoccluded = |fragment: &Fragment| Lit {
             unoccluded: lights.unoccluded(fragment.point, fragment.normal).irradiance,
             ..Lit::default()
@@ -69,15 +67,15 @@ impl Direct {
     /// Casts another pass of rays.
     pub fn pass(&mut self, world: &World, lights: &Lights, seen: &Seen, seed: u64) {
         if self.passes == 0 {
-            self.cast(world, lights, seen, seed, |_, _| tune("FIRST", 2.0) as u32);
+            self.cast(world, lights, seen, seed, |_, _| FIRST_RAYS);
             self.dispute(seen);
-            self.cast(world, lights, seen, seed, |_, lit| if lit.disputed { tune("MORE", 8.0) as u32 } else { 0 });
+            self.cast(world, lights, seen, seed, |_, lit| if lit.disputed { MORE_RAYS } else { 0 });
         } else {
             self.dispute(seen);
             let passes = self.passes;
             self.cast(world, lights, seen, seed, |fragment, lit| {
                 let looks = (fragment.pixel + passes).is_multiple_of(SECOND_LOOK);
-                if lit.disputed { tune("MORE", 8.0) as u32 } else { u32::from(looks) }
+                if lit.disputed { MORE_RAYS } else { u32::from(looks) }
             });
         }
         self.passes += 1;
@@ -158,20 +156,17 @@ impl Direct {
         lit.unoccluded * share
     }
 
-    /// Whether rays disagree about a fragment.
-    pub fn is_disputed(&self, index: usize) -> bool {
-        self.lit[index].disputed
-    }
-
     /// Estimated variance of [`Direct::irradiance`] from the rays of the fragment itself.
-    pub fn variance(&self, index: usize) -> Rgb {
+    pub fn variance(&self, index: usize, filtered: bool) -> Rgb {
         let lit = &self.lit[index];
         if lit.rays == 0 || lit.blocked == 0 || lit.blocked == lit.rays {
             return Rgb::ZERO;
         }
         let share = lit.blocked as f32 / lit.rays as f32;
-        // Well-spread points do better than random ones: the variance falls by about n^−1.5.
-        let variance = share * (1.0 - share) / (lit.rays as f32).powf(1.5);
+        // Well-spread points do better than random ones: the variance falls by about n^−1.5; and
+        // the neighbours help.
+        let helped = if filtered && lit.rays < ENOUGH_RAYS { HELPED } else { 1.0 };
+        let variance = share * (1.0 - share) / (lit.rays as f32).powf(1.5) * helped;
         lit.unoccluded * lit.unoccluded * variance
     }
 }

@@ -1,9 +1,9 @@
 //! The lights as polygons: what they shine on a point if nothing is in between (Lambert's closed
 //! form), and points on them for the rays that find out what is in between.
 
-use crate::patches::cells;
+use crate::patches::{cell_index, cells};
 use crate::radiometry::{Rgb, importance};
-use crate::rays::{Rays, Spot};
+use crate::rays::{Hit, Rays, Spot};
 use crate::scene::Scene;
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
@@ -42,6 +42,8 @@ pub struct Lights {
     lights: Vec<Light>,
     /// Running sums of power, up to 1.
     cumulative: Vec<f32>,
+    /// First light of each emissive triangle, and whether its texture made it many.
+    of_triangle: HashMap<u32, (u32, bool)>,
 }
 
 /// What the lights would shine on a point with nothing in between.
@@ -60,12 +62,15 @@ pub struct LightPoint {
     /// Irradiance that it stands for: its mean over random points is the irradiance of all lights
     /// without occlusion.
     pub irradiance: Rgb,
+    /// Density per solid angle at which it was picked.
+    pub density: f32,
 }
 
 impl Lights {
     /// The lights of a scene; `None` without any.
     pub fn new(scene: &Scene, rays: &Rays) -> Option<Self> {
         let mut lights = Vec::new();
+        let mut of_triangle = HashMap::new();
         let mut plain: Vec<(u32, [Vec3; 3], Rgb, bool)> = Vec::new();
         for (index, triangle) in scene.triangles.iter().enumerate() {
             let material = &scene.materials[triangle.material as usize];
@@ -81,6 +86,7 @@ impl Lights {
                 plain.push((index as u32, corners, material.emission, two_sided));
                 continue;
             }
+            of_triangle.insert(index as u32, (lights.len() as u32, true));
             for cell in cells(TEXTURE_DIVISIONS) {
                 let inside: Vec<Vec2> = cells(4)
                     .map(|[a, b, c]| {
@@ -93,15 +99,16 @@ impl Lights {
                 let place = |at: Vec2| {
                     corners[0] * (1.0 - at.x - at.y) + corners[1] * at.x + corners[2] * at.y
                 };
-                lights.extend(Light::new(&cell.map(place), radiance, two_sided));
+                // A cell without area would be out of step with the cells of the texture.
+                let light = Light::new(&cell.map(place), radiance, two_sided);
+                lights.push(light.unwrap_or_else(Light::none));
             }
         }
-        lights.extend(merged(&plain));
-        lights.retain(|light| light.power() > 0.0 && light.power().is_finite());
-        if lights.is_empty() {
+        merged(&plain, &mut lights, &mut of_triangle);
+        let total: f64 = lights.iter().map(|light| f64::from(light.power())).sum();
+        if total.is_nan() || total <= 0.0 || total.is_infinite() {
             return None;
         }
-        let total: f64 = lights.iter().map(|light| f64::from(light.power())).sum();
         let mut sum = 0.0;
         let cumulative = lights
             .iter()
@@ -110,7 +117,7 @@ impl Lights {
                 sum as f32
             })
             .collect();
-        Some(Self { lights, cumulative })
+        Some(Self { lights, cumulative, of_triangle })
     }
 
     /// Number of polygons.
@@ -175,7 +182,32 @@ impl Lights {
         Some(LightPoint {
             end: place + light.normal * (side * light.error),
             irradiance: light.radiance * factor,
+            density: probability * square * square.sqrt() / (light.area * other),
         })
+    }
+
+    /// Density per solid angle at which [`Lights::sample`] picks the place of a light that a ray
+    /// along the unit `direction` from the surface met; `normal` is the light's there.
+    pub fn density(
+        &self,
+        unoccluded: &Unoccluded,
+        hit: &Hit,
+        normal: Vec3,
+        direction: Vec3,
+    ) -> f32 {
+        let Some((first, textured)) = self.of_triangle.get(&hit.triangle) else { return 0.0 };
+        let cell = if *textured { cell_index(TEXTURE_DIVISIONS, hit.u, hit.v) } else { 0 };
+        let pick = (first + cell) as usize;
+        let cumulative =
+            if self.is_exact() { &unoccluded.cumulative[..self.count()] } else { &self.cumulative };
+        let total = cumulative[cumulative.len() - 1];
+        if total <= 0.0 {
+            return 0.0;
+        }
+        let before = if pick == 0 { 0.0 } else { cumulative[pick - 1] };
+        let cosine = normal.dot(direction).abs().max(f32::MIN_POSITIVE);
+        let probability = (cumulative[pick] - before) / total;
+        probability * hit.distance * hit.distance / (self.lights[pick].area * cosine)
     }
 }
 
@@ -213,6 +245,23 @@ impl Light {
             radiance,
             two_sided,
         })
+    }
+
+    /// A light that doesn't shine.
+    fn none() -> Self {
+        let corners = [Vec3::ZERO, Vec3::X, Vec3::Z, Vec3::ZERO];
+        Self {
+            corners,
+            count: 3,
+            center: Vec3::ZERO,
+            normal: Vec3::Y,
+            area: 0.5,
+            first_share: 1.0,
+            diameter_squared: 2.0,
+            error: 0.0,
+            radiance: Rgb::ZERO,
+            two_sided: false,
+        }
     }
 
     fn power(&self) -> f32 {
@@ -300,7 +349,11 @@ fn angle(sine: f32, cosine: f32) -> f32 {
 
 /// Polygons from emissive triangles: pairs with a common edge in one plane become one where that
 /// is convex, which halves the edges to sum over.
-fn merged(triangles: &[(u32, [Vec3; 3], Rgb, bool)]) -> Vec<Light> {
+fn merged(
+    triangles: &[(u32, [Vec3; 3], Rgb, bool)],
+    lights: &mut Vec<Light>,
+    of_triangle: &mut HashMap<u32, (u32, bool)>,
+) {
     let key = |p: Vec3| (p + 0.0).to_array().map(f32::to_bits);
     let mut at_edge: HashMap<([u32; 3], [u32; 3]), usize> = HashMap::new();
     for (index, (_, corners, ..)) in triangles.iter().enumerate() {
@@ -309,8 +362,7 @@ fn merged(triangles: &[(u32, [Vec3; 3], Rgb, bool)]) -> Vec<Light> {
         }
     }
     let mut used = vec![false; triangles.len()];
-    let mut lights = Vec::new();
-    for (index, (_, corners, radiance, two_sided)) in triangles.iter().enumerate() {
+    for (index, (triangle, corners, radiance, two_sided)) in triangles.iter().enumerate() {
         if used[index] {
             continue;
         }
@@ -334,15 +386,18 @@ fn merged(triangles: &[(u32, [Vec3; 3], Rgb, bool)]) -> Vec<Light> {
             });
             (flat && convex).then_some((other, around))
         });
-        match pair {
+        let number = (lights.len() as u32, false);
+        of_triangle.insert(*triangle, number);
+        let light = match pair {
             Some((other, around)) => {
                 used[other] = true;
-                lights.extend(Light::new(&around, *radiance, *two_sided));
+                of_triangle.insert(triangles[other].0, number);
+                Light::new(&around, *radiance, *two_sided)
             }
-            None => lights.extend(Light::new(corners, *radiance, *two_sided)),
-        }
+            None => Light::new(corners, *radiance, *two_sided),
+        };
+        lights.push(light.unwrap_or_else(Light::none));
     }
-    lights
 }
 
 #[cfg(test)]

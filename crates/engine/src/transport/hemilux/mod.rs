@@ -10,11 +10,14 @@
 //! the same iterations give the same bits, whatever the number of threads.
 
 mod cache;
+mod estimate;
 mod fragments;
 mod gather;
+mod gloss;
 mod light;
 mod lights;
 mod links;
+mod plan;
 mod sequence;
 mod settings;
 mod shoot;
@@ -24,20 +27,31 @@ use super::options::Settings;
 use super::ray_traced::surface::World;
 use super::run::Run;
 use super::stage::{Asked, Stage};
-use crate::device::{Device, Shooting};
+use crate::device::cpu::CpuDevice;
+use crate::device::{Device, DeviceError, Shooting, free_memory};
 use crate::image::Picture;
-use crate::radiometry::Rgb;
-use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
+use crate::rays::Rays;
+use crate::render::{Limits, Observer, RenderError, RenderRequest, Rendered, StopReason};
+use crate::scene::Scene;
 use cache::{Cache, Gathering};
 use fragments::Seen;
+use gloss::Gloss;
 use light::Direct;
 use lights::Lights;
-use rayon::prelude::*;
 pub use settings::HemiluxSettings;
 use shoot::Coarse;
 use std::collections::BTreeMap;
-use std::f32::consts::PI;
 use std::time::Instant;
+
+/// Iterations before which more records are made, each nearer to its neighbours by [`DENSER`].
+const REFILLS: [u64; 4] = [2, 6, 14, 30];
+const DENSER: f32 = 0.75;
+/// Rays of new records in the first iteration, in times of those of later ones.
+const FIRST_GATHER: u32 = 2;
+/// What a picture takes, in shares of the first iteration, before one was made.
+const PICTURE_SHARE: f64 = 0.25;
+/// Share of an iteration that must fit into the time budget for it to begin.
+const LATE: f64 = 0.7;
 
 /// Shoot coarsely, gather smoothly, light exactly.
 pub struct Hemilux;
@@ -55,11 +69,21 @@ impl Method for Hemilux {
         &self,
         device: &mut dyn Device,
         request: &RenderRequest,
-        reasons: Vec<String>,
+        mut reasons: Vec<String>,
         observer: &mut dyn Observer,
     ) -> Result<Rendered, RenderError> {
         let settings = Settings::new(&request.options)?;
-        let options = HemiluxSettings::new(&settings)?;
+        let mut options = HemiluxSettings::new(&settings)?;
+        if !request.options.contains_key("pixel_samples") {
+            options.samples = samples_for(&request.limits);
+        }
+        let available_bytes = free_memory();
+        let needed_bytes = needed_bytes(&request.scene, request.width, request.height);
+        if needed_bytes > available_bytes {
+            let device = CpuDevice::describe().id;
+            return Err(DeviceError::OutOfMemory { device, needed_bytes, available_bytes }.into());
+        }
+        reasons.extend(plan::reasons(&request.scene, &options, &device.description()));
         let stage = Stage::with_patches(
             Asked { method: self.name(), reasons, request, settings: &settings },
             request.scene.clone(),
@@ -94,7 +118,8 @@ impl Method for Hemilux {
         );
         clock.lap("seconds_fragments");
         let mut tiers = Tiers {
-            direct: Direct::new(&world, &lights, &seen),
+            direct: Direct::new(&lights, &seen),
+            gloss: Gloss::new(&seen),
             world: &world,
             lights: &lights,
             seen: &seen,
@@ -104,12 +129,35 @@ impl Method for Hemilux {
             options,
             seed: request.seed,
             clock,
+            picture_seconds: None,
         };
         let result = tiers.solve(&mut run)?;
         let diagnostics = tiers.diagnostics();
         drop(tiers);
         Ok(stage.rendered(run, result, diagnostics))
     }
+}
+
+/// Sub-pixel samples that are worth their time under the given limits.
+fn samples_for(limits: &Limits) -> u32 {
+    let (seconds, error) = (limits.seconds.unwrap_or(0.0), limits.target_error.unwrap_or(1.0));
+    let iterations = limits.iterations.unwrap_or(0);
+    if seconds >= 4.0 || error <= 0.012 || iterations >= 32 {
+        64
+    } else if seconds >= 1.0 || error <= 0.03 || iterations >= 8 {
+        32
+    } else {
+        16
+    }
+}
+
+/// Memory at the peak, bytes.
+pub fn needed_bytes(scene: &Scene, width: u32, height: u32) -> u64 {
+    const PER_PIXEL: u64 = 360;
+    const PER_TRIANGLE: u64 = 1500;
+    let triangles = scene.triangles.len() as u64;
+    let pixels = u64::from(width) * u64::from(height);
+    Rays::needed_bytes(triangles) + triangles * PER_TRIANGLE + pixels * PER_PIXEL
 }
 
 /// Seconds by what they were spent on.
@@ -141,64 +189,96 @@ struct Tiers<'a> {
     shooting: Option<Box<dyn Shooting + 'a>>,
     cache: Cache,
     direct: Direct,
+    gloss: Gloss,
     options: HemiluxSettings,
     seed: u64,
     clock: Clock,
+    /// What the last picture took.
+    picture_seconds: Option<f64>,
 }
 
 impl Tiers<'_> {
     /// Iterates until a limit is reached.
     fn solve(&mut self, run: &mut Run<'_>) -> Result<(Picture, StopReason), RenderError> {
+        let mut next_estimate = 1;
         let stopped = loop {
             if let Some(reason) = run.stop() {
                 break reason;
             }
+            let began = Instant::now();
             self.iterate(run)?;
-            if run.report_is_due() {
-                run.report(true, || self.picture());
+            let iteration = began.elapsed().as_secs_f64();
+            // The last picture, and most of another iteration that would come too late.
+            let picture = self.picture_seconds.unwrap_or(PICTURE_SHARE * iteration);
+            run.picture_seconds = picture + LATE * iteration;
+            let done = run.tally.iterations;
+            let asked = run.wants_estimate() && done >= next_estimate;
+            if asked || run.report_is_due() {
+                next_estimate = done + done.div_ceil(4);
+                let (picture, error) = self.picture();
+                run.estimated_error = error;
+                run.without_estimate = error.is_none();
+                if run.report_is_due() {
+                    run.report(true, || picture);
+                }
             }
         };
-        Ok((self.picture(), stopped))
+        let (picture, error) = self.picture();
+        run.estimated_error = error;
+        Ok((picture, stopped))
     }
 
     fn iterate(&mut self, run: &mut Run<'_>) -> Result<(), RenderError> {
-        let first = run.tally.iterations == 0;
+        let number = run.tally.iterations;
+        let first = number == 0;
+        let options = self.options;
         self.clock.last = Instant::now();
         match &mut self.shooting {
             Some(shooting) => {
-                let shots = self.options.coarse_shots / if first { 1 } else { 2 };
+                let shots = options.coarse_shots / if first { 1 } else { 2 };
                 let tally = shooting.iterate((shots / 8).max(1))?;
                 run.tally.shots += tally.shots;
                 run.tally.light_shots += tally.light_shots;
                 self.coarse.absorb(&mut **shooting)?;
             }
-            None => self.coarse.link(self.seed, self.options.coarse_rays),
+            None => self.coarse.link(self.seed, options.coarse_rays),
         }
         self.clock.lap("seconds_shoot");
-        if self.options.light {
+        if options.light {
             self.direct.pass(self.world, self.lights, self.seen, self.seed);
         }
         self.clock.lap("seconds_light");
-        if self.options.gather {
+        if options.gather {
+            let more = FIRST_GATHER.saturating_sub(number as u32).max(1);
             let gathering = Gathering {
                 seed: self.seed,
-                rays: self.options.gather_rays,
-                afresh: self.options.gather_direct,
-                scale: 1.0,
+                rays: options.gather_rays * more,
+                afresh: options.gather_direct,
+                scale: DENSER.powi(REFILLS.iter().filter(|at| **at <= number).count() as i32),
             };
-            if first {
+            if !first {
+                self.cache.refine(self.world, &self.coarse, gathering, number as usize);
+            }
+            if first || REFILLS.contains(&number) {
                 self.cache.fill(self.world, &self.coarse, self.seen, gathering);
-            } else {
-                self.cache.refine(self.world, &self.coarse, gathering);
             }
         }
         self.clock.lap("seconds_gather");
+        if self.gloss.len() > 0 {
+            self.gloss.pass(self.world, self.lights, &self.coarse, self.seen, self.seed);
+        }
+        self.clock.lap("seconds_gloss");
         run.tally.iterations += 1;
+        if self.shooting.is_none() {
+            run.tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays;
+        }
         Ok(())
     }
 
-    fn picture(&mut self) -> Picture {
+    /// The picture, and its estimated rRMSE.
+    fn picture(&mut self) -> (Picture, Option<f64>) {
         self.clock.last = Instant::now();
+        let began = Instant::now();
         let bounced = if self.options.gather {
             self.cache.smooth(self.seen, self.options.gather_fit);
             self.cache.irradiance(self.seen)
@@ -206,31 +286,10 @@ impl Tiers<'_> {
             vec![None; self.seen.fragments.len()]
         };
         self.clock.lap("seconds_smooth");
-        let seen = self.seen;
-        let mut picture = Picture { width: seen.width, height: seen.height, pixels: Vec::new() };
-        let pixel = |pixel: usize| {
-            let mut radiance = seen.shine[pixel];
-            for index in seen.start[pixel] as usize..seen.start[pixel + 1] as usize {
-                let fragment = &seen.fragments[index];
-                let direct = if self.options.light {
-                    self.direct.irradiance(self.lights, seen, index, self.options.shadow_filter)
-                } else {
-                    let (facet, back, at) = seen.place_on_facet(fragment);
-                    self.coarse.direct(facet, back, at)
-                };
-                let bounced = bounced[index].unwrap_or_else(|| {
-                    let (facet, back, at) = seen.place_on_facet(fragment);
-                    self.coarse.bounced(facet, back, at)
-                });
-                let diffuse = fragment.diffuse * (fragment.share / PI);
-                radiance += diffuse * (direct + bounced).max(Rgb::ZERO);
-            }
-            radiance
-        };
-        let count = seen.shine.len();
-        picture.pixels = (0..count).into_par_iter().with_min_len(1024).map(pixel).collect();
+        let measured = estimate::measure(self, &bounced);
         self.clock.lap("seconds_picture");
-        picture
+        self.picture_seconds = Some(began.elapsed().as_secs_f64());
+        measured
     }
 
     fn diagnostics(&self) -> BTreeMap<String, f64> {

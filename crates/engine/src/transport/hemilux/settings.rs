@@ -28,7 +28,7 @@ pub struct HemiluxSettings {
     pub light: bool,
     /// Whether neighbouring pixels share shadow rays while these are few.
     pub shadow_filter: bool,
-    /// Sub-pixel samples.
+    /// Sub-pixel samples, where the request names them.
     pub samples: u32,
 }
 
@@ -54,7 +54,7 @@ impl HemiluxSettings {
             gather_fit: settings.switch("gather_fit")?,
             light: settings.switch("light")?,
             shadow_filter: settings.switch("shadow_filter")?,
-            samples: settings.whole("pixel_samples", 1, 256)?.min(32) as u32,
+            samples: settings.whole("pixel_samples", 1, 256)?.min(64) as u32,
         })
     }
 }

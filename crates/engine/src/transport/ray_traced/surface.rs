@@ -5,7 +5,7 @@ use crate::hemicube::frame;
 use crate::radiometry::{LobeAlbedo, Reflectance, Rgb, importance};
 use crate::rays::{Eye, Hit, Rays, Spot};
 use crate::scene::Scene;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
 
@@ -107,7 +107,7 @@ impl World {
     /// The surface at a hit; `None` at a black back.
     pub fn surface(&self, hit: &Hit) -> Option<Surface> {
         let finish = &self.finishes[hit.triangle as usize];
-        (!hit.back || finish.two_sided).then(|| self.surface_of(hit, finish))
+        (!hit.back || finish.two_sided).then(|| self.surface_of(hit))
     }
 
     /// The surface that a ray along the unit `direction` meets first; `None` where there is
@@ -117,27 +117,33 @@ impl World {
         self.surface(&hit).map(|surface| (surface, hit.distance))
     }
 
-    fn surface_of(&self, hit: &Hit, finish: &Finish) -> Surface {
-        let triangle = &self.scene.triangles[hit.triangle as usize];
-        let spot = self.rays.spot(hit);
+    fn surface_of(&self, hit: &Hit) -> Surface {
         let side = if hit.back { -1.0 } else { 1.0 };
+        self.surface_at(hit.triangle, Vec2::new(hit.u, hit.v), self.rays.spot(hit), side)
+    }
+
+    /// The surface at barycentric coordinates of a triangle, which lie at `spot`; `side` is −1
+    /// for its back.
+    pub fn surface_at(&self, index: u32, at: Vec2, spot: Spot, side: f32) -> Surface {
+        let finish = &self.finishes[index as usize];
+        let triangle = &self.scene.triangles[index as usize];
         let normal = spot.normal * side;
         let (reflectance, emission) = if finish.varies {
             let material = &self.scene.materials[triangle.material as usize];
-            let color = self.scene.base_color(triangle, hit.u, hit.v);
-            (material.reflectance(color), self.scene.emission(triangle, hit.u, hit.v))
+            let color = self.scene.base_color(triangle, at.x, at.y);
+            (material.reflectance(color), self.scene.emission(triangle, at.x, at.y))
         } else {
             (finish.reflectance, finish.emission)
         };
         let mut shading_normal = normal;
         if reflectance.is_glossy() {
-            let given = self.scene.interpolate(triangle, hit.u, hit.v, |vertex| vertex.normal);
+            let given = self.scene.interpolate(triangle, at.x, at.y, |vertex| vertex.normal);
             let given = (given * side).normalize_or(normal);
             if given.dot(normal) > 0.0 {
                 shading_normal = given;
             }
         }
-        Surface { triangle: hit.triangle, spot, normal, shading_normal, reflectance, emission }
+        Surface { triangle: index, spot, normal, shading_normal, reflectance, emission }
     }
 }
 
