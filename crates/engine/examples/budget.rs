@@ -27,8 +27,16 @@ fn main() {
     };
     let halves = picture(a).zip(picture(b));
     let mask = if mask == "-" {
-        let bright = |p: &glam::Vec3| if p.max_element() > 4.0 { 2 } else { 0 };
-        halves.as_ref().map(|(a, _)| a.pixels.iter().map(bright).collect::<Vec<u8>>())
+        halves.as_ref().map(|(a, _)| {
+            let bright = |x: i32, y: i32| {
+                let inside = x >= 0 && y >= 0 && x < side as i32 && y < side as i32;
+                inside && a.pixels[(y * side as i32 + x) as usize].max_element() > 12.0
+            };
+            let around =
+                |x: i32, y: i32| (-2..=2).any(|dy| (-2..=2).any(|dx| bright(x + dx, y + dy)));
+            let all = (0..side as i32).flat_map(|y| (0..side as i32).map(move |x| (x, y)));
+            all.map(|(x, y)| if around(x, y) { 2 } else { 0 }).collect::<Vec<u8>>()
+        })
     } else {
         Some(std::fs::read(mask).expect("the mask can be read"))
     };

@@ -44,8 +44,10 @@ pub struct Cache {
 pub struct Gathering {
     /// Seed of their random numbers.
     pub seed: u64,
-    /// Rays of a new record.
+    /// Rays that every record gets.
     pub rays: u32,
+    /// Rays of a new record.
+    pub new_rays: u32,
     /// Whether direct light is found out afresh where they end.
     pub afresh: bool,
     /// Factor of all radii.
@@ -115,13 +117,8 @@ impl Cache {
                         let number = (first + index) as u32;
                         let point = seen.sample_point(fragment, 0);
                         let mut record = Record::new(point, fragment.normal, footprint, number);
-                        record.gather(
-                            world,
-                            coarse,
-                            gathering.seed,
-                            gathering.rays,
-                            gathering.afresh,
-                        );
+                        let rays = gathering.new_rays;
+                        record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
                         record.radius = radius(&record, gathering.scale);
                         record
                     })
@@ -235,8 +232,8 @@ struct Fit {
     variance: Rgb,
 }
 
-/// Share of its value that a record without neighbours may be off.
-const ALONE: f32 = 0.2;
+/// Relative variance of a single ray, for records without neighbours.
+const ALONE: f32 = 0.5;
 
 /// Sums of a least-squares plane.
 #[derive(Default)]
@@ -273,7 +270,7 @@ impl Plane {
         // Effective number of records.
         let count = total * total / self.squares.max(f32::MIN_POSITIVE);
         if total.is_nan() || total <= 0.0 || count < 3.0 {
-            let variance = own * own * (ALONE * ALONE);
+            let variance = own * own * (ALONE / record.rays.max(1) as f32);
             return Fit { value: own, slope: [Vec3::ZERO; 3], variance };
         }
         let ridge = 0.01 * total;
@@ -281,7 +278,7 @@ impl Plane {
         self.matrix.z_axis.z += ridge;
         let inverse = self.matrix.inverse();
         if !inverse.is_finite() {
-            let variance = own * own * (ALONE * ALONE);
+            let variance = own * own * (ALONE / record.rays.max(1) as f32);
             return Fit { value: own, slope: [Vec3::ZERO; 3], variance };
         }
         let solved = inverse * self.right;

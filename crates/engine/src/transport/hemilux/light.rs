@@ -2,7 +2,7 @@
 //! that is found out by shadow rays, few where they agree, many where they don't.
 
 use super::fragments::{Fragment, Seen};
-use super::lights::Lights;
+use super::lights::{Lights, TRIES};
 use super::sequence::Shifted;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
@@ -18,13 +18,11 @@ const SECOND_LOOK: u32 = 4;
 /// Pixels around, in each direction, whose rays must agree.
 const AROUND: i32 = 2;
 /// With at least so many rays the neighbours no longer help; with a quarter only the nearest.
-const ENOUGH_RAYS: u32 = 64;
+const ENOUGH_RAYS: u32 = 128;
 /// Fragments per task.
 const CHUNK: usize = 1024;
 /// How much neighbours lower the variance.
 const HELPED: f32 = 0.15;
-/// Points of a light that are tried for one above the horizon.
-const TRIES: u32 = 4;
 /// Order in which the pixels of a tile take the points of a sequence (Bayer 1973).
 const BAYER: [u32; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
 

@@ -11,6 +11,8 @@ use std::collections::HashMap;
 /// With at most so many polygons the closed form of each is evaluated; with more, the light
 /// without occlusion is sampled too.
 pub const MOST_EXACT: usize = 16;
+/// Points of a light that are tried for one above the horizon.
+pub const TRIES: u32 = 4;
 /// Divisions of an emissive triangle whose texture varies: it becomes so many squared cells.
 const TEXTURE_DIVISIONS: u32 = 8;
 /// Beyond so many times its diameter a polygon is a point: the error is below 10⁻³, and single
@@ -184,6 +186,28 @@ impl Lights {
             irradiance: light.radiance * factor,
             density: probability * square * square.sqrt() / (light.area * other),
         })
+    }
+
+    /// The direct light on a surface by one shadow ray: unbiased, and without noise where all or
+    /// nothing of the only light is seen.
+    pub fn once(&self, rays: &Rays, point: Vec3, normal: Vec3, xi: Vec3) -> Rgb {
+        let unoccluded = self.unoccluded(point, normal);
+        let exact = self.is_exact();
+        if exact && unoccluded.irradiance == Rgb::ZERO {
+            return Rgb::ZERO;
+        }
+        let tries = if exact { TRIES } else { 1 };
+        let sample = |tries: u32| {
+            let xi = (xi + Vec3::new(0.819_172_5, 0.671_043_6, 0.549_700_5) * tries as f32).fract();
+            self.sample(&unoccluded, point, normal, xi)
+        };
+        match (0..tries).find_map(sample) {
+            Some(light) if !rays.blocked(point, light.end, |_| false) => match exact {
+                true => unoccluded.irradiance,
+                false => light.irradiance,
+            },
+            _ => Rgb::ZERO,
+        }
     }
 
     /// Density per solid angle at which [`Lights::sample`] picks the place of a light that a ray

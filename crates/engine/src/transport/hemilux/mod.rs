@@ -48,8 +48,12 @@ const REFILLS: [u64; 4] = [2, 6, 14, 30];
 const DENSER: f32 = 0.75;
 /// Rays of new records in the first iteration, in times of those of later ones.
 const FIRST_GATHER: u32 = 2;
+/// The same, at most.
+const MOST_GATHER: u32 = 8;
 /// What a picture takes, in shares of the first iteration, before one was made.
 const PICTURE_SHARE: f64 = 0.25;
+/// Pause between estimates for reports, in times of what the last one took.
+const ESTIMATE_PAUSE: f64 = 10.0;
 /// Share of an iteration that must fit into the time budget for it to begin.
 const LATE: f64 = 0.7;
 
@@ -201,6 +205,7 @@ impl Tiers<'_> {
     /// Iterates until a limit is reached.
     fn solve(&mut self, run: &mut Run<'_>) -> Result<(Picture, StopReason), RenderError> {
         let mut next_estimate = 1;
+        let mut estimated = Instant::now();
         let stopped = loop {
             if let Some(reason) = run.stop() {
                 break reason;
@@ -212,15 +217,17 @@ impl Tiers<'_> {
             let picture = self.picture_seconds.unwrap_or(PICTURE_SHARE * iteration);
             run.picture_seconds = picture + LATE * iteration;
             let done = run.tally.iterations;
-            let asked = run.wants_estimate() && done >= next_estimate;
-            if asked || run.report_is_due() {
+            let wanted = run.wants_estimate() && done >= next_estimate;
+            // Estimates for the reports take a small share of the time.
+            let pause = ESTIMATE_PAUSE * self.picture_seconds.unwrap_or(0.0);
+            if wanted || (run.report_is_due() && estimated.elapsed().as_secs_f64() >= pause) {
                 next_estimate = done + done.div_ceil(4);
-                let (picture, error) = self.picture();
-                run.estimated_error = error;
-                run.without_estimate = error.is_none();
-                if run.report_is_due() {
-                    run.report(true, || picture);
-                }
+                run.estimated_error = self.picture().1;
+                run.without_estimate = run.estimated_error.is_none();
+                estimated = Instant::now();
+            }
+            if run.report_is_due() {
+                run.report(true, || self.picture().0);
             }
         };
         let (picture, error) = self.picture();
@@ -249,10 +256,12 @@ impl Tiers<'_> {
         }
         self.clock.lap("seconds_light");
         if options.gather {
-            let more = FIRST_GATHER.saturating_sub(number as u32).max(1);
+            // New records catch up with those that are there.
+            let more = (FIRST_GATHER + number as u32).min(MOST_GATHER);
             let gathering = Gathering {
                 seed: self.seed,
-                rays: options.gather_rays * more,
+                rays: options.gather_rays,
+                new_rays: options.gather_rays * more,
                 afresh: options.gather_direct,
                 scale: DENSER.powi(REFILLS.iter().filter(|at| **at <= number).count() as i32),
             };

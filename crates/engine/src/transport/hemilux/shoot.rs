@@ -227,14 +227,8 @@ impl<'a> Coarse<'a> {
         }
         let Some(xi) = afresh else { return albedo * self.irradiance(hit, false) / PI };
         let (start, normal) = (surface.start(), surface.normal);
-        let unoccluded = self.lights.unoccluded(start, normal);
-        let mut irradiance = self.irradiance(hit, true);
-        if let Some(light) = self.lights.sample(&unoccluded, start, normal, xi)
-            && !self.world.rays.blocked(start, light.end, |_| false)
-        {
-            let exact = self.lights.is_exact();
-            irradiance += if exact { unoccluded.irradiance } else { light.irradiance };
-        }
+        let direct = self.lights.once(&self.world.rays, start, normal, xi);
+        let irradiance = self.irradiance(hit, true) + direct;
         albedo * irradiance / PI
     }
 }
@@ -269,13 +263,7 @@ fn light_patch(
             Some(_) => {}
         }
         open += 1;
-        let unoccluded = lights.unoccluded(start, normal);
-        let Some(point) = lights.sample(&unoccluded, start, normal, sequence.triple()) else {
-            continue;
-        };
-        if !world.rays.blocked(start, point.end, |_| false) {
-            sum += if lights.is_exact() { unoccluded.irradiance } else { point.irradiance };
-        }
+        sum += lights.once(&world.rays, start, normal, sequence.triple());
     }
     Patched { irradiance: sum / open.max(1) as f32, open: open as f32 / points as f32, escaped }
 }
