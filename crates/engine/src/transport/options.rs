@@ -39,8 +39,8 @@ pub const OPTIONS: &[OptionSpec] = &[
     },
     OptionSpec {
         name: "coarse_patches",
-        default: "2000",
-        meaning: "hemilux: wanted number of patches of the coarse mesh that gathers look at, 1 to 1000000; at least one a triangle side",
+        default: "auto",
+        meaning: "hemilux: wanted number of patches of the coarse mesh that gathers look at, 1 to 1000000; auto: 2000 to 16000, by the limits; at least one a triangle side",
     },
     OptionSpec {
         name: "coarse_rays",
@@ -125,7 +125,7 @@ pub const OPTIONS: &[OptionSpec] = &[
     OptionSpec {
         name: "pixel_samples",
         default: "16",
-        meaning: "sub-pixel samples of the picture, 1 to 256; of rays: cells of a jittered pixel, one a pass, or most samples of an adaptive one in each pass",
+        meaning: "sub-pixel samples of the picture, 1 to 256; of rays: cells of a jittered pixel, one a pass, or most samples of an adaptive one in each pass; of hemilux: unless it is set, 16 to 64 by the limits, and at most 64",
     },
     OptionSpec {
         name: "pixel_sampling",

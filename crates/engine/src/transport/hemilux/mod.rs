@@ -48,6 +48,8 @@ const REFILLS: [u64; 4] = [2, 6, 14, 30];
 const DENSER: f32 = 0.75;
 /// Rays of new records in the first iteration, in times of those of later ones.
 const FIRST_GATHER: u32 = 2;
+/// Points of a patch whose direct light is found.
+const PATCH_POINTS: u32 = 8;
 /// The same, at most.
 const MOST_GATHER: u32 = 8;
 /// What a picture takes, in shares of the first iteration, before one was made.
@@ -78,9 +80,11 @@ impl Method for Hemilux {
     ) -> Result<Rendered, RenderError> {
         let settings = Settings::new(&request.options)?;
         let mut options = HemiluxSettings::new(&settings)?;
+        let (samples, patches) = worth(&request.limits);
         if !request.options.contains_key("pixel_samples") {
-            options.samples = samples_for(&request.limits);
+            options.samples = samples;
         }
+        options.coarse_patches = options.coarse_patches.or(Some(patches));
         let available_bytes = free_memory();
         let needed_bytes = needed_bytes(&request.scene, request.width, request.height);
         if needed_bytes > available_bytes {
@@ -93,7 +97,7 @@ impl Method for Hemilux {
             request.scene.clone(),
             device.description(),
             |_| Vec::new(),
-            options.coarse_patches,
+            options.coarse_patches.unwrap_or(patches),
             observer,
         )?;
         let mut run = stage.run(request, observer);
@@ -104,7 +108,7 @@ impl Method for Hemilux {
             return Ok(stage.rendered(run, black, BTreeMap::new()));
         };
         clock.lap("seconds_prepare");
-        let coarse = Coarse::new(&world, &lights, stage.scene.clone(), 16, request.seed);
+        let coarse = Coarse::new(&world, &lights, stage.scene.clone(), PATCH_POINTS, request.seed);
         clock.lap("seconds_patches");
         let shooting = match options.shoot {
             true => {
@@ -142,16 +146,17 @@ impl Method for Hemilux {
     }
 }
 
-/// Sub-pixel samples that are worth their time under the given limits.
-fn samples_for(limits: &Limits) -> u32 {
+/// Sub-pixel samples and patches of the coarse mesh that are worth their time under the given
+/// limits.
+fn worth(limits: &Limits) -> (u32, usize) {
     let (seconds, error) = (limits.seconds.unwrap_or(0.0), limits.target_error.unwrap_or(1.0));
     let iterations = limits.iterations.unwrap_or(0);
     if seconds >= 4.0 || error <= 0.012 || iterations >= 32 {
-        64
-    } else if seconds >= 1.0 || error <= 0.03 || iterations >= 8 {
-        32
+        (64, 16_000)
+    } else if seconds >= 1.0 || error <= 0.025 || iterations >= 8 {
+        (32, 6_000)
     } else {
-        16
+        (16, 2_000)
     }
 }
 
@@ -307,9 +312,13 @@ impl Tiers<'_> {
         figures.insert("records".into(), self.cache.len() as f64);
         figures.insert("gather_rays".into(), self.cache.rays() as f64);
         figures.insert("shadow_rays".into(), self.direct.rays as f64);
+        figures.insert("closed".into(), f64::from(u8::from(self.coarse.closed)));
         figures.insert("links".into(), self.coarse.links() as f64);
         figures.insert("fragments".into(), self.seen.fragments.len() as f64);
         figures.insert("lights".into(), self.lights.count() as f64);
         figures
     }
 }
+
+#[cfg(test)]
+mod tests;

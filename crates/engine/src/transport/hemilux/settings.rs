@@ -6,8 +6,8 @@ use crate::transport::options::Settings;
 /// Checked settings of `hemilux`; see [`crate::transport::OPTIONS`] for their meaning.
 #[derive(Clone, Copy, Debug)]
 pub struct HemiluxSettings {
-    /// Wanted patches of the coarse mesh.
-    pub coarse_patches: usize,
+    /// Wanted patches of the coarse mesh; `None` to go by the limits.
+    pub coarse_patches: Option<usize>,
     /// Whether the coarse mesh is solved by hemicube shots, rather than by links.
     pub shoot: bool,
     /// Rays of a patch in each iteration, where it is solved by links.
@@ -43,7 +43,10 @@ impl HemiluxSettings {
             return Err(RenderError::parameter("options.coarse_resolution", "must be even"));
         }
         Ok(Self {
-            coarse_patches: settings.whole("coarse_patches", 1, 1_000_000)? as usize,
+            coarse_patches: match settings.values()["coarse_patches"].as_str() {
+                "auto" => None,
+                _ => Some(settings.whole("coarse_patches", 1, 1_000_000)? as usize),
+            },
             shoot: settings.choice("coarse_solver", &[("links", false), ("shots", true)])?,
             coarse_rays: settings.whole("coarse_rays", 4, 4096)? as u32,
             coarse_resolution: resolution,
