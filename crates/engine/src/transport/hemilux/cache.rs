@@ -14,6 +14,9 @@ use rayon::prelude::*;
 
 /// Most records that get more rays at a time.
 const REFINED: usize = 6000;
+/// Most records that are made at a time; where that leaves a fragment uncovered, in foliage say,
+/// it shows the coarse solution.
+const MOST_NEW: usize = 16_384;
 /// Rows of a task.
 const BAND: u32 = 8;
 /// Distances in pixels between the places that are looked at, one after the other.
@@ -106,6 +109,7 @@ impl Cache {
                         wanted.extend(range.filter(|f| self.coverage[*f as usize] < least));
                     }
                 }
+                let wanted = thinned(wanted);
                 let first = self.records.len();
                 let new: Vec<Record> = wanted
                     .into_par_iter()
@@ -202,6 +206,12 @@ impl Cache {
         };
         sums.into_iter().map(mean).collect()
     }
+}
+
+/// Every n-th of more than [`MOST_NEW`].
+fn thinned(wanted: Vec<u32>) -> Vec<u32> {
+    let every = wanted.len().div_ceil(MOST_NEW).max(1);
+    wanted.into_iter().step_by(every).collect()
 }
 
 /// What records add up to at a fragment.

@@ -8,6 +8,8 @@ use std::f32::consts::PI;
 
 /// Variance of a surface's share of a pixel: this times (number of samples)^−1.5.
 const COVERAGE: f32 = 0.04;
+/// Relative error of indirect light that is shown as the coarse mesh has it.
+const COARSE: f32 = 0.2;
 /// Relative error that nothing here sees: the coarse mesh behind the gathers.
 const ALLOWANCE: f64 = 0.006;
 
@@ -46,7 +48,8 @@ pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<(Rgb, Rgb)>]) -> (Picture, O
             };
             let (bounced, bounced_variance) = bounced[index].unwrap_or_else(|| {
                 let (facet, back, at) = seen.place_on_facet(fragment);
-                (coarse.bounced(facet, back, at), Rgb::ZERO)
+                let bounced = coarse.bounced(facet, back, at);
+                (bounced, bounced * bounced * (COARSE * COARSE))
             });
             let factor = fragment.diffuse / PI;
             let mut own = factor * (direct + bounced).max(Rgb::ZERO);

@@ -13,13 +13,13 @@ use crate::transport::ray_traced::surface::World;
 use rayon::prelude::*;
 
 /// Lobe rays of a fragment in each pass, and as many to the lights.
-const RAYS: u32 = 4;
+const RAYS: u32 = 8;
 
 /// Light that the lobes of glossy fragments reflect towards the camera.
 pub struct Gloss {
     /// Glossy fragments, ascending.
     fragments: Vec<u32>,
-    /// Per glossy fragment: Σ radiance, Σ squared radiance over passes.
+    /// Per glossy fragment: Σ radiance, Σ squared radiance over rays.
     sums: Vec<(Rgb, Rgb)>,
     /// Passes so far.
     passes: u32,
@@ -53,9 +53,11 @@ impl Gloss {
         let all = self.sums.par_iter_mut().zip(&self.fragments).with_max_len(256);
         all.for_each(|(sum, fragment)| {
             let fragment = &seen.fragments[*fragment as usize];
-            let radiance = lobe(world, lights, coarse, seen, fragment, seed, passes * RAYS);
-            sum.0 += radiance;
-            sum.1 += radiance * radiance;
+            for ray in passes * RAYS..(passes + 1) * RAYS {
+                let radiance = lobe(world, lights, coarse, seen, fragment, seed, ray);
+                sum.0 += radiance;
+                sum.1 += radiance * radiance;
+            }
         });
         self.passes += 1;
     }
@@ -63,12 +65,11 @@ impl Gloss {
     /// Adds each glossy fragment's radiance and the variance of it: `each(fragment, radiance,
     /// variance)`.
     pub fn each(&self, mut each: impl FnMut(usize, Rgb, Rgb)) {
-        let count = self.passes.max(1) as f32;
+        let count = (self.passes * RAYS).max(2) as f32;
         for (fragment, (sum, squares)) in self.fragments.iter().zip(&self.sums) {
             let mean = *sum / count;
             let scatter = (*squares / count - mean * mean).max(Rgb::ZERO);
-            let variance = if self.passes > 1 { scatter / (count - 1.0) } else { mean * mean };
-            each(*fragment as usize, mean, variance);
+            each(*fragment as usize, mean, scatter / (count - 1.0));
         }
     }
 }
@@ -80,36 +81,34 @@ fn lobe(
     seen: &Seen,
     fragment: &Fragment,
     seed: u64,
-    first: u32,
+    ray: u32,
 ) -> Rgb {
     let sequence = Shifted::new(seed, Stream::Gloss, u64::from(fragment.pixel));
     let mut sum = Rgb::ZERO;
-    for ray in first..first + RAYS {
-        let mut surface = seen.surface(world, fragment, ray);
-        surface.reflectance.diffuse = Rgb::ZERO;
-        let (start, viewer) = (surface.start(), seen.frame.towards_eye(surface.spot.point));
-        let unoccluded = lights.unoccluded(start, surface.normal);
-        let at = sequence.at(ray);
-        if let Some(scattered) = surface.scatter(viewer, 0.0, false, at.pair())
-            && let Some(hit) = world.rays.closest(Eye::Light, start, scattered.direction)
-            && let Some(met) = world.surface(&hit)
-        {
-            let mut radiance = coarse.reflected(&hit, Some(at.triple()));
-            if met.emission != Rgb::ZERO {
-                let other = lights.density(&unoccluded, &hit, met.normal, scattered.direction);
-                radiance += met.emission * heuristic(scattered.density, other);
-            }
-            sum += scattered.factor * radiance;
+    let mut surface = seen.surface(world, fragment, ray);
+    surface.reflectance.diffuse = Rgb::ZERO;
+    let (start, viewer) = (surface.start(), seen.frame.towards_eye(surface.spot.point));
+    let unoccluded = lights.unoccluded(start, surface.normal);
+    let at = sequence.at(ray);
+    if let Some(scattered) = surface.scatter(viewer, 0.0, false, at.pair())
+        && let Some(hit) = world.rays.closest(Eye::Light, start, scattered.direction)
+        && let Some(met) = world.surface(&hit)
+    {
+        let mut radiance = coarse.reflected(&hit, Some(at.triple()));
+        if met.emission != Rgb::ZERO {
+            let other = lights.density(&unoccluded, &hit, met.normal, scattered.direction);
+            radiance += met.emission * heuristic(scattered.density, other);
         }
-        if let Some(light) = lights.sample(&unoccluded, start, surface.normal, at.triple()) {
-            let direction = (light.end - start).normalize_or_zero();
-            let (value, density) = surface.evaluate(viewer, direction, 0.0);
-            if value != Rgb::ZERO && !world.rays.blocked(start, light.end, |_| false) {
-                sum += value * light.irradiance * heuristic(light.density, density);
-            }
+        sum += scattered.factor * radiance;
+    }
+    if let Some(light) = lights.sample(&unoccluded, start, surface.normal, at.triple()) {
+        let direction = (light.end - start).normalize_or_zero();
+        let (value, density) = surface.evaluate(viewer, direction, 0.0);
+        if value != Rgb::ZERO && !world.rays.blocked(start, light.end, |_| false) {
+            sum += value * light.irradiance * heuristic(light.density, density);
         }
     }
-    sum / RAYS as f32
+    sum
 }
 
 /// Weight of a sample whose own density is `own` where the other way has density `other`: the

@@ -15,6 +15,8 @@ pub const MOST_EXACT: usize = 16;
 pub const TRIES: u32 = 4;
 /// Divisions of an emissive triangle whose texture varies: it becomes so many squared cells.
 const TEXTURE_DIVISIONS: u32 = 8;
+/// With more emissive triangles than so many a texture is shown by its mean over each.
+const MOST_TEXTURED: usize = 4096;
 /// Beyond so many times its diameter a polygon is a point: the error is below 10⁻³, and single
 /// precision could not tell its edges from each other much farther away.
 const FAR: f32 = 24.0;
@@ -46,6 +48,8 @@ pub struct Lights {
     cumulative: Vec<f32>,
     /// First light of each emissive triangle, and whether its texture made it many.
     of_triangle: HashMap<u32, (u32, bool)>,
+    /// Divisions of a triangle whose texture varies.
+    divisions: u32,
 }
 
 /// What the lights would shine on a point with nothing in between.
@@ -71,6 +75,8 @@ pub struct LightPoint {
 impl Lights {
     /// The lights of a scene; `None` without any.
     pub fn new(scene: &Scene, rays: &Rays) -> Option<Self> {
+        let many = scene.emissive_triangles() > MOST_TEXTURED;
+        let divisions = if many { 1 } else { TEXTURE_DIVISIONS };
         let mut lights = Vec::new();
         let mut of_triangle = HashMap::new();
         let mut plain: Vec<(u32, [Vec3; 3], Rgb, bool)> = Vec::new();
@@ -89,7 +95,7 @@ impl Lights {
                 continue;
             }
             of_triangle.insert(index as u32, (lights.len() as u32, true));
-            for cell in cells(TEXTURE_DIVISIONS) {
+            for cell in cells(divisions) {
                 let inside: Vec<Vec2> = cells(4)
                     .map(|[a, b, c]| {
                         let at = (a + b + c) / 3.0;
@@ -119,7 +125,7 @@ impl Lights {
                 sum as f32
             })
             .collect();
-        Some(Self { lights, cumulative, of_triangle })
+        Some(Self { lights, cumulative, of_triangle, divisions })
     }
 
     /// Number of polygons.
@@ -220,7 +226,7 @@ impl Lights {
         direction: Vec3,
     ) -> f32 {
         let Some((first, textured)) = self.of_triangle.get(&hit.triangle) else { return 0.0 };
-        let cell = if *textured { cell_index(TEXTURE_DIVISIONS, hit.u, hit.v) } else { 0 };
+        let cell = if *textured { cell_index(self.divisions, hit.u, hit.v) } else { 0 };
         let pick = (first + cell) as usize;
         let cumulative =
             if self.is_exact() { &unoccluded.cumulative[..self.count()] } else { &self.cumulative };

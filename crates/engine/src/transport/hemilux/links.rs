@@ -21,6 +21,8 @@ const DARK: u32 = u32::MAX;
 const COVERED: u32 = u32::MAX - 1;
 /// Most links of all patches together: 4 bytes each.
 const MOST_LINKS: usize = 48 << 20;
+/// Most links of a round, unless four a patch are more.
+const MOST_AT_ONCE: usize = 4 << 20;
 /// Sweeps of a solution at most, and the change at which they end, relative to the mean.
 const MOST_SWEEPS: u32 = 400;
 const SETTLED: f32 = 2e-4;
@@ -45,6 +47,8 @@ impl Links {
     /// Traces `rays` more rays from each patch, as long as there is room for them.
     pub fn trace(&mut self, world: &World, coarse: &Coarse<'_>, seed: u64, rays: u32) {
         let patches = coarse.scene.patches.len();
+        // Meshes of very many triangles have very many patches; the picture must not wait.
+        let rays = rays.min((MOST_AT_ONCE / patches.max(1)) as u32).max(4);
         if self.count() + patches * rays as usize > MOST_LINKS && !self.rounds.is_empty() {
             return;
         }

@@ -48,9 +48,11 @@ const REFILLS: [u64; 4] = [2, 6, 14, 30];
 const DENSER: f32 = 0.75;
 /// Rays of new records in the first iteration, in times of those of later ones.
 const FIRST_GATHER: u32 = 2;
+/// Most rays of a patch at a time, in times of those of the first iteration.
+const MOST_ROUNDS: u32 = 64;
 /// Points of a patch whose direct light is found.
 const PATCH_POINTS: u32 = 8;
-/// The same, at most.
+/// The same of records made later, at most.
 const MOST_GATHER: u32 = 8;
 /// What a picture takes, in shares of the first iteration, before one was made.
 const PICTURE_SHARE: f64 = 0.25;
@@ -253,7 +255,13 @@ impl Tiers<'_> {
                 run.tally.light_shots += tally.light_shots;
                 self.coarse.absorb(&mut **shooting)?;
             }
-            None => self.coarse.link(self.seed, options.coarse_rays),
+            // As many again as there are, whenever the iterations have doubled: solving takes its
+            // time for all links.
+            None if (number + 1).is_power_of_two() => {
+                let rounds = (number as u32).div_ceil(2).clamp(1, MOST_ROUNDS);
+                self.coarse.link(self.seed, options.coarse_rays * rounds);
+            }
+            None => {}
         }
         self.clock.lap("seconds_shoot");
         if options.light {

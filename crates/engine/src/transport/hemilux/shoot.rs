@@ -18,6 +18,12 @@ use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::sync::Arc;
 
+/// Most points of all patches whose direct light is found, unless one a patch is more.
+const MOST_POINTS: usize = 1 << 20;
+
+/// Smoothing changes a patch's value by this factor at most.
+const MOST_CHANGE: f32 = 2.5;
+
 /// The coarse solution.
 pub struct Coarse<'a> {
     world: &'a World,
@@ -37,10 +43,18 @@ pub struct Coarse<'a> {
     links: Links,
     /// Albedo of each patch, all of it taken as diffuse.
     albedo: Vec<Rgb>,
-    /// Irradiance at the vertices of the reconstruction: direct and indirect.
-    both: Vec<Rgb>,
+    /// Irradiance, direct and indirect.
+    both: Values,
     /// The same, indirect only.
-    indirect: Vec<Rgb>,
+    indirect: Values,
+}
+
+/// A quantity on the mesh.
+#[derive(Default)]
+struct Values {
+    patches: Vec<Rgb>,
+    /// At the vertices of the reconstruction.
+    vertices: Vec<Rgb>,
 }
 
 /// Direct light on a patch.
@@ -71,6 +85,7 @@ impl<'a> Coarse<'a> {
             pieces[triangle + 1] += pieces[triangle];
         }
         let patches = scene.patches.len() as u32;
+        let points = points.min((MOST_POINTS / patches.max(1) as usize) as u32).max(1);
         let lit = |patch| light_patch(world, lights, &scene, patch, points, seed);
         let direct: Vec<Patched> = (0..patches).into_par_iter().map(lit).collect();
         let closed = !direct.iter().any(|patch| patch.escaped);
@@ -89,8 +104,8 @@ impl<'a> Coarse<'a> {
             sums: Sums::default(),
             links: Links::default(),
             albedo,
-            both: Vec::new(),
-            indirect: Vec::new(),
+            both: Values::default(),
+            indirect: Values::default(),
         };
         this.refresh();
         this
@@ -153,8 +168,11 @@ impl<'a> Coarse<'a> {
             indirect[patch] = mean / lit.open - lit.irradiance;
             both[patch] = mean / lit.open;
         }
-        self.both = self.reconstruction.apply(&both);
-        self.indirect = self.reconstruction.apply(&indirect);
+        let smooth = |patches: Vec<Rgb>| {
+            let vertices = self.reconstruction.apply(&patches);
+            Values { patches, vertices }
+        };
+        (self.both, self.indirect) = (smooth(both), smooth(indirect));
     }
 
     /// Irradiance at a hit's place, all of it or what has bounced.
@@ -194,13 +212,20 @@ impl<'a> Coarse<'a> {
         found
     }
 
-    fn on_facet(&self, values: &[Rgb], facet: usize, back: bool, at: Vec2) -> Rgb {
+    fn on_facet(&self, values: &Values, facet: usize, back: bool, at: Vec2) -> Rgb {
         let (u, v) = (at.x.clamp(0.0, 1.0), at.y.clamp(0.0, 1.0 - at.x.clamp(0.0, 1.0)));
         let piece = &self.scene.facets[facet];
         let Some(corners) = self.reconstruction.corners(facet, back, piece, u, v) else {
             return Rgb::ZERO;
         };
-        corners.iter().map(|(vertex, weight)| values[*vertex as usize] * *weight).sum::<Rgb>()
+        let all = corners.iter();
+        let smooth: Rgb =
+            all.map(|(vertex, weight)| values.vertices[*vertex as usize] * *weight).sum();
+        // A vertex may hear patches on the other side of a wall that stands there.
+        let Some(first) = piece.first_patch(back) else { return Rgb::ZERO };
+        let own =
+            values.patches[(first + cell_index(piece.divisions, u, v)) as usize].max(Rgb::ZERO);
+        smooth.clamp(own / MOST_CHANGE, own * MOST_CHANGE)
     }
 
     /// Irradiance that has bounced, at barycentric coordinates of a facet of the mesh.
