@@ -40,7 +40,7 @@ pub const OPTIONS: &[OptionSpec] = &[
     OptionSpec {
         name: "coarse_patches",
         default: "auto",
-        meaning: "hemilux: wanted number of patches of the coarse mesh that gathers look at, 1 to 1000000; auto: 2000 to 16000, by the limits; at least one a triangle side",
+        meaning: "hemilux: wanted number of patches of the coarse mesh that gathers look at, 1 to 1000000; auto: 4000 to 16000, by the limits; at least one a triangle side",
     },
     OptionSpec {
         name: "coarse_rays",

@@ -25,6 +25,8 @@ const SPACINGS: [u32; 5] = [16, 8, 4, 2, 1];
 const COVERED: f32 = 0.6;
 /// The same at the last: what is left over is filled only where there is next to nothing.
 const NEARLY_NOTHING: f32 = 0.02;
+/// Side of the picture that limits in pixels are for.
+const SIDE: f32 = 500.0;
 /// Radius of a record in harmonic mean distances, and its limits in pixels.
 const RADIUS: f32 = 0.35;
 const LEAST_PIXELS: f32 = 5.0;
@@ -92,6 +94,9 @@ impl Cache {
         }
         self.coverage = vec![0.0; seen.fragments.len()];
         self.cover(seen, 0);
+        // Small pictures want as many records as large ones: their error is a share of the whole.
+        let pixels = (seen.width * seen.height) as f32;
+        let scaling = pixels.sqrt() / SIDE;
         for spacing in SPACINGS {
             let least = if spacing == 1 { NEARLY_NOTHING } else { COVERED };
             let double = 2 * spacing;
@@ -117,7 +122,7 @@ impl Cache {
                     .with_max_len(16)
                     .map(|(index, fragment)| {
                         let fragment = &seen.fragments[fragment as usize];
-                        let footprint = seen.frame.footprint(fragment.point, seen.height);
+                        let footprint = scaling * seen.frame.footprint(fragment.point, seen.height);
                         let number = (first + index) as u32;
                         let point = seen.sample_point(fragment, 0);
                         let mut record = Record::new(point, fragment.normal, footprint, number);

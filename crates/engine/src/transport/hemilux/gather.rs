@@ -42,7 +42,7 @@ pub struct Record {
     pub normal: Vec3,
     /// Unit vectors along the surface.
     pub tangents: [Vec3; 2],
-    /// Side of a pixel there, seen from the camera that asked for it.
+    /// Side of a pixel there, seen from the camera that asked for it, of a picture of ordinary size.
     pub footprint: f32,
     /// Number of its random sequence.
     pub number: u32,

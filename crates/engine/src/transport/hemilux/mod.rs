@@ -158,7 +158,7 @@ fn worth(limits: &Limits) -> (u32, usize) {
     } else if seconds >= 1.0 || error <= 0.025 || iterations >= 8 {
         (32, 6_000)
     } else {
-        (16, 2_000)
+        (16, 4_000)
     }
 }
 
