@@ -13,6 +13,8 @@ use rayon::prelude::*;
 const FIRST_RAYS: u32 = 1;
 /// Rays of fragments where rays disagree, each pass.
 const MORE_RAYS: u32 = 4;
+/// Pixels of a picture of ordinary size; in smaller ones that is up to four times as many.
+const ORDINARY_PIXELS: u32 = 250_000;
 /// Every so many passes a fragment where they agree gets another ray.
 const SECOND_LOOK: u32 = 4;
 /// Pixels around, in each direction, whose rays must agree.
@@ -46,6 +48,8 @@ pub struct Lit {
 /// Direct light on all fragments.
 pub struct Direct {
     lit: Vec<Lit>,
+    /// Rays of a disputed fragment in each pass.
+    more_rays: u32,
     passes: u32,
     /// Shadow rays so far.
     pub rays: u64,
@@ -59,7 +63,9 @@ impl Direct {
             ..Lit::default()
         };
         let lit = seen.fragments.par_iter().with_min_len(CHUNK).map(unoccluded).collect();
-        Self { lit, passes: 0, rays: 0 }
+        // In small pictures neighbours are far apart, and rays are cheap.
+        let generous = (ORDINARY_PIXELS / (seen.width * seen.height)).clamp(1, 4);
+        Self { lit, more_rays: MORE_RAYS * generous, passes: 0, rays: 0 }
     }
 
     /// Casts another pass of rays.
@@ -67,13 +73,14 @@ impl Direct {
         if self.passes == 0 {
             self.cast(world, lights, seen, seed, |_, _| FIRST_RAYS);
             self.dispute(seen);
-            self.cast(world, lights, seen, seed, |_, lit| if lit.disputed { MORE_RAYS } else { 0 });
+            let more = self.more_rays;
+            self.cast(world, lights, seen, seed, |_, lit| if lit.disputed { more } else { 0 });
         } else {
             self.dispute(seen);
-            let passes = self.passes;
+            let (passes, more) = (self.passes, self.more_rays);
             self.cast(world, lights, seen, seed, |fragment, lit| {
                 let looks = (fragment.pixel + passes).is_multiple_of(SECOND_LOOK);
-                if lit.disputed { MORE_RAYS } else { u32::from(looks) }
+                if lit.disputed { more } else { u32::from(looks) }
             });
         }
         self.passes += 1;

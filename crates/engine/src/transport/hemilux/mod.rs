@@ -82,7 +82,7 @@ impl Method for Hemilux {
     ) -> Result<Rendered, RenderError> {
         let settings = Settings::new(&request.options)?;
         let mut options = HemiluxSettings::new(&settings)?;
-        let (samples, patches) = worth(&request.limits);
+        let (samples, patches) = worth(request);
         if !request.options.contains_key("pixel_samples") {
             options.samples = samples;
         }
@@ -148,9 +148,22 @@ impl Method for Hemilux {
     }
 }
 
-/// Sub-pixel samples and patches of the coarse mesh that are worth their time under the given
-/// limits.
-fn worth(limits: &Limits) -> (u32, usize) {
+/// Sub-pixel samples and patches of the coarse mesh that are worth their time: by the limits, and
+/// more samples in small pictures, where more of the pixels see edges.
+fn worth(request: &RenderRequest) -> (u32, usize) {
+    let (samples, patches) = worth_by_limits(&request.limits);
+    let pixels = request.width * request.height;
+    let least = if pixels < 1 << 14 {
+        64
+    } else if pixels < 1 << 16 {
+        32
+    } else {
+        16
+    };
+    (samples.max(least), patches)
+}
+
+fn worth_by_limits(limits: &Limits) -> (u32, usize) {
     let (seconds, error) = (limits.seconds.unwrap_or(0.0), limits.target_error.unwrap_or(1.0));
     let iterations = limits.iterations.unwrap_or(0);
     if seconds >= 4.0 || error <= 0.012 || iterations >= 32 {
