@@ -369,7 +369,7 @@ fn angle(sine: f32, cosine: f32) -> f32 {
     let series = series * s + 0.042_909_614;
     let series = series * s - 0.075_289_64;
     let series = series * s + 0.106_562_64;
-    let series = series * s - 0.142_088_99;
+    let series = series * s - 0.142_089;
     let series = series * s + 0.199_935_51;
     let series = series * s - 0.333_331_45;
     let inner = x + x * s * series;
