@@ -35,6 +35,14 @@ pub enum Stream {
     LightShift = 14,
     /// In which order a pixel's paths go through the cells of a choice that they make.
     PathStratum = 15,
+    /// Points of a patch and of the lights that shine on it.
+    PatchLight = 16,
+    /// Directions that light is gathered from.
+    Gather = 17,
+    /// Points of the lights that shadow rays go to.
+    Light = 18,
+    /// Directions of a lobe.
+    Gloss = 19,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

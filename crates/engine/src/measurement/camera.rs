@@ -85,6 +85,57 @@ impl Frame {
         }
     }
 
+    /// Unit direction from a point to the camera.
+    pub fn towards_eye(&self, point: Vec3) -> Vec3 {
+        if self.perspective {
+            (self.eye - point).normalize_or(-self.forward)
+        } else {
+            -self.forward
+        }
+    }
+
+    /// Side of a pixel at a point's depth, for a picture of so many rows.
+    pub fn footprint(&self, point: Vec3, height: u32) -> f32 {
+        let depth = if self.perspective { self.project(point).1.abs() } else { 1.0 };
+        depth * 2.0 * self.half.y / height as f32
+    }
+
+    /// The pixel of a point; `None` where it is outside the picture or behind the camera.
+    pub fn pixel(&self, point: Vec3, width: u32, height: u32) -> Option<[u32; 2]> {
+        let (projected, depth) = self.project(point);
+        let at = projected.truncate() / projected.z;
+        if depth <= 0.0 || !(at.x.abs() < 1.0 && at.y.abs() < 1.0) {
+            return None;
+        }
+        let (x, y) = (0.5 * (1.0 + at.x) * width as f32, 0.5 * (1.0 - at.y) * height as f32);
+        Some([(x as u32).min(width - 1), (y as u32).min(height - 1)])
+    }
+
+    /// Pixels [x0, x1) × [y0, y1) that can see a ball, as [x0, x1, y0, y1]; `None` where none can.
+    pub fn window(&self, center: Vec3, radius: f32, width: u32, height: u32) -> Option<[u32; 4]> {
+        let (projected, depth) = self.project(center);
+        if depth + radius <= 0.0 {
+            return None;
+        }
+        let (near, far) = match self.perspective {
+            true => (depth - radius, depth + radius),
+            false => (1.0, 1.0),
+        };
+        if near <= 1e-3 * radius {
+            return Some([0, width, 0, height]);
+        }
+        let side = |middle: f32, half: f32, count: u32| {
+            let (low, high) = (middle - radius / half, middle + radius / half);
+            let low = low / if low < 0.0 { near } else { far };
+            let high = high / if high > 0.0 { near } else { far };
+            let at = |x: f32| ((0.5 * (1.0 + x) * count as f32).max(0.0) as u32).min(count);
+            (at(low), (at(high) + 1).min(count))
+        };
+        let (x0, x1) = side(projected.x, self.half.x, width);
+        let (y0, y1) = side(-projected.y, self.half.y, height);
+        (x0 < x1 && y0 < y1).then_some([x0, x1, y0, y1])
+    }
+
     /// Homogeneous coordinates of a point, and its distance along the optical axis.
     fn project(&self, point: Vec3) -> (Vec3, f32) {
         let relative = point - self.eye;

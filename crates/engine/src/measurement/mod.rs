@@ -11,8 +11,7 @@ use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::raster::{Target, fill};
 use crate::scene::{Camera, Projection};
-pub use camera::Frame;
-use camera::View;
+pub use camera::{Frame, View, ViewTriangle};
 use glam::Vec2;
 use rayon::prelude::*;
 use reconstruction::{Reconstruction, Smoothness};
@@ -170,7 +169,7 @@ impl Measurement {
 }
 
 /// Well-spread points in [−½, ½)²: the additive recurrence of the plastic number.
-fn sample_pattern(count: u32) -> Vec<Vec2> {
+pub fn sample_pattern(count: u32) -> Vec<Vec2> {
     if count == 1 {
         return vec![Vec2::ZERO];
     }

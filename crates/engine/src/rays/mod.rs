@@ -14,7 +14,7 @@ mod boxes;
 mod hierarchy;
 mod triangle;
 
-use crate::scene::Scene;
+use crate::scene::{Camera, Projection, Scene};
 use boxes::{Baseline, Boxes};
 use glam::{DVec3, UVec2, Vec3, Vec3A};
 use hierarchy::{Boxed, Hierarchy};
@@ -178,6 +178,17 @@ impl Rays {
     /// A world position in ray units.
     pub fn place(&self, world: Vec3) -> Vec3 {
         ((world.as_dvec3() - self.center) * self.scale).as_vec3()
+    }
+
+    /// A camera in ray units.
+    pub fn camera(&self, camera: &Camera) -> Camera {
+        let mut camera = camera.clone();
+        let eye = self.place(camera.to_world.w_axis.truncate());
+        camera.to_world.w_axis = eye.extend(1.0);
+        if let Projection::Orthographic { ymag } = &mut camera.projection {
+            *ymag = (f64::from(*ymag) * self.scale) as f32;
+        }
+        camera
     }
 
     /// The corners of a triangle in ray units, and its area.

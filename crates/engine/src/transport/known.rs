@@ -75,7 +75,7 @@ pub fn known_light(
 }
 
 /// Albedo of a patch under uniform light.
-fn albedo(scene: &PatchedScene, patch: usize) -> Rgb {
+pub(super) fn albedo(scene: &PatchedScene, patch: usize) -> Rgb {
     let patches = &scene.patches;
     let diffuse = patches.diffuse[patch];
     if patches.is_glossy(patch) {
@@ -87,7 +87,11 @@ fn albedo(scene: &PatchedScene, patch: usize) -> Rgb {
 
 /// L̄, the radiance at which all patches together absorb what they send by themselves:
 /// Σ A_j L_j / Σ A_j (1 − a_j V_j). With V = 1 this is the paper's L̄.
-fn equilibrium(scene: &PatchedScene, source: impl Fn(usize) -> Rgb, visible: &[f32]) -> Rgb {
+pub(super) fn equilibrium(
+    scene: &PatchedScene,
+    source: impl Fn(usize) -> Rgb,
+    visible: &[f32],
+) -> Rgb {
     let (mut sent, mut absorbed, mut total) = (glam::DVec3::ZERO, glam::DVec3::ZERO, 0f64);
     for (i, (area, visible)) in scene.patches.area.iter().zip(visible).enumerate() {
         let area = f64::from(*area);

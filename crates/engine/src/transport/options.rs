@@ -1,5 +1,6 @@
 //! Settings of the methods by name, with their defaults and ranges.
 
+use super::hemilux::HemiluxSettings;
 use super::illumination_map::MapSettings;
 use super::known::ConstantRadiance;
 use super::ray_traced::RayTracedSettings;
@@ -38,6 +39,31 @@ pub const OPTIONS: &[OptionSpec] = &[
         meaning: "iterations left out of the average, 0 to 1000000: L(0) = L^e lacks the higher bounces, a bias of about a²/(M(1−a)) after M iterations",
     },
     OptionSpec {
+        name: "coarse_patches",
+        default: "auto",
+        meaning: "hemilux: wanted number of patches of the coarse mesh that gathers look at, 1 to 1000000; auto: 4000 to 16000, by the limits; at least one a triangle side",
+    },
+    OptionSpec {
+        name: "coarse_rays",
+        default: "64",
+        meaning: "hemilux, coarse_solver links: rays of a patch in each iteration, 4 to 4096",
+    },
+    OptionSpec {
+        name: "coarse_resolution",
+        default: "64",
+        meaning: "hemilux: pixels along the top of the hemicubes that shoot on the coarse mesh, even, 8 to 2048",
+    },
+    OptionSpec {
+        name: "coarse_shots",
+        default: "256",
+        meaning: "hemilux: shots on the coarse mesh before the first picture, 8 to 1000000; each later iteration adds half as many",
+    },
+    OptionSpec {
+        name: "coarse_solver",
+        default: "links",
+        meaning: "hemilux: links: each patch of the coarse mesh remembers the patches that its rays meet, and sweeps solve the balance; shots: stochastic hemicube iteration on the device",
+    },
+    OptionSpec {
         name: "constant_radiance",
         default: "off",
         meaning: "off, printed or corrected: iterate on ΔL = L − L̄ only, with the source L^e + (a−1)L̄ (printed: closed scenes only) or L^e + (a·V_i−1)L̄, V_i = Σ_j F_ij (corrected)",
@@ -53,6 +79,26 @@ pub const OPTIONS: &[OptionSpec] = &[
         meaning: "gauss-seidel: hemicubes a patch whose mean is its row of form factors, 1 to 64; one stands on the centroid",
     },
     OptionSpec {
+        name: "gather",
+        default: "true",
+        meaning: "hemilux: gather indirect light at records on what the camera sees; otherwise it is shown as the coarse mesh has it",
+    },
+    OptionSpec {
+        name: "gather_direct",
+        default: "true",
+        meaning: "hemilux: find the direct light afresh where gather rays end; otherwise it is as the coarse mesh has it",
+    },
+    OptionSpec {
+        name: "gather_fit",
+        default: "true",
+        meaning: "hemilux: let each record hear its neighbours by a local linear fit",
+    },
+    OptionSpec {
+        name: "gather_rays",
+        default: "64",
+        meaning: "hemilux: rays of a record in each iteration, 4 to 65536",
+    },
+    OptionSpec {
         name: "hemicube_faces",
         default: "all",
         meaning: "all; specular: one face of highly specular shooters, by probability .6 the one that the mirror direction hits, .1 each other; top_and_side: the top and one of four sides; randomised: one face of highly specular shooters, top and one side of others. Weighted by 1/probability",
@@ -61,6 +107,11 @@ pub const OPTIONS: &[OptionSpec] = &[
         name: "hemicube_resolution",
         default: "256",
         meaning: "pixels R along the top of the hemicube, even, 8 to 2048",
+    },
+    OptionSpec {
+        name: "light",
+        default: "true",
+        meaning: "hemilux: direct light per pixel in closed form and by shadow rays; otherwise it is shown as the coarse mesh has it",
     },
     OptionSpec {
         name: "light_rays",
@@ -90,7 +141,7 @@ pub const OPTIONS: &[OptionSpec] = &[
     OptionSpec {
         name: "pixel_samples",
         default: "16",
-        meaning: "sub-pixel samples of the picture, 1 to 256; of rays: cells of a jittered pixel, one a pass, or most samples of an adaptive one in each pass",
+        meaning: "sub-pixel samples of the picture, 1 to 256; of rays: cells of a jittered pixel, one a pass, or most samples of an adaptive one in each pass; of hemilux: unless it is set, 16 to 64 by the limits, and at most 64",
     },
     OptionSpec {
         name: "pixel_sampling",
@@ -126,6 +177,11 @@ pub const OPTIONS: &[OptionSpec] = &[
         name: "reconstruction",
         default: "smooth",
         meaning: "smooth: local linear fits through the patches' values; flat: each patch shows its value",
+    },
+    OptionSpec {
+        name: "shadow_filter",
+        default: "true",
+        meaning: "hemilux: neighbouring pixels share shadow rays while these are few",
     },
     OptionSpec {
         name: "shooter_point",
@@ -219,6 +275,7 @@ impl Settings {
         settings.mesh()?;
         RayTracedSettings::new(&settings)?;
         MapSettings::new(&settings)?;
+        HemiluxSettings::new(&settings)?;
         Ok(settings)
     }
 

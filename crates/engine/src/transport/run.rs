@@ -66,6 +66,11 @@ impl<'a> Run<'a> {
         self.seconds_limit().is_some_and(|limit| elapsed + self.picture_seconds >= limit)
     }
 
+    /// Whether the job may end by the estimated error.
+    pub fn wants_estimate(&self) -> bool {
+        self.limits.target_error.is_some()
+    }
+
     /// Iterations that the limit leaves.
     pub fn iterations_left(&self) -> u64 {
         let limit = self.limits.iterations.unwrap_or(u64::MAX);

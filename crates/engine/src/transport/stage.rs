@@ -149,10 +149,23 @@ impl Stage {
         more_warnings: impl FnOnce(&PatchedScene) -> Vec<Warning>,
         observer: &mut dyn Observer,
     ) -> Result<Self, RenderError> {
+        let patches = asked.settings.mesh()?.patches;
+        Self::with_patches(asked, scene, device, more_warnings, patches, observer)
+    }
+
+    /// The same with another wanted number of patches than the settings'.
+    pub fn with_patches(
+        asked: Asked<'_>,
+        scene: Arc<Scene>,
+        device: DeviceDescription,
+        more_warnings: impl FnOnce(&PatchedScene) -> Vec<Warning>,
+        patches: usize,
+        observer: &mut dyn Observer,
+    ) -> Result<Self, RenderError> {
         let mesh = asked.settings.mesh()?;
         let asked_scene = &asked.request.scene;
         let mut record = Record::new(asked, format!("{} ({})", device.name, device.driver))?;
-        let scene = Arc::new(PatchedScene::new(scene, mesh.patches));
+        let scene = Arc::new(PatchedScene::new(scene, patches));
         let shines = scene.patches.any_light();
         let warnings = (scene.warnings.iter().cloned())
             .chain(unseen::by_patches(asked_scene))

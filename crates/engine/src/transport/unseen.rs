@@ -2,6 +2,12 @@
 
 use crate::scene::{Scene, Warning};
 
+/// Whether anything lets light through.
+pub fn lets_light_through(scene: &Scene) -> bool {
+    let mut materials = scene.triangles.iter().map(|triangle| triangle.material as usize);
+    materials.any(|material| scene.materials[material].clear_share() > 0.0)
+}
+
 /// A warning for each material in use that makes caustics or lets light through.
 pub fn by_patches(scene: &Scene) -> Vec<Warning> {
     let mut used = vec![false; scene.materials.len()];

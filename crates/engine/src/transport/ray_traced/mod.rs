@@ -13,7 +13,7 @@ mod path;
 mod pixels;
 mod settings;
 mod strata;
-mod surface;
+pub(super) mod surface;
 
 use super::Method;
 use super::options::Settings;

@@ -6,7 +6,7 @@ use crate::hemicube::frame;
 use crate::radiometry::{LobeAlbedo, Reflectance, Rgb, importance};
 use crate::rays::{Eye, Hit, Rays, Spot, unit_normal};
 use crate::scene::Scene;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
 
@@ -20,12 +20,14 @@ pub struct World {
 }
 
 /// What a triangle reflects and emits.
-struct Finish {
+pub struct Finish {
     /// At its first corner; everywhere where nothing varies.
-    reflectance: Reflectance,
-    emission: Rgb,
+    pub reflectance: Reflectance,
+    /// Emitted radiance, likewise.
+    pub emission: Rgb,
     two_sided: bool,
-    varies: bool,
+    /// Whether colour or emission changes over the triangle.
+    pub varies: bool,
     clear: Option<Clear>,
 }
 
@@ -137,36 +139,59 @@ impl World {
         }
     }
 
+    /// What a triangle reflects and emits.
+    pub fn finish(&self, triangle: u32) -> &Finish {
+        &self.finishes[triangle as usize]
+    }
+
+    /// Diffuse albedo and emitted radiance of a triangle at barycentric (u, v).
+    pub fn finish_at(&self, triangle: u32, u: f32, v: f32) -> (Rgb, Rgb) {
+        let triangle = &self.scene.triangles[triangle as usize];
+        let material = &self.scene.materials[triangle.material as usize];
+        let reflectance = material.reflectance(self.scene.base_color(triangle, u, v));
+        (reflectance.diffuse, self.scene.emission(triangle, u, v))
+    }
+
+    /// The surface at a hit; `None` at a black back.
+    pub fn surface(&self, hit: &Hit) -> Option<Surface> {
+        let finish = &self.finishes[hit.triangle as usize];
+        (!hit.back || finish.two_sided).then(|| self.surface_of(hit))
+    }
+
     /// The surface that a ray along the unit `direction` meets first; `None` where there is
     /// nothing or a black back.
     pub fn meet(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<(Surface, f32)> {
         let hit = self.rays.closest(eye, origin, direction)?;
         let finish = &self.finishes[hit.triangle as usize];
         let black = hit.back && !finish.two_sided && finish.clear.is_none();
-        (!black).then(|| {
-            let Hit { triangle, u, v, back, .. } = hit;
-            (self.surface(triangle, [u, v], back, self.rays.spot(&hit)), hit.distance)
-        })
+        (!black).then(|| (self.surface_of(&hit), hit.distance))
     }
 
     /// The surface of a side of a triangle at barycentric (u, v).
     pub fn at(&self, triangle: u32, [u, v]: [f32; 2], back: bool) -> Surface {
         let (corners, _) = self.rays.corners(&self.scene, triangle);
-        self.surface(triangle, [u, v], back, Spot::new(corners, unit_normal(corners), u, v))
+        let spot = Spot::new(corners, unit_normal(corners), u, v);
+        self.surface_at(triangle, Vec2::new(u, v), spot, if back { -1.0 } else { 1.0 })
     }
 
-    fn surface(&self, index: u32, [u, v]: [f32; 2], back: bool, spot: Spot) -> Surface {
-        let (triangle, finish) =
-            (&self.scene.triangles[index as usize], &self.finishes[index as usize]);
-        let side = if back { -1.0 } else { 1.0 };
+    fn surface_of(&self, hit: &Hit) -> Surface {
+        let side = if hit.back { -1.0 } else { 1.0 };
+        self.surface_at(hit.triangle, Vec2::new(hit.u, hit.v), self.rays.spot(hit), side)
+    }
+
+    /// The surface at barycentric coordinates of a triangle, which lie at `spot`; `side` is −1
+    /// for its back.
+    pub fn surface_at(&self, index: u32, at: Vec2, spot: Spot, side: f32) -> Surface {
+        let (finish, back) = (&self.finishes[index as usize], side < 0.0);
+        let triangle = &self.scene.triangles[index as usize];
         let normal = spot.normal * side;
         let (mut reflectance, mut emission, mut clear) =
             (finish.reflectance, finish.emission, finish.clear);
         if finish.varies {
             let material = &self.scene.materials[triangle.material as usize];
-            let color = self.scene.base_color(triangle, u, v);
+            let color = self.scene.base_color(triangle, at.x, at.y);
             (reflectance, emission) =
-                (material.reflectance(color), self.scene.emission(triangle, u, v));
+                (material.reflectance(color), self.scene.emission(triangle, at.x, at.y));
             clear = clear.map(|clear| clear.tinted(color));
         }
         let all_clear = clear.is_some_and(|clear| clear.share >= 1.0);
@@ -179,13 +204,13 @@ impl World {
         }
         let mut shading_normal = normal;
         if reflectance.is_glossy() || clear.is_some() {
-            let given = self.scene.interpolate(triangle, u, v, |vertex| vertex.normal);
+            let given = self.scene.interpolate(triangle, at.x, at.y, |vertex| vertex.normal);
             let given = (given * side).normalize_or(normal);
             if given.dot(normal) > 0.0 {
                 shading_normal = given;
             }
         }
-        let at = [u, v];
+        let at = at.to_array();
         Surface {
             triangle: index,
             at,

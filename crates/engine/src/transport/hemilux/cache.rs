@@ -1,0 +1,357 @@
+//! Tier 2's records: where they stand, and the smooth function that they are together.
+//!
+//! Records are placed where the picture needs them, coarsely first, and live in world space: a
+//! second camera finds those of the first. A record counts within a radius that follows how near
+//! other surfaces are (Ward, Rubinstein, Clear 1988), and not behind what stands on its horizon.
+
+use super::fragments::Seen;
+use super::gather::Record;
+use super::shoot::Coarse;
+use crate::radiometry::Rgb;
+use crate::transport::ray_traced::surface::World;
+use glam::{Mat3, Vec3};
+use rayon::prelude::*;
+
+/// Most records that get more rays at a time.
+const REFINED: usize = 6000;
+/// Most records that are made at a time; where that leaves a fragment uncovered, in foliage say,
+/// it shows the coarse solution.
+const MOST_NEW: usize = 16_384;
+/// Rows of a task.
+const BAND: u32 = 8;
+/// Distances in pixels between the places that are looked at, one after the other.
+const SPACINGS: [u32; 5] = [16, 8, 4, 2, 1];
+/// A place where the weights add up to less is not covered.
+const COVERED: f32 = 0.6;
+/// The same at the last: what is left over is filled only where there is next to nothing.
+const NEARLY_NOTHING: f32 = 0.02;
+/// Side of the picture that limits in pixels are for.
+const SIDE: f32 = 500.0;
+/// Radius of a record in harmonic mean distances, and its limits in pixels.
+const RADIUS: f32 = 0.35;
+const LEAST_PIXELS: f32 = 5.0;
+const MOST_PIXELS: f32 = 40.0;
+/// How much farther neighbours are heard than they are shown.
+const HEARD: f32 = 1.3;
+/// Pixels along a tile of the index of records.
+const TILE: u32 = 16;
+
+/// All records.
+#[derive(Default)]
+pub struct Cache {
+    records: Vec<Record>,
+    /// Per fragment, the sum of the weights of all records.
+    coverage: Vec<f32>,
+}
+
+/// How records are made.
+#[derive(Clone, Copy)]
+pub struct Gathering {
+    /// Seed of their random numbers.
+    pub seed: u64,
+    /// Rays that every record gets.
+    pub rays: u32,
+    /// Rays of a new record.
+    pub new_rays: u32,
+    /// Whether direct light is found out afresh where they end.
+    pub afresh: bool,
+    /// Factor of all radii.
+    pub scale: f32,
+}
+
+impl Cache {
+    /// Number of records.
+    pub fn len(&self) -> usize {
+        self.records.len()
+    }
+
+    /// Rays of all records.
+    pub fn rays(&self) -> u64 {
+        self.records.iter().map(|record| u64::from(record.rays)).sum()
+    }
+
+    /// Traces more rays: for every record, or for every n-th in turn where there are many.
+    pub fn refine(
+        &mut self,
+        world: &World,
+        coarse: &Coarse<'_>,
+        gathering: Gathering,
+        turn: usize,
+    ) {
+        let every = self.records.len().div_ceil(REFINED);
+        let records = self.records.par_iter_mut().enumerate().with_max_len(16);
+        records.filter(|(index, _)| (index + turn).is_multiple_of(every)).for_each(
+            |(_, record)| {
+                record.gather(world, coarse, gathering.seed, gathering.rays, gathering.afresh);
+            },
+        );
+    }
+
+    /// Adds records until every fragment is covered.
+    pub fn fill(&mut self, world: &World, coarse: &Coarse<'_>, seen: &Seen, gathering: Gathering) {
+        for record in &mut self.records {
+            record.radius = radius(record, gathering.scale);
+        }
+        self.coverage = vec![0.0; seen.fragments.len()];
+        self.cover(seen, 0);
+        // Small pictures want as many records as large ones: their error is a share of the whole.
+        let pixels = (seen.width * seen.height) as f32;
+        let scaling = pixels.sqrt() / SIDE;
+        for spacing in SPACINGS {
+            let least = if spacing == 1 { NEARLY_NOTHING } else { COVERED };
+            let double = 2 * spacing;
+            let phases: &[[u32; 2]] = if spacing == SPACINGS[0] {
+                &[[0, 0], [1, 1], [0, 1], [1, 0]]
+            } else {
+                &[[1, 1], [0, 1], [1, 0]]
+            };
+            for [across, down] in phases {
+                let mut wanted = Vec::new();
+                for row in (down * spacing..seen.height).step_by(double as usize) {
+                    for column in (across * spacing..seen.width).step_by(double as usize) {
+                        let pixel = (row * seen.width + column) as usize;
+                        let range = seen.start[pixel]..seen.start[pixel + 1];
+                        wanted.extend(range.filter(|f| self.coverage[*f as usize] < least));
+                    }
+                }
+                let wanted = thinned(wanted);
+                let first = self.records.len();
+                let new: Vec<Record> = wanted
+                    .into_par_iter()
+                    .enumerate()
+                    .with_max_len(16)
+                    .map(|(index, fragment)| {
+                        let fragment = &seen.fragments[fragment as usize];
+                        let footprint = scaling * seen.frame.footprint(fragment.point, seen.height);
+                        let number = (first + index) as u32;
+                        let point = seen.sample_point(fragment, 0);
+                        let mut record = Record::new(point, fragment.normal, footprint, number);
+                        let rays = gathering.new_rays;
+                        record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
+                        record.radius = radius(&record, gathering.scale);
+                        record
+                    })
+                    .collect();
+                self.records.extend(new);
+                self.cover(seen, first);
+            }
+        }
+    }
+
+    /// Adds the weights of the records from `first` on to the coverage.
+    fn cover(&mut self, seen: &Seen, first: usize) {
+        let added = splat(seen, &self.records[first..], 1.0, |_, _, weight| weight);
+        for (sum, more) in self.coverage.iter_mut().zip(added) {
+            *sum += more;
+        }
+    }
+
+    /// Lets every record hear its neighbours: a plane through their irradiances, weighted by how
+    /// much they count here, says what its own is and how it changes.
+    pub fn smooth(&mut self, seen: &Seen, fit: bool) {
+        if !fit {
+            for record in &mut self.records {
+                (record.value, record.slope) = (record.irradiance(), [Vec3::ZERO; 3]);
+                record.variance = (0.1 * record.value).powf(2.0);
+            }
+            return;
+        }
+        let across = seen.width.div_ceil(TILE);
+        let down = seen.height.div_ceil(TILE);
+        let mut tiles: Vec<Vec<u32>> = vec![Vec::new(); (across * down) as usize];
+        for (index, record) in self.records.iter().enumerate() {
+            if let Some([x, y]) = seen.frame.pixel(record.point, seen.width, seen.height) {
+                tiles[(y / TILE * across + x / TILE) as usize].push(index as u32);
+            }
+        }
+        let records = &self.records;
+        let fits: Vec<Fit> = records
+            .par_iter()
+            .with_min_len(16)
+            .map(|record| {
+                let heard = HEARD;
+                let reach = record.radius * heard;
+                let window = seen.frame.window(record.point, reach, seen.width, seen.height);
+                let Some([x0, x1, y0, y1]) = window else {
+                    return Plane::default().fit(record);
+                };
+                let mut plane = Plane::default();
+                for row in y0 / TILE..=(y1.max(1) - 1) / TILE {
+                    for column in x0 / TILE..=(x1.max(1) - 1) / TILE {
+                        for other in &tiles[(row * across + column) as usize] {
+                            let other = &records[*other as usize];
+                            let weight = record.weight(other.point, other.normal, heard);
+                            if weight > 0.0 {
+                                plane.add(record, other, weight * other.rays as f32);
+                            }
+                        }
+                    }
+                }
+                plane.fit(record)
+            })
+            .collect();
+        for (record, fit) in self.records.iter_mut().zip(fits) {
+            (record.value, record.slope) = (fit.value, fit.slope);
+            record.variance = fit.variance;
+        }
+    }
+
+    /// Indirect irradiance of every fragment with its estimated variance; `None` where no record
+    /// counts. The variance is that of the records' own values about the plane through them, which
+    /// knows both noise and curvature.
+    pub fn irradiance(&self, seen: &Seen) -> Vec<Option<(Rgb, Rgb)>> {
+        let sums = splat(seen, &self.records, 1.0, |record, between, weight| {
+            let change = Rgb::from_array(record.slope.map(|slope| slope.dot(between)));
+            // A slope is a guess: it must not turn light into darkness.
+            let value = (record.value + change).clamp(0.5 * record.value, 2.0 * record.value);
+            Sum { value: value * weight, variance: record.variance * weight, weight }
+        });
+        let mean = |sum: Sum| {
+            (sum.weight > 0.0).then(|| (sum.value / sum.weight, sum.variance / sum.weight))
+        };
+        sums.into_iter().map(mean).collect()
+    }
+}
+
+/// Every n-th of more than [`MOST_NEW`].
+fn thinned(wanted: Vec<u32>) -> Vec<u32> {
+    let every = wanted.len().div_ceil(MOST_NEW).max(1);
+    wanted.into_iter().step_by(every).collect()
+}
+
+/// What records add up to at a fragment.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    value: Rgb,
+    variance: Rgb,
+    weight: f32,
+}
+
+impl std::ops::AddAssign for Sum {
+    fn add_assign(&mut self, other: Self) {
+        self.value += other.value;
+        self.variance += other.variance;
+        self.weight += other.weight;
+    }
+}
+
+fn radius(record: &Record, scale: f32) -> f32 {
+    let pixels = [LEAST_PIXELS, MOST_PIXELS].map(|pixels| pixels * record.footprint);
+    (RADIUS * record.distance()).clamp(pixels[0], pixels[1]) * scale
+}
+
+/// What a plane says of a record.
+struct Fit {
+    value: Rgb,
+    slope: [Vec3; 3],
+    variance: Rgb,
+}
+
+/// Relative variance of a single ray, for records without neighbours.
+const ALONE: f32 = 0.5;
+
+/// Sums of a least-squares plane.
+#[derive(Default)]
+struct Plane {
+    /// Σ w (1, x, y)ᵀ(1, x, y).
+    matrix: Mat3,
+    /// Σ w (1, x, y)ᵀ E, per channel.
+    right: Mat3,
+    squares: f32,
+    /// Σ w E².
+    energy: Rgb,
+    /// Least and largest irradiance heard.
+    range: Option<(Rgb, Rgb)>,
+}
+
+impl Plane {
+    fn add(&mut self, center: &Record, other: &Record, weight: f32) {
+        let between = (other.point - center.point) / center.radius;
+        let [tangent, bitangent] = center.tangents;
+        let at = Vec3::new(1.0, between.dot(tangent), between.dot(bitangent));
+        let e = other.irradiance();
+        let (least, most) = self.range.unwrap_or((e, e));
+        self.range = Some((least.min(e), most.max(e)));
+        let weighted = at * weight;
+        self.matrix += Mat3::from_cols(weighted * at.x, weighted * at.y, weighted * at.z);
+        self.right += Mat3::from_cols(weighted * e.x, weighted * e.y, weighted * e.z);
+        self.energy += e * e * weight;
+        self.squares += weight * weight;
+    }
+
+    fn fit(mut self, record: &Record) -> Fit {
+        let own = record.irradiance();
+        let total = self.matrix.x_axis.x;
+        // Effective number of records.
+        let count = total * total / self.squares.max(f32::MIN_POSITIVE);
+        if total.is_nan() || total <= 0.0 || count < 3.0 {
+            let variance = own * own * (ALONE / record.rays.max(1) as f32);
+            return Fit { value: own, slope: [Vec3::ZERO; 3], variance };
+        }
+        let ridge = 0.01 * total;
+        self.matrix.y_axis.y += ridge;
+        self.matrix.z_axis.z += ridge;
+        let inverse = self.matrix.inverse();
+        if !inverse.is_finite() {
+            let variance = own * own * (ALONE / record.rays.max(1) as f32);
+            return Fit { value: own, slope: [Vec3::ZERO; 3], variance };
+        }
+        let solved = inverse * self.right;
+        let channels = [solved.x_axis, solved.y_axis, solved.z_axis];
+        // Neither value nor slope may leave what was heard.
+        let (least, most) = self.range.unwrap_or((own, own));
+        let value = Rgb::from_array(channels.map(|c| c.x)).clamp(least, most);
+        let [tangent, bitangent] = record.tangents;
+        let range = most - least;
+        let slope = std::array::from_fn(|k| {
+            let slope = tangent * channels[k].y + bitangent * channels[k].z;
+            slope.clamp_length_max(range[k]) / record.radius
+        });
+        // Σ w (E − plane)², by the normal equations; the plane takes three of the records.
+        let explained =
+            Rgb::from_array(std::array::from_fn(|k| channels[k].dot(self.right.col(k))));
+        let scatter = ((self.energy - explained) / total).max(Rgb::ZERO);
+        let variance = scatter * (3.0 / (count - 2.0).max(1.0)).min(1.0);
+        Fit { value, slope, variance }
+    }
+}
+
+/// Σ over the records of what `each` makes of the record, the way from it to the fragment and its
+/// weight there, per fragment. Records are added in their order.
+fn splat<T: Copy + Default + Send + std::ops::AddAssign>(
+    seen: &Seen,
+    records: &[Record],
+    reach: f32,
+    each: impl Fn(&Record, Vec3, f32) -> T + Sync,
+) -> Vec<T> {
+    let window = |record: &Record| {
+        seen.frame.window(record.point, record.radius * reach, seen.width, seen.height)
+    };
+    let windows: Vec<Option<[u32; 4]>> = records.par_iter().with_min_len(256).map(window).collect();
+    let bands: Vec<Vec<T>> = (0..seen.height.div_ceil(BAND))
+        .into_par_iter()
+        .map(|band| {
+            let (first_row, end_row) = (band * BAND, (band * BAND + BAND).min(seen.height));
+            let base = seen.start[(first_row * seen.width) as usize] as usize;
+            let end = seen.start[(end_row * seen.width) as usize] as usize;
+            let mut sums = vec![T::default(); end - base];
+            for (record, window) in records.iter().zip(&windows) {
+                let Some([x0, x1, y0, y1]) = *window else { continue };
+                for row in y0.max(first_row)..y1.min(end_row) {
+                    let first = seen.start[(row * seen.width + x0) as usize] as usize;
+                    let last = seen.start[(row * seen.width + x1) as usize] as usize;
+                    for (fragment, sum) in
+                        seen.fragments[first..last].iter().zip(&mut sums[first - base..])
+                    {
+                        let weight = record.weight(fragment.point, fragment.normal, reach);
+                        if weight > 0.0 {
+                            *sum += each(record, fragment.point - record.point, weight);
+                        }
+                    }
+                }
+            }
+            sums
+        })
+        .collect();
+    bands.concat()
+}

@@ -1,0 +1,93 @@
+//! The picture from what the three tiers know, and how far it may be off.
+
+use super::Tiers;
+use crate::image::Picture;
+use crate::radiometry::Rgb;
+use rayon::prelude::*;
+use std::f32::consts::PI;
+
+/// Variance of a surface's share of a pixel: this times (number of samples)^−1.5.
+const COVERAGE: f32 = 0.04;
+/// Relative error of indirect light that is shown as the coarse mesh has it.
+const COARSE: f32 = 0.2;
+/// Relative error that nothing here sees: the coarse mesh behind the gathers.
+const ALLOWANCE: f64 = 0.006;
+
+/// A pixel.
+#[derive(Clone, Copy)]
+struct Measured {
+    radiance: Rgb,
+    /// Σ over channels of the estimated variance.
+    variance: f32,
+}
+
+/// The picture with its estimated rRMSE over the pixels that see no emitter; `None` of a black
+/// picture. `bounced` is the indirect irradiance of every fragment, with its variance.
+pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<(Rgb, Rgb)>]) -> (Picture, Option<f64>) {
+    let (seen, options) = (tiers.seen, tiers.options);
+    let (light, coarse, lights) = (&tiers.direct, &tiers.coarse, tiers.lights);
+    let mut gloss = Vec::new();
+    if tiers.gloss.len() > 0 {
+        gloss.resize(seen.fragments.len(), (Rgb::ZERO, Rgb::ZERO));
+        tiers.gloss.each(|fragment, mean, variance| gloss[fragment] = (mean, variance));
+    }
+    let coverage = COVERAGE * (options.samples as f32).powf(-1.5);
+    let pixel = |pixel: usize| {
+        let mut radiance = seen.shine[pixel];
+        let mut variance = Rgb::ZERO;
+        let (mut least, mut most, mut all) = (Rgb::INFINITY, Rgb::ZERO, 0.0);
+        for index in seen.start[pixel] as usize..seen.start[pixel + 1] as usize {
+            let fragment = &seen.fragments[index];
+            let (direct, direct_variance) = if options.light {
+                let filtered = options.shadow_filter;
+                let direct = light.irradiance(lights, seen, index, filtered);
+                (direct, light.variance(index, filtered))
+            } else {
+                let (facet, back, at) = seen.place_on_facet(fragment);
+                (coarse.direct(facet, back, at), Rgb::ZERO)
+            };
+            let (bounced, bounced_variance) = bounced[index].unwrap_or_else(|| {
+                let (facet, back, at) = seen.place_on_facet(fragment);
+                let bounced = coarse.bounced(facet, back, at);
+                (bounced, bounced * bounced * (COARSE * COARSE))
+            });
+            let factor = fragment.diffuse / PI;
+            let mut own = factor * (direct + bounced).max(Rgb::ZERO);
+            let mut own_variance = factor * factor * (direct_variance + bounced_variance);
+            if let Some((mean, variance)) = gloss.get(index) {
+                own += *mean;
+                own_variance += *variance;
+            }
+            radiance += own * fragment.share;
+            variance += own_variance * (fragment.share * fragment.share);
+            (least, most) = (least.min(own), most.max(own));
+            all += fragment.share;
+        }
+        if all > 0.0 {
+            // Beside what the camera sees may be nothing, which is black.
+            if all < 0.99 {
+                least = Rgb::ZERO;
+            }
+            variance += (most - least) * (most - least) * coverage;
+        }
+        Measured { radiance, variance: variance.element_sum() }
+    };
+    let count = seen.shine.len();
+    let measured: Vec<Measured> =
+        (0..count).into_par_iter().with_min_len(1024).map(pixel).collect();
+    let (mut sum, mut variance, mut pixels) = (0.0, 0.0, 0.0);
+    for (measured, shine) in measured.iter().zip(&seen.shine) {
+        if *shine == Rgb::ZERO {
+            sum += f64::from(measured.radiance.element_sum());
+            variance += f64::from(measured.variance);
+            pixels += 3.0;
+        }
+    }
+    let pixels_out = measured.iter().map(|measured| measured.radiance).collect();
+    let picture = Picture { width: seen.width, height: seen.height, pixels: pixels_out };
+    let error = (sum > 0.0).then(|| {
+        let mean = sum / pixels;
+        (variance / pixels / (mean * mean) + ALLOWANCE * ALLOWANCE).sqrt()
+    });
+    (picture, error)
+}

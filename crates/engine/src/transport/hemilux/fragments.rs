@@ -1,0 +1,305 @@
+//! What the camera sees, once a picture: each pixel's sub-pixel samples grouped by surface.
+
+use crate::hemicube::item;
+use crate::measurement::{Frame, View};
+use crate::patches::PatchedScene;
+use crate::radiometry::Rgb;
+use crate::raster::{PixelPlane, Target, fill};
+use crate::rays::{Spot, unit_normal};
+use crate::scene::Camera;
+use crate::transport::ray_traced::surface::{Surface, World};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Rows that are rasterised together.
+const BAND: u32 = 16;
+/// Most sub-pixel samples: a bit each.
+pub const MOST_SAMPLES: u32 = 64;
+/// Facets whose normals differ by less than this cosine may share a fragment.
+const SMOOTH: f32 = 0.97;
+
+/// A surface in a pixel.
+#[derive(Clone, Copy)]
+pub struct Fragment {
+    /// Which pixel.
+    pub pixel: u32,
+    /// Facet and side that most of its samples see; see [`item`].
+    pub code: u32,
+    /// Samples that see that side of that facet, a bit each.
+    pub mask: u64,
+    /// Share of the pixel's samples.
+    pub share: f32,
+    /// Mean place, ray units, off the surface by the rounding error.
+    pub point: Vec3,
+    /// Mean unit normal.
+    pub normal: Vec3,
+    /// Mean diffuse albedo.
+    pub diffuse: Rgb,
+    /// Whether it reflects a lobe.
+    pub glossy: bool,
+}
+
+/// A facet over the picture.
+struct Placed {
+    corners: [Vec3; 3],
+    planes: [PixelPlane; 3],
+    normal: Vec3,
+}
+
+/// What a camera sees.
+pub struct Seen {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// The camera's frame, ray units.
+    pub frame: Frame,
+    scene: Arc<PatchedScene>,
+    placed: Vec<Placed>,
+    samples: Vec<Vec2>,
+    /// Fragments in the order of their pixels.
+    pub fragments: Vec<Fragment>,
+    /// Fragments of pixel p: `start[p]..start[p + 1]`.
+    pub start: Vec<u32>,
+    /// Emitted radiance per pixel.
+    pub shine: Vec<Rgb>,
+}
+
+impl Seen {
+    /// Rasterises the scene for `samples` sub-pixel samples.
+    pub fn new(
+        world: &World,
+        scene: Arc<PatchedScene>,
+        camera: &Camera,
+        [width, height]: [u32; 2],
+        samples: u32,
+    ) -> Self {
+        let view = View::new(&scene, camera, width, height);
+        let place = |facet: &crate::patches::Facet| {
+            let corners = facet.corners.map(|c| scene.positions[c as usize]);
+            let planes = view.edges(corners);
+            let corners = corners.map(|corner| world.rays.place(corner));
+            let normal = unit_normal(corners);
+            Placed { corners, planes, normal }
+        };
+        let placed = scene.facets.iter().map(place).collect();
+        let mut seen = Self {
+            width,
+            height,
+            frame: Frame::new(&world.rays.camera(camera), width, height),
+            placed,
+            samples: crate::measurement::sample_pattern(samples.clamp(1, MOST_SAMPLES)),
+            scene: scene.clone(),
+            fragments: Vec::new(),
+            start: vec![0],
+            shine: Vec::with_capacity((width * height) as usize),
+        };
+        let bands: Vec<Band> = (0..height.div_ceil(BAND))
+            .into_par_iter()
+            .map(|band| seen.band(world, &view, band * BAND))
+            .collect();
+        let total = bands.iter().map(|band| band.fragments.len()).sum();
+        seen.fragments.reserve_exact(total);
+        seen.start.reserve_exact((width * height) as usize);
+        for band in bands {
+            let before = seen.fragments.len() as u32;
+            seen.fragments.extend(band.fragments);
+            seen.start.extend(band.ends.iter().map(|end| end + before));
+            seen.shine.extend(band.shine);
+        }
+        seen
+    }
+
+    /// The surface point of a fragment's n-th sample, off the surface by the rounding error.
+    pub fn sample_point(&self, fragment: &Fragment, n: u32) -> Vec3 {
+        let offset = self.sample(fragment, n);
+        let Some((facet, back)) = item::decode(fragment.code) else { return fragment.point };
+        let at = self.barycentric(facet, fragment.pixel, offset);
+        self.spot(facet, back, at).0
+    }
+
+    /// Facet, side and barycentric coordinates of a fragment's first sample.
+    pub fn place_on_facet(&self, fragment: &Fragment) -> (usize, bool, Vec2) {
+        let (facet, back) = item::decode(fragment.code).unwrap_or((0, false));
+        let offset = self.sample(fragment, 0);
+        (facet as usize, back, self.barycentric(facet, fragment.pixel, offset))
+    }
+
+    /// The surface at a fragment's n-th sample.
+    pub fn surface(&self, world: &World, fragment: &Fragment, n: u32) -> Surface {
+        let (facet, back) = item::decode(fragment.code).unwrap_or((0, false));
+        let at = self.barycentric(facet, fragment.pixel, self.sample(fragment, n));
+        let placed = &self.placed[facet as usize];
+        let spot = Spot::new(placed.corners, placed.normal, at.x, at.y);
+        let piece = &self.scene.facets[facet as usize];
+        let at = piece.to_source(at.x, at.y);
+        let side = if back { -1.0 } else { 1.0 };
+        world.surface_at(piece.source, at, spot, side)
+    }
+
+    fn sample(&self, fragment: &Fragment, n: u32) -> Vec2 {
+        let bits = fragment.mask.count_ones();
+        let mut mask = fragment.mask;
+        for _ in 0..n % bits.max(1) {
+            mask &= mask - 1;
+        }
+        self.samples[mask.trailing_zeros().min(self.samples.len() as u32 - 1) as usize]
+    }
+
+    fn barycentric(&self, facet: u32, pixel: u32, offset: Vec2) -> Vec2 {
+        let column = (pixel % self.width) as f32 + offset.x;
+        let row = (pixel / self.width) as f32 + offset.y;
+        let [a, b, c] = self.placed[facet as usize]
+            .planes
+            .map(|plane| plane.constant + plane.per_column * column + plane.per_row * row);
+        let sum = a + b + c;
+        let u = (b / sum).clamp(0.0, 1.0);
+        let v = (c / sum).clamp(0.0, 1.0 - u);
+        // Edge-on facets may have no sum.
+        if u.is_finite() && v.is_finite() { Vec2::new(u, v) } else { Vec2::splat(1.0 / 3.0) }
+    }
+
+    fn spot(&self, facet: u32, back: bool, at: Vec2) -> (Vec3, Vec3) {
+        let placed = &self.placed[facet as usize];
+        let normal = if back { -placed.normal } else { placed.normal };
+        (Spot::new(placed.corners, placed.normal, at.x, at.y).off_surface(normal), normal)
+    }
+
+    fn band(&self, world: &World, view: &View, first_row: u32) -> Band {
+        let rows = BAND.min(self.height - first_row);
+        let pixels = (rows * self.width) as usize;
+        let count = self.samples.len();
+        let mut items = vec![0u32; pixels * count];
+        let mut depth = vec![0f32; pixels];
+        let triangles = view.in_rows(first_row, first_row + rows);
+        for (offset, items) in self.samples.iter().zip(items.chunks_mut(pixels)) {
+            depth.fill(0.0);
+            let mut target = Target { width: self.width, first_row, items, depth: &mut depth };
+            for triangle in &triangles {
+                fill(&mut target, &triangle.moved(*offset));
+            }
+        }
+        let mut band = Band {
+            fragments: Vec::with_capacity(pixels + pixels / 8),
+            ends: Vec::with_capacity(pixels),
+            shine: Vec::with_capacity(pixels),
+        };
+        let mut groups: Vec<Group> = Vec::new();
+        for pixel in 0..pixels {
+            groups.clear();
+            for sample in 0..count {
+                let code = items[sample * pixels + pixel];
+                if code == item::EMPTY {
+                    continue;
+                }
+                let bit = 1u64 << sample;
+                match groups.iter_mut().find(|group| group.code == code) {
+                    Some(group) => group.mask |= bit,
+                    None => groups.push(Group { code, mask: bit }),
+                }
+            }
+            let pixel = first_row * self.width + pixel as u32;
+            band.shine.push(self.collect(world, pixel, &groups, &mut band.fragments));
+            band.ends.push(band.fragments.len() as u32);
+        }
+        band
+    }
+
+    /// Appends the fragments of a pixel; returns what it emits.
+    fn collect(
+        &self,
+        world: &World,
+        pixel: u32,
+        groups: &[Group],
+        fragments: &mut Vec<Fragment>,
+    ) -> Rgb {
+        let each = 1.0 / self.samples.len() as f32;
+        let mut shine = Rgb::ZERO;
+        let first = fragments.len();
+        for group in groups {
+            let Some((facet, back)) = item::decode(group.code) else { continue };
+            let source = self.scene.facets[facet as usize].source;
+            let finish = world.finish(source);
+            let share = group.mask.count_ones() as f32 * each;
+            let (mut point, mut diffuse) = (Vec3::ZERO, finish.reflectance.diffuse);
+            if finish.varies {
+                diffuse = Rgb::ZERO;
+                let mut emission = Rgb::ZERO;
+                let mut mask = group.mask;
+                while mask != 0 {
+                    let offset = self.samples[mask.trailing_zeros() as usize];
+                    mask &= mask - 1;
+                    let at = self.barycentric(facet, pixel, offset);
+                    point += self.spot(facet, back, at).0;
+                    let at = self.scene.facets[facet as usize].to_source(at.x, at.y);
+                    let (kd, le) = world.finish_at(source, at.x, at.y);
+                    diffuse += kd;
+                    emission += le;
+                }
+                let count = group.mask.count_ones() as f32;
+                point /= count;
+                diffuse /= count;
+                shine += emission * each;
+            } else {
+                shine += finish.emission * share;
+                let mut mask = group.mask;
+                let mut middle = Vec2::ZERO;
+                while mask != 0 {
+                    middle += self.samples[mask.trailing_zeros() as usize];
+                    mask &= mask - 1;
+                }
+                let at = self.barycentric(facet, pixel, middle / group.mask.count_ones() as f32);
+                point = self.spot(facet, back, at).0;
+            }
+            let glossy = finish.reflectance.is_glossy();
+            if diffuse == Rgb::ZERO && !glossy {
+                continue;
+            }
+            let placed = &self.placed[facet as usize];
+            let normal = if back { -placed.normal } else { placed.normal };
+            let (code, mask) = (group.code, group.mask);
+            let one = Fragment { pixel, code, mask, share, point, normal, diffuse, glossy };
+            // Neighbours of a smooth surface go together.
+            let reach = 3.0 * self.frame.footprint(point, self.height);
+            let near = fragments[first..].iter_mut().find(|other| {
+                other.glossy == glossy
+                    && other.normal.dot(normal) > SMOOTH
+                    && other.normal.dot(other.point - point).abs() < reach
+                    && (other.diffuse - diffuse).abs().max_element() < 0.02
+            });
+            match near {
+                Some(other) => other.join(&one),
+                None => fragments.push(one),
+            }
+        }
+        for fragment in &mut fragments[first..] {
+            fragment.normal = fragment.normal.normalize_or(Vec3::Z);
+        }
+        shine
+    }
+}
+
+impl Fragment {
+    fn join(&mut self, other: &Fragment) {
+        let share = self.share + other.share;
+        let (mine, theirs) = (self.share / share, other.share / share);
+        self.normal = (self.normal * mine + other.normal * theirs).normalize_or(self.normal);
+        self.diffuse = self.diffuse * mine + other.diffuse * theirs;
+        if other.mask.count_ones() > self.mask.count_ones() {
+            (self.code, self.mask, self.point) = (other.code, other.mask, other.point);
+        }
+        self.share = share;
+    }
+}
+
+struct Group {
+    code: u32,
+    mask: u64,
+}
+
+struct Band {
+    fragments: Vec<Fragment>,
+    ends: Vec<u32>,
+    shine: Vec<Rgb>,
+}

@@ -1,0 +1,176 @@
+//! Tier 2, gather: rays all over the hemisphere of a point turn the coarse solution into its
+//! indirect irradiance, and tell how far that may be carried to the neighbours.
+
+use super::sequence::{Shifted, cosine_local};
+use super::shoot::Coarse;
+use crate::hemicube::frame;
+use crate::radiometry::Rgb;
+use crate::random::Stream;
+use crate::rays::Eye;
+use crate::transport::ray_traced::surface::World;
+use glam::{Vec2, Vec3};
+use std::f32::consts::PI;
+
+/// Sectors of the horizon.
+pub const SECTORS: usize = 12;
+/// Nearer than this share of the nearest thing in its sector, a record is fully valid.
+const NEAR: f32 = 0.6;
+/// Farther than this share it is not: something stands in between.
+const BEHIND: f32 = 0.9;
+/// What is less behind a plane than this share of its distance is not behind it.
+const IN_FRONT: f32 = 1e-3;
+
+/// The nearest thing in a sector of a record's horizon.
+#[derive(Clone, Copy)]
+struct Obstacle {
+    /// Distance along the record's surface.
+    distance: f32,
+    /// Unit normal of its surface, towards the record.
+    normal: Vec3,
+    /// How far the record is in front of its plane.
+    offset: f32,
+}
+
+const NOTHING: Obstacle = Obstacle { distance: f32::INFINITY, normal: Vec3::ZERO, offset: 0.0 };
+
+/// Indirect irradiance at a point of a surface, ray units.
+#[derive(Clone)]
+pub struct Record {
+    /// Where; off the surface by the rounding error.
+    pub point: Vec3,
+    /// Unit normal of the lit side.
+    pub normal: Vec3,
+    /// Unit vectors along the surface.
+    pub tangents: [Vec3; 2],
+    /// Side of a pixel there, seen from the camera that asked for it, of a picture of ordinary size.
+    pub footprint: f32,
+    /// Number of its random sequence.
+    pub number: u32,
+    /// Rays so far.
+    pub rays: u32,
+    /// Σ radiance over rays.
+    sum: Rgb,
+    /// Σ 1/distance over rays.
+    nearness: f32,
+    /// What is nearest in each sector of the horizon.
+    horizon: [Obstacle; SECTORS],
+    /// Irradiance after the neighbours were heard.
+    pub value: Rgb,
+    /// Estimated variance of that.
+    pub variance: Rgb,
+    /// Its change along the surface, per ray unit, in world axes.
+    pub slope: [Vec3; 3],
+    /// Radius within which it counts.
+    pub radius: f32,
+}
+
+impl Record {
+    /// An empty record.
+    pub fn new(point: Vec3, normal: Vec3, footprint: f32, number: u32) -> Self {
+        let (tangent, bitangent) = frame(normal, 0.0);
+        Self {
+            point,
+            normal,
+            tangents: [tangent, bitangent],
+            footprint,
+            number,
+            rays: 0,
+            sum: Rgb::ZERO,
+            nearness: 0.0,
+            horizon: [NOTHING; SECTORS],
+            value: Rgb::ZERO,
+            variance: Rgb::ZERO,
+            slope: [Vec3::ZERO; 3],
+            radius: 0.0,
+        }
+    }
+
+    /// Traces more rays.
+    pub fn gather(
+        &mut self,
+        world: &World,
+        coarse: &Coarse<'_>,
+        seed: u64,
+        rays: u32,
+        afresh: bool,
+    ) {
+        let [tangent, bitangent] = self.tangents;
+        let mut sequence = Shifted::new(seed, Stream::Gather, u64::from(self.number)).at(self.rays);
+        for _ in 0..rays {
+            let (local, height) = cosine_local(sequence.next_pair());
+            let direction = tangent * local.x + bitangent * local.y + self.normal * height;
+            let direction = direction.normalize();
+            let Some(hit) = world.rays.closest(Eye::Light, self.point, direction) else { continue };
+            self.nearness += 1.0 / hit.distance.max(1e-3);
+            let along = hit.distance * local.length();
+            let nearest = &mut self.horizon[sector(local)];
+            if along < nearest.distance {
+                let normal = world.rays.spot(&hit).normal;
+                let away = normal.dot(direction) * hit.distance;
+                let normal = if away > 0.0 { -normal } else { normal };
+                *nearest = Obstacle { distance: along, normal, offset: away.abs() };
+            }
+            self.sum += coarse.reflected(&hit, afresh.then(|| sequence.triple()));
+        }
+        self.rays += rays;
+    }
+
+    /// Mean irradiance of the rays.
+    pub fn irradiance(&self) -> Rgb {
+        self.sum * (PI / self.rays.max(1) as f32)
+    }
+
+    /// Harmonic mean of the distances to what the rays met.
+    pub fn distance(&self) -> f32 {
+        self.rays as f32 / self.nearness.max(f32::MIN_POSITIVE)
+    }
+
+    /// How much the record counts at a point with the given unit normal, 0 to 1, for `reach` times
+    /// its radius.
+    #[inline]
+    pub fn weight(&self, point: Vec3, normal: Vec3, reach: f32) -> f32 {
+        let between = point - self.point;
+        let radius = self.radius * reach;
+        let square = between.length_squared();
+        if square >= radius * radius {
+            return 0.0;
+        }
+        let cosine = self.normal.dot(normal);
+        let height = self.normal.dot(between);
+        // Half the radius off the plane, or 25° off the normal, is as far as the whole radius.
+        let far = (square + 3.0 * height * height) / (radius * radius)
+            + (1.0 - cosine) * (1.0 / (1.0 - 0.906));
+        if far >= 1.0 {
+            return 0.0;
+        }
+        let near = 1.0 - far.sqrt();
+        let weight = near * near;
+        // What stands between can only be there if something is nearer than the point.
+        weight * self.clearance(between, height, square)
+    }
+
+    /// 1 where nothing stands between, 0 where something does: it is nearer, and the point lies
+    /// behind it. (A wall that the record stands next to hides nothing of the floor.)
+    #[inline]
+    fn clearance(&self, between: Vec3, height: f32, square: f32) -> f32 {
+        let along = between - self.normal * height;
+        let local = Vec2::new(along.dot(self.tangents[0]), along.dot(self.tangents[1]));
+        let nearest = &self.horizon[sector(local)];
+        let distance = square.sqrt();
+        if distance <= NEAR * nearest.distance
+            || nearest.normal.dot(between) + nearest.offset >= -IN_FRONT * distance
+        {
+            return 1.0;
+        }
+        ((BEHIND * nearest.distance - distance) / ((BEHIND - NEAR) * nearest.distance)).max(0.0)
+    }
+}
+
+/// The sector of a direction along the surface.
+#[inline]
+fn sector(local: Vec2) -> usize {
+    // Along the edge of the square |x| + |y| = 1 instead of around the circle.
+    let along = local.y / (local.x.abs() + local.y.abs()).max(f32::MIN_POSITIVE);
+    let turned = if local.x < 0.0 { 2.0 - along } else { along } + 1.0;
+    ((turned * (SECTORS as f32 / 4.0)) as usize).min(SECTORS - 1)
+}

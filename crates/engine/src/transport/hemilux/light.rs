@@ -1,0 +1,239 @@
+//! Tier 3, light: the emitters' own light on every fragment, exact but for what stands in between;
+//! that is found out by shadow rays, few where they agree, many where they don't.
+
+use super::fragments::{Fragment, Seen};
+use super::lights::{Lights, TRIES};
+use super::sequence::Shifted;
+use crate::radiometry::Rgb;
+use crate::random::Stream;
+use crate::transport::ray_traced::surface::World;
+use rayon::prelude::*;
+
+/// Rays of every fragment at first, interleaved over tiles of 4 × 4 pixels.
+const FIRST_RAYS: u32 = 1;
+/// Rays of fragments where rays disagree, each pass.
+const MORE_RAYS: u32 = 4;
+/// Pixels of a picture of ordinary size; in smaller ones that is up to four times as many.
+const ORDINARY_PIXELS: u32 = 250_000;
+/// Every so many passes a fragment where they agree gets another ray.
+const SECOND_LOOK: u32 = 4;
+/// Pixels around, in each direction, whose rays must agree.
+const AROUND: i32 = 2;
+/// With at least so many rays the neighbours no longer help; with a quarter only the nearest.
+const ENOUGH_RAYS: u32 = 128;
+/// Fragments per task.
+const CHUNK: usize = 1024;
+/// How much neighbours lower the variance.
+const HELPED: f32 = 0.15;
+/// Order in which the pixels of a tile take the points of a sequence (Bayer 1973).
+const BAYER: [u32; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
+
+/// What is known of the direct light on a fragment.
+#[derive(Clone, Copy, Default)]
+pub struct Lit {
+    /// Irradiance with nothing in between.
+    unoccluded: Rgb,
+    /// Σ irradiance of the light points that were seen.
+    seen: Rgb,
+    /// Σ irradiance of all light points.
+    cast: Rgb,
+    /// Rays so far.
+    rays: u32,
+    /// Rays that were blocked.
+    blocked: u32,
+    /// Whether rays here or around disagree.
+    disputed: bool,
+}
+
+/// Direct light on all fragments.
+pub struct Direct {
+    lit: Vec<Lit>,
+    /// Rays of a disputed fragment in each pass.
+    more_rays: u32,
+    passes: u32,
+    /// Shadow rays so far.
+    pub rays: u64,
+}
+
+impl Direct {
+    /// Without a ray.
+    pub fn new(lights: &Lights, seen: &Seen) -> Self {
+        let unoccluded = |fragment: &Fragment| Lit {
+            unoccluded: lights.unoccluded(fragment.point, fragment.normal).irradiance,
+            ..Lit::default()
+        };
+        let lit = seen.fragments.par_iter().with_min_len(CHUNK).map(unoccluded).collect();
+        // In small pictures neighbours are far apart, and rays are cheap.
+        let generous = (ORDINARY_PIXELS / (seen.width * seen.height)).clamp(1, 4);
+        Self { lit, more_rays: MORE_RAYS * generous, passes: 0, rays: 0 }
+    }
+
+    /// Casts another pass of rays.
+    pub fn pass(&mut self, world: &World, lights: &Lights, seen: &Seen, seed: u64) {
+        if self.passes == 0 {
+            self.cast(world, lights, seen, seed, |_, _| FIRST_RAYS);
+            self.dispute(seen);
+            let more = self.more_rays;
+            self.cast(world, lights, seen, seed, |_, lit| if lit.disputed { more } else { 0 });
+        } else {
+            self.dispute(seen);
+            let (passes, more) = (self.passes, self.more_rays);
+            self.cast(world, lights, seen, seed, |fragment, lit| {
+                let looks = (fragment.pixel + passes).is_multiple_of(SECOND_LOOK);
+                if lit.disputed { more } else { u32::from(looks) }
+            });
+        }
+        self.passes += 1;
+    }
+
+    fn cast(
+        &mut self,
+        world: &World,
+        lights: &Lights,
+        seen: &Seen,
+        seed: u64,
+        count: impl Fn(&Fragment, &Lit) -> u32 + Sync,
+    ) {
+        let chunks = self.lit.par_chunks_mut(CHUNK).zip(seen.fragments.par_chunks(CHUNK));
+        let rays: u64 = chunks
+            .map(|(lit, fragments)| {
+                let mut rays = 0;
+                for (lit, fragment) in lit.iter_mut().zip(fragments) {
+                    let count = count(fragment, lit);
+                    if count > 0 && (!lights.is_exact() || lit.unoccluded != Rgb::ZERO) {
+                        lit.cast(world, lights, seen, fragment, seed, count);
+                        rays += u64::from(count);
+                    }
+                }
+                rays
+            })
+            .sum();
+        self.rays += rays;
+    }
+
+    /// Finds the fragments whose own or neighbouring rays disagree.
+    fn dispute(&mut self, seen: &Seen) {
+        let lit = &self.lit;
+        let disputed: Vec<bool> = (0..lit.len())
+            .into_par_iter()
+            .with_min_len(CHUNK)
+            .map(|index| {
+                let mine = &lit[index];
+                if mine.disputed || (mine.blocked > 0 && mine.blocked < mine.rays) {
+                    return true;
+                }
+                if mine.rays == 0 {
+                    return false;
+                }
+                let mut disagrees = false;
+                around(seen, index, AROUND, |other, _| {
+                    let other = &lit[other];
+                    disagrees |=
+                        other.rays > 0 && (other.blocked * mine.rays != mine.blocked * other.rays);
+                });
+                disagrees
+            })
+            .collect();
+        self.lit.iter_mut().zip(disputed).for_each(|(lit, disputed)| lit.disputed = disputed);
+    }
+
+    /// Direct irradiance of a fragment; where its own rays are few, with the help of its
+    /// neighbours' if `filtered`.
+    pub fn irradiance(&self, lights: &Lights, seen: &Seen, index: usize, filtered: bool) -> Rgb {
+        let lit = &self.lit[index];
+        if lit.rays == 0 {
+            return Rgb::ZERO;
+        }
+        let (mut sum, mut cast) = (lit.seen, lit.cast);
+        if !lights.is_exact() {
+            return sum / lit.rays as f32;
+        }
+        if filtered && lit.disputed && lit.rays < ENOUGH_RAYS {
+            let reach = if lit.rays * 4 < ENOUGH_RAYS { AROUND } else { 1 };
+            around(seen, index, reach, |other, offset| {
+                let other = &self.lit[other];
+                let weight = 1.0 / (1.0 + offset as f32 * 0.5);
+                sum += other.seen * weight;
+                cast += other.cast * weight;
+            });
+        }
+        let share = Rgb::select(cast.cmpgt(Rgb::ZERO), sum / cast, Rgb::ZERO);
+        lit.unoccluded * share
+    }
+
+    /// Estimated variance of [`Direct::irradiance`] from the rays of the fragment itself.
+    pub fn variance(&self, index: usize, filtered: bool) -> Rgb {
+        let lit = &self.lit[index];
+        if lit.rays == 0 || lit.blocked == 0 || lit.blocked == lit.rays {
+            return Rgb::ZERO;
+        }
+        let share = lit.blocked as f32 / lit.rays as f32;
+        // Well-spread points do better than random ones: the variance falls by about n^−1.5; and
+        // the neighbours help.
+        let helped = if filtered && lit.rays < ENOUGH_RAYS { HELPED } else { 1.0 };
+        let variance = share * (1.0 - share) / (lit.rays as f32).powf(1.5) * helped;
+        lit.unoccluded * lit.unoccluded * variance
+    }
+}
+
+impl Lit {
+    fn cast(
+        &mut self,
+        world: &World,
+        lights: &Lights,
+        seen: &Seen,
+        fragment: &Fragment,
+        seed: u64,
+        count: u32,
+    ) {
+        let (x, y) = (fragment.pixel % seen.width, fragment.pixel / seen.width);
+        let tile = u64::from(y / 4) << 32 | u64::from(x / 4);
+        let place = BAYER[(y % 4 * 4 + x % 4) as usize];
+        let sequence = Shifted::new(seed, Stream::Light, tile);
+        // Good enough to pick a light by, for all points of the pixel.
+        let unoccluded = lights.unoccluded(fragment.point, fragment.normal);
+        for _ in 0..count {
+            let point = seen.sample_point(fragment, self.rays);
+            let sample = |tries: u32| {
+                let xi = sequence.at((self.rays * TRIES + tries) * 16 + place).triple();
+                lights.sample(&unoccluded, point, fragment.normal, xi)
+            };
+            // Where the horizon cuts a light, the ratio of seen to cast asks for points above it.
+            let tries = if lights.is_exact() { TRIES } else { 1 };
+            let light = (0..tries).find_map(sample);
+            self.rays += 1;
+            let Some(light) = light else { continue };
+            self.cast += light.irradiance;
+            if world.rays.blocked(point, light.end, |_| false) {
+                self.blocked += 1;
+            } else {
+                self.seen += light.irradiance;
+            }
+        }
+    }
+}
+
+/// Calls `each` with the fragments of neighbouring pixels that lie in the plane of fragment
+/// `index`, and the square of their distance in pixels.
+fn around(seen: &Seen, index: usize, reach: i32, mut each: impl FnMut(usize, i32)) {
+    let mine = &seen.fragments[index];
+    let (x, y) = ((mine.pixel % seen.width) as i32, (mine.pixel / seen.width) as i32);
+    let (width, height) = (seen.width as i32, seen.height as i32);
+    let flat = seen.frame.footprint(mine.point, seen.height);
+    for row in (y - reach).max(0)..=(y + reach).min(height - 1) {
+        for column in (x - reach).max(0)..=(x + reach).min(width - 1) {
+            let pixel = (row * width + column) as usize;
+            if pixel == mine.pixel as usize {
+                continue;
+            }
+            for other in seen.start[pixel] as usize..seen.start[pixel + 1] as usize {
+                let theirs = &seen.fragments[other];
+                if theirs.normal.dot(mine.normal) > 0.98
+                    && mine.normal.dot(theirs.point - mine.point).abs() < flat
+                {
+                    each(other, (row - y) * (row - y) + (column - x) * (column - x));
+                }
+            }
+        }
+    }
+}

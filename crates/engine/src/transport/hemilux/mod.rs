@@ -1,0 +1,345 @@
+//! The three tiers: shoot coarsely, gather smoothly, light exactly.
+//!
+//! 1. *Shoot*: stochastic hemicube iteration solves the light of the scene on a coarse mesh.
+//! 2. *Gather*: at records on what the camera sees, rays over the hemisphere turn that solution
+//!    into smooth indirect irradiance.
+//! 3. *Light*: the emitters' own light is found per pixel, in closed form but for the share that
+//!    shadow rays find blocked.
+//!
+//! Each iteration makes all three better. What an iteration does depends on its number alone, so
+//! the same iterations give the same bits, whatever the number of threads.
+
+mod cache;
+mod estimate;
+mod fragments;
+mod gather;
+mod gloss;
+mod light;
+mod lights;
+mod links;
+mod plan;
+mod sequence;
+mod settings;
+mod shoot;
+
+use super::Method;
+use super::options::Settings;
+use super::ray_traced::surface::World;
+use super::run::Run;
+use super::stage::{Asked, Stage};
+use crate::device::cpu::CpuDevice;
+use crate::device::{Device, DeviceError, Shooting, free_memory};
+use crate::image::Picture;
+use crate::rays::Rays;
+use crate::render::{Limits, Observer, RenderError, RenderRequest, Rendered, StopReason};
+use crate::scene::Scene;
+use cache::{Cache, Gathering};
+use fragments::Seen;
+use gloss::Gloss;
+use light::Direct;
+use lights::Lights;
+pub use settings::HemiluxSettings;
+use shoot::Coarse;
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// Iterations before which more records are made, each nearer to its neighbours by [`DENSER`].
+const REFILLS: [u64; 4] = [2, 6, 14, 30];
+const DENSER: f32 = 0.75;
+/// Rays of new records in the first iteration, in times of those of later ones.
+const FIRST_GATHER: u32 = 2;
+/// Most rays of a patch at a time, in times of those of the first iteration.
+const MOST_ROUNDS: u32 = 64;
+/// Points of a patch whose direct light is found.
+const PATCH_POINTS: u32 = 8;
+/// The same of records made later, at most.
+const MOST_GATHER: u32 = 8;
+/// What a picture takes, in shares of the first iteration, before one was made.
+const PICTURE_SHARE: f64 = 0.25;
+/// Pause between estimates for reports, in times of what the last one took.
+const ESTIMATE_PAUSE: f64 = 10.0;
+/// Share of an iteration that must fit into the time budget for it to begin.
+const LATE: f64 = 0.7;
+
+/// Shoot coarsely, gather smoothly, light exactly.
+pub struct Hemilux;
+
+impl Method for Hemilux {
+    fn name(&self) -> &'static str {
+        "hemilux"
+    }
+
+    fn summary(&self) -> &'static str {
+        "coarse hemicube shooting, smooth final gathering, exact direct light"
+    }
+
+    fn render(
+        &self,
+        device: &mut dyn Device,
+        request: &RenderRequest,
+        mut reasons: Vec<String>,
+        observer: &mut dyn Observer,
+    ) -> Result<Rendered, RenderError> {
+        let settings = Settings::new(&request.options)?;
+        let mut options = HemiluxSettings::new(&settings)?;
+        let (samples, patches) = worth(request);
+        if !request.options.contains_key("pixel_samples") {
+            options.samples = samples;
+        }
+        options.coarse_patches = options.coarse_patches.or(Some(patches));
+        let available_bytes = free_memory();
+        let needed_bytes = needed_bytes(&request.scene, request.width, request.height);
+        if needed_bytes > available_bytes {
+            let device = CpuDevice::describe().id;
+            return Err(DeviceError::OutOfMemory { device, needed_bytes, available_bytes }.into());
+        }
+        reasons.extend(plan::reasons(&request.scene, &options, &device.description()));
+        let stage = Stage::with_patches(
+            Asked { method: self.name(), reasons, request, settings: &settings },
+            request.scene.clone(),
+            device.description(),
+            |_| Vec::new(),
+            options.coarse_patches.unwrap_or(patches),
+            observer,
+        )?;
+        let mut run = stage.run(request, observer);
+        let mut clock = Clock::default();
+        let world = World::new(request.scene.clone());
+        let Some(lights) = Lights::new(&world.scene, &world.rays) else {
+            let black = (stage.black(), StopReason::NoLight);
+            return Ok(stage.rendered(run, black, BTreeMap::new()));
+        };
+        clock.lap("seconds_prepare");
+        let coarse = Coarse::new(&world, &lights, stage.scene.clone(), PATCH_POINTS, request.seed);
+        clock.lap("seconds_patches");
+        let shooting = match options.shoot {
+            true => {
+                let shots = coarse.settings(options.coarse_resolution, request.seed);
+                Some(device.begin(stage.scene.clone(), &shots)?)
+            }
+            false => None,
+        };
+        let seen = Seen::new(
+            &world,
+            stage.scene.clone(),
+            &stage.camera,
+            [request.width, request.height],
+            options.samples,
+        );
+        clock.lap("seconds_fragments");
+        let mut tiers = Tiers {
+            direct: Direct::new(&lights, &seen),
+            gloss: Gloss::new(&seen),
+            world: &world,
+            lights: &lights,
+            seen: &seen,
+            coarse,
+            shooting,
+            cache: Cache::default(),
+            options,
+            seed: request.seed,
+            clock,
+            picture_seconds: None,
+        };
+        let result = tiers.solve(&mut run)?;
+        let diagnostics = tiers.diagnostics();
+        drop(tiers);
+        Ok(stage.rendered(run, result, diagnostics))
+    }
+}
+
+/// Sub-pixel samples and patches of the coarse mesh that are worth their time: by the limits, and
+/// more samples in small pictures, where more of the pixels see edges.
+fn worth(request: &RenderRequest) -> (u32, usize) {
+    let (samples, patches) = worth_by_limits(&request.limits);
+    let pixels = request.width * request.height;
+    let least = if pixels < 1 << 14 {
+        64
+    } else if pixels < 1 << 16 {
+        32
+    } else {
+        16
+    };
+    (samples.max(least), patches)
+}
+
+fn worth_by_limits(limits: &Limits) -> (u32, usize) {
+    let (seconds, error) = (limits.seconds.unwrap_or(0.0), limits.target_error.unwrap_or(1.0));
+    let iterations = limits.iterations.unwrap_or(0);
+    if seconds >= 4.0 || error <= 0.012 || iterations >= 32 {
+        (64, 16_000)
+    } else if seconds >= 1.0 || error <= 0.025 || iterations >= 8 {
+        (32, 6_000)
+    } else {
+        (16, 4_000)
+    }
+}
+
+/// Memory at the peak, bytes.
+pub fn needed_bytes(scene: &Scene, width: u32, height: u32) -> u64 {
+    const PER_PIXEL: u64 = 360;
+    const PER_TRIANGLE: u64 = 1500;
+    let triangles = scene.triangles.len() as u64;
+    let pixels = u64::from(width) * u64::from(height);
+    Rays::needed_bytes(triangles) + triangles * PER_TRIANGLE + pixels * PER_PIXEL
+}
+
+/// Seconds by what they were spent on.
+struct Clock {
+    last: Instant,
+    spent: BTreeMap<&'static str, f64>,
+}
+
+impl Default for Clock {
+    fn default() -> Self {
+        Self { last: Instant::now(), spent: BTreeMap::new() }
+    }
+}
+
+impl Clock {
+    fn lap(&mut self, what: &'static str) {
+        let now = Instant::now();
+        *self.spent.entry(what).or_default() += (now - self.last).as_secs_f64();
+        self.last = now;
+    }
+}
+
+/// The three tiers at work.
+struct Tiers<'a> {
+    world: &'a World,
+    lights: &'a Lights,
+    seen: &'a Seen,
+    coarse: Coarse<'a>,
+    shooting: Option<Box<dyn Shooting + 'a>>,
+    cache: Cache,
+    direct: Direct,
+    gloss: Gloss,
+    options: HemiluxSettings,
+    seed: u64,
+    clock: Clock,
+    /// What the last picture took.
+    picture_seconds: Option<f64>,
+}
+
+impl Tiers<'_> {
+    /// Iterates until a limit is reached.
+    fn solve(&mut self, run: &mut Run<'_>) -> Result<(Picture, StopReason), RenderError> {
+        let mut next_estimate = 1;
+        let mut estimated = Instant::now();
+        let stopped = loop {
+            if let Some(reason) = run.stop() {
+                break reason;
+            }
+            let began = Instant::now();
+            self.iterate(run)?;
+            let iteration = began.elapsed().as_secs_f64();
+            // The last picture, and most of another iteration that would come too late.
+            let picture = self.picture_seconds.unwrap_or(PICTURE_SHARE * iteration);
+            run.picture_seconds = picture + LATE * iteration;
+            let done = run.tally.iterations;
+            let wanted = run.wants_estimate() && done >= next_estimate;
+            // Estimates for the reports take a small share of the time.
+            let pause = ESTIMATE_PAUSE * self.picture_seconds.unwrap_or(0.0);
+            if wanted || (run.report_is_due() && estimated.elapsed().as_secs_f64() >= pause) {
+                next_estimate = done + done.div_ceil(4);
+                run.estimated_error = self.picture().1;
+                run.without_estimate = run.estimated_error.is_none();
+                estimated = Instant::now();
+            }
+            if run.report_is_due() {
+                run.report(true, || self.picture().0);
+            }
+        };
+        let (picture, error) = self.picture();
+        run.estimated_error = error;
+        Ok((picture, stopped))
+    }
+
+    fn iterate(&mut self, run: &mut Run<'_>) -> Result<(), RenderError> {
+        let number = run.tally.iterations;
+        let first = number == 0;
+        let options = self.options;
+        self.clock.last = Instant::now();
+        match &mut self.shooting {
+            Some(shooting) => {
+                let shots = options.coarse_shots / if first { 1 } else { 2 };
+                let tally = shooting.iterate((shots / 8).max(1))?;
+                run.tally.shots += tally.shots;
+                run.tally.light_shots += tally.light_shots;
+                self.coarse.absorb(&mut **shooting)?;
+            }
+            // As many again as there are, whenever the iterations have doubled: solving takes its
+            // time for all links.
+            None if (number + 1).is_power_of_two() => {
+                let rounds = (number as u32).div_ceil(2).clamp(1, MOST_ROUNDS);
+                self.coarse.link(self.seed, options.coarse_rays * rounds);
+            }
+            None => {}
+        }
+        self.clock.lap("seconds_shoot");
+        if options.light {
+            self.direct.pass(self.world, self.lights, self.seen, self.seed);
+        }
+        self.clock.lap("seconds_light");
+        if options.gather {
+            // New records catch up with those that are there.
+            let more = (FIRST_GATHER + number as u32).min(MOST_GATHER);
+            let gathering = Gathering {
+                seed: self.seed,
+                rays: options.gather_rays,
+                new_rays: options.gather_rays * more,
+                afresh: options.gather_direct,
+                scale: DENSER.powi(REFILLS.iter().filter(|at| **at <= number).count() as i32),
+            };
+            if !first {
+                self.cache.refine(self.world, &self.coarse, gathering, number as usize);
+            }
+            if first || REFILLS.contains(&number) {
+                self.cache.fill(self.world, &self.coarse, self.seen, gathering);
+            }
+        }
+        self.clock.lap("seconds_gather");
+        if self.gloss.len() > 0 {
+            self.gloss.pass(self.world, self.lights, &self.coarse, self.seen, self.seed);
+        }
+        self.clock.lap("seconds_gloss");
+        run.tally.iterations += 1;
+        if self.shooting.is_none() {
+            run.tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays;
+        }
+        Ok(())
+    }
+
+    /// The picture, and its estimated rRMSE.
+    fn picture(&mut self) -> (Picture, Option<f64>) {
+        self.clock.last = Instant::now();
+        let began = Instant::now();
+        let bounced = if self.options.gather {
+            self.cache.smooth(self.seen, self.options.gather_fit);
+            self.cache.irradiance(self.seen)
+        } else {
+            vec![None; self.seen.fragments.len()]
+        };
+        self.clock.lap("seconds_smooth");
+        let measured = estimate::measure(self, &bounced);
+        self.clock.lap("seconds_picture");
+        self.picture_seconds = Some(began.elapsed().as_secs_f64());
+        measured
+    }
+
+    fn diagnostics(&self) -> BTreeMap<String, f64> {
+        let mut figures: BTreeMap<String, f64> =
+            self.clock.spent.iter().map(|(name, value)| ((*name).into(), *value)).collect();
+        figures.insert("records".into(), self.cache.len() as f64);
+        figures.insert("gather_rays".into(), self.cache.rays() as f64);
+        figures.insert("shadow_rays".into(), self.direct.rays as f64);
+        figures.insert("closed".into(), f64::from(u8::from(self.coarse.closed)));
+        figures.insert("links".into(), self.coarse.links() as f64);
+        figures.insert("fragments".into(), self.seen.fragments.len() as f64);
+        figures.insert("lights".into(), self.lights.count() as f64);
+        figures
+    }
+}
+
+#[cfg(test)]
+mod tests;

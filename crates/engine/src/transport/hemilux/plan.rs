@@ -1,0 +1,39 @@
+//! Why the tiers run as they do, in words.
+
+use super::HemiluxSettings;
+use super::lights::MOST_EXACT;
+use crate::device::DeviceDescription;
+use crate::scene::Scene;
+
+/// One sentence a decision.
+pub fn reasons(
+    scene: &Scene,
+    options: &HemiluxSettings,
+    device: &DeviceDescription,
+) -> Vec<String> {
+    let used = scene.triangles.iter().map(|triangle| &scene.materials[triangle.material as usize]);
+    let glossy = used.clone().any(|material| material.reflectance(material.base_color).is_glossy());
+    let emitters = scene.emissive_triangles();
+    let mut reasons = Vec::new();
+    reasons.push(if options.shoot {
+        format!("tier 1: hemicube shots on {} solve the coarse mesh", device.name)
+    } else {
+        "tier 1: links solve the coarse mesh on the processor; shots there take longer for the same error".into()
+    });
+    reasons.push(match (options.gather, options.gather_direct) {
+        (true, true) => "tier 2: indirect light is gathered at records on what the camera sees, with fresh direct light where the rays end".into(),
+        (true, false) => "tier 2: indirect light is gathered at records on what the camera sees".into(),
+        (false, _) => "tier 2 is off: indirect light is shown as the coarse mesh has it".into(),
+    });
+    reasons.push(match (options.light, emitters <= MOST_EXACT) {
+        (true, true) => format!("tier 3: {emitters} emissive triangles, so direct light is in closed form but for what is in between"),
+        (true, false) => format!("tier 3: {emitters} emissive triangles, so direct light is sampled where they are more than {MOST_EXACT} polygons"),
+        (false, _) => "tier 3 is off: direct light is shown as the coarse mesh has it".into(),
+    });
+    reasons.push(if glossy {
+        "glossy surfaces: their lobes are traced per pixel".into()
+    } else {
+        "all surfaces are diffuse: no lobes are traced".into()
+    });
+    reasons
+}

@@ -1,0 +1,312 @@
+//! Tier 1, shoot: the light of the whole scene on a coarse mesh. Direct light at points of every
+//! patch by the closed form and shadow rays; everything that bounces by stochastic hemicube
+//! iteration on the residual. It is only ever seen through gathers.
+
+use super::lights::Lights;
+use super::links::{Links, PatchPoints};
+use super::sequence::{Shifted, cosine_direction};
+use crate::device::{KnownLight, Shooting, ShootingSettings, Sums};
+use crate::measurement::reconstruction::{Reconstruction, Smoothness};
+use crate::patches::{PatchedScene, cell_index};
+use crate::radiometry::{LobeAlbedo, Rgb};
+use crate::random::Stream;
+use crate::rays::{Eye, Hit};
+use crate::transport::known::{albedo, equilibrium};
+use crate::transport::ray_traced::surface::World;
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use std::f32::consts::PI;
+use std::sync::Arc;
+
+/// Most points of all patches whose direct light is found, unless one a patch is more.
+const MOST_POINTS: usize = 1 << 20;
+
+/// Smoothing changes a patch's value by this factor at most.
+const MOST_CHANGE: f32 = 2.5;
+
+/// The coarse solution.
+pub struct Coarse<'a> {
+    world: &'a World,
+    lights: &'a Lights,
+    /// The mesh.
+    pub scene: Arc<PatchedScene>,
+    reconstruction: Reconstruction,
+    /// Facets of scene triangle t: `pieces[t]..pieces[t + 1]`.
+    pieces: Vec<u32>,
+    direct: Vec<Patched>,
+    /// Whether no ray of all patches left the scene.
+    pub closed: bool,
+    /// What the iteration need not carry: the direct light and a constant radiance.
+    known: Arc<KnownLight>,
+    /// Sums of the iteration so far.
+    sums: Sums,
+    links: Links,
+    /// Albedo of each patch, all of it taken as diffuse.
+    albedo: Vec<Rgb>,
+    /// Irradiance, direct and indirect.
+    both: Values,
+    /// The same, indirect only.
+    indirect: Values,
+}
+
+/// A quantity on the mesh.
+#[derive(Default)]
+struct Values {
+    patches: Vec<Rgb>,
+    /// At the vertices of the reconstruction.
+    vertices: Vec<Rgb>,
+}
+
+/// Direct light on a patch.
+#[derive(Clone, Copy)]
+pub struct Patched {
+    /// Mean irradiance of the points that are not inside a body.
+    pub irradiance: Rgb,
+    /// Share of points that are not inside a body.
+    open: f32,
+    escaped: bool,
+}
+
+impl<'a> Coarse<'a> {
+    /// Cuts the scene and lights the patches directly, by `points` points each.
+    pub fn new(
+        world: &'a World,
+        lights: &'a Lights,
+        scene: Arc<PatchedScene>,
+        points: u32,
+        seed: u64,
+    ) -> Self {
+        let triangles = scene.scene.triangles.len();
+        let mut pieces = vec![0u32; triangles + 1];
+        for facet in &scene.facets {
+            pieces[facet.source as usize + 1] += 1;
+        }
+        for triangle in 0..triangles {
+            pieces[triangle + 1] += pieces[triangle];
+        }
+        let patches = scene.patches.len() as u32;
+        let points = points.min((MOST_POINTS / patches.max(1) as usize) as u32).max(1);
+        let lit = |patch| light_patch(world, lights, &scene, patch, points, seed);
+        let direct: Vec<Patched> = (0..patches).into_par_iter().map(lit).collect();
+        let closed = !direct.iter().any(|patch| patch.escaped);
+        let known = Arc::new(known_light(&scene, &direct, closed));
+        let albedo = (0..scene.patches.len()).map(|patch| albedo(&scene, patch)).collect();
+        let reconstruction = Reconstruction::new(&scene, Smoothness::Smooth);
+        let mut this = Self {
+            world,
+            lights,
+            scene,
+            reconstruction,
+            pieces,
+            direct,
+            closed,
+            known,
+            sums: Sums::default(),
+            links: Links::default(),
+            albedo,
+            both: Values::default(),
+            indirect: Values::default(),
+        };
+        this.refresh();
+        this
+    }
+
+    /// Settings of the iteration that carries the rest.
+    pub fn settings(&self, resolution: u32, seed: u64) -> ShootingSettings {
+        let known = Some(self.known.clone());
+        ShootingSettings { resolution, seed, known, ..ShootingSettings::default() }
+    }
+
+    /// Takes what the iteration has summed, and makes it what hits look up.
+    pub fn absorb(
+        &mut self,
+        shooting: &mut dyn Shooting,
+    ) -> Result<(), crate::device::DeviceError> {
+        let sums = shooting.drain()?;
+        if self.sums.iterations == 0 {
+            self.sums = sums;
+        } else {
+            self.sums.iterations += sums.iterations;
+            let all = self.sums.irradiance.iter_mut();
+            all.zip(sums.irradiance).for_each(|(sum, more)| *sum += more);
+        }
+        self.refresh();
+        Ok(())
+    }
+
+    /// Traces more links and solves for them, and makes that what hits look up.
+    pub fn link(&mut self, seed: u64, rays: u32) {
+        let mut links = std::mem::take(&mut self.links);
+        links.trace(self.world, self, seed, rays);
+        links.solve(&self.scene, &self.albedo, &self.direct);
+        self.links = links;
+        self.refresh();
+    }
+
+    /// Links so far.
+    pub fn links(&self) -> usize {
+        self.links.count()
+    }
+
+    fn refresh(&mut self) {
+        let count = self.sums.iterations.max(1) as f32;
+        let mut both = vec![Rgb::ZERO; self.direct.len()];
+        let mut indirect = both.clone();
+        for (patch, lit) in self.direct.iter().enumerate() {
+            if lit.open <= 0.0 {
+                continue;
+            }
+            if let Some(bounced) = self.links.bounced.get(patch) {
+                (indirect[patch], both[patch]) = (*bounced, *bounced + lit.irradiance);
+                continue;
+            }
+            // Before the first iteration the constant radiance is all that is known.
+            let mean = match self.sums.iterations {
+                0 => self.known.irradiance[patch],
+                _ => self.sums.irradiance[patch] / count,
+            };
+            indirect[patch] = mean / lit.open - lit.irradiance;
+            both[patch] = mean / lit.open;
+        }
+        let smooth = |patches: Vec<Rgb>| {
+            let vertices = self.reconstruction.apply(&patches);
+            Values { patches, vertices }
+        };
+        (self.both, self.indirect) = (smooth(both), smooth(indirect));
+    }
+
+    /// Irradiance at a hit's place, all of it or what has bounced.
+    pub fn irradiance(&self, hit: &Hit, bounced_only: bool) -> Rgb {
+        let values = if bounced_only { &self.indirect } else { &self.both };
+        let Some((facet, at)) = self.facet_at(hit) else { return Rgb::ZERO };
+        self.on_facet(values, facet, hit.back, at)
+    }
+
+    /// The patch at a hit; `None` at a black back.
+    pub fn patch_at(&self, hit: &Hit) -> Option<u32> {
+        let (facet, at) = self.facet_at(hit)?;
+        let piece = &self.scene.facets[facet];
+        let first = piece.first_patch(hit.back)?;
+        Some(first + cell_index(piece.divisions, at.x, at.y))
+    }
+
+    /// Facet of a hit and barycentric coordinates there.
+    fn facet_at(&self, hit: &Hit) -> Option<(usize, Vec2)> {
+        let triangle = hit.triangle as usize;
+        let (first, end) = (self.pieces[triangle] as usize, self.pieces[triangle + 1] as usize);
+        if end == first + 1 {
+            return Some((first, Vec2::new(hit.u, hit.v)));
+        }
+        let mut found = None;
+        let mut nearest = f32::NEG_INFINITY;
+        for facet in first..end {
+            let at = in_piece(&self.scene.facets[facet].source_uv, hit.u, hit.v);
+            let inside = at.x.min(at.y).min(1.0 - at.x - at.y);
+            if inside > nearest {
+                (nearest, found) = (inside, Some((facet, at)));
+            }
+            if inside >= 0.0 {
+                break;
+            }
+        }
+        found
+    }
+
+    fn on_facet(&self, values: &Values, facet: usize, back: bool, at: Vec2) -> Rgb {
+        let (u, v) = (at.x.clamp(0.0, 1.0), at.y.clamp(0.0, 1.0 - at.x.clamp(0.0, 1.0)));
+        let piece = &self.scene.facets[facet];
+        let Some(corners) = self.reconstruction.corners(facet, back, piece, u, v) else {
+            return Rgb::ZERO;
+        };
+        let all = corners.iter();
+        let smooth: Rgb =
+            all.map(|(vertex, weight)| values.vertices[*vertex as usize] * *weight).sum();
+        // A vertex may hear patches on the other side of a wall that stands there.
+        let Some(first) = piece.first_patch(back) else { return Rgb::ZERO };
+        let own =
+            values.patches[(first + cell_index(piece.divisions, u, v)) as usize].max(Rgb::ZERO);
+        smooth.clamp(own / MOST_CHANGE, own * MOST_CHANGE)
+    }
+
+    /// Irradiance that has bounced, at barycentric coordinates of a facet of the mesh.
+    pub fn bounced(&self, facet: usize, back: bool, at: Vec2) -> Rgb {
+        self.on_facet(&self.indirect, facet, back, at)
+    }
+
+    /// Irradiance from the emitters, at barycentric coordinates of a facet of the mesh.
+    pub fn direct(&self, facet: usize, back: bool, at: Vec2) -> Rgb {
+        self.on_facet(&self.both, facet, back, at) - self.on_facet(&self.indirect, facet, back, at)
+    }
+
+    /// Radiance that a hit reflects, as if all of it were diffuse. With a point of the unit cube
+    /// the direct light there is found out afresh, else it is as the patches have it.
+    pub fn reflected(&self, hit: &Hit, afresh: Option<Vec3>) -> Rgb {
+        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
+        let mut albedo = surface.reflectance.diffuse;
+        if surface.reflectance.is_glossy() {
+            let lobe = LobeAlbedo::shared().mean(surface.reflectance.exponent);
+            albedo += surface.reflectance.specular * lobe;
+        }
+        if albedo == Rgb::ZERO {
+            return Rgb::ZERO;
+        }
+        let Some(xi) = afresh else { return albedo * self.irradiance(hit, false) / PI };
+        let (start, normal) = (surface.start(), surface.normal);
+        let direct = self.lights.once(&self.world.rays, start, normal, xi);
+        let irradiance = self.irradiance(hit, true) + direct;
+        albedo * irradiance / PI
+    }
+}
+
+/// Barycentric coordinates in a piece of the barycentric (u, v) of its triangle.
+fn in_piece(corners: &[Vec2; 3], u: f32, v: f32) -> Vec2 {
+    let [a, b, c] = *corners;
+    let (ab, ac, p) = (b - a, c - a, Vec2::new(u, v) - a);
+    let determinant = ab.perp_dot(ac);
+    Vec2::new(p.perp_dot(ac), ab.perp_dot(p)) / determinant
+}
+
+fn light_patch(
+    world: &World,
+    lights: &Lights,
+    scene: &PatchedScene,
+    patch: u32,
+    points: u32,
+    seed: u64,
+) -> Patched {
+    let from = PatchPoints::new(world, scene, patch);
+    let mut sequence = Shifted::new(seed, Stream::PatchLight, u64::from(patch));
+    let mut sum = Rgb::ZERO;
+    let (mut open, mut escaped) = (0, false);
+    for _ in 0..points {
+        let (start, normal) = from.point(sequence.next_pair());
+        let direction = cosine_direction(normal, sequence.second_pair());
+        match world.rays.closest(Eye::Light, start, direction) {
+            None => escaped = true,
+            // Seeing a black back: inside a body, or behind a one-sided wall; light never comes here.
+            Some(hit) if hit.back && !world.is_two_sided(hit.triangle) => continue,
+            Some(_) => {}
+        }
+        open += 1;
+        sum += lights.once(&world.rays, start, normal, sequence.triple());
+    }
+    Patched { irradiance: sum / open.max(1) as f32, open: open as f32 / points as f32, escaped }
+}
+
+fn known_light(scene: &PatchedScene, direct: &[Patched], closed: bool) -> KnownLight {
+    let patches = &scene.patches;
+    let mut known = KnownLight {
+        radiance: patches.emission.clone(),
+        irradiance: direct.iter().map(|patch| patch.irradiance * patch.open).collect(),
+    };
+    if closed {
+        let open: Vec<f32> = direct.iter().map(|patch| patch.open).collect();
+        let left = |i: usize| patches.diffuse[i] * known.irradiance[i] / PI;
+        let radiance = equilibrium(scene, left, &open);
+        for (i, open) in open.iter().enumerate() {
+            known.radiance[i] += radiance;
+            known.irradiance[i] += PI * open * radiance;
+        }
+    }
+    known
+}

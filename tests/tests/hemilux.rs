@@ -1,0 +1,226 @@
+//! The three tiers against closed forms, against path tracing and against stochastic iteration;
+//! what must be exactly dark, and what must be the same bits.
+
+use glam::Vec3;
+use hemilux_engine::device::cpu::CpuDevice;
+use hemilux_engine::image::Picture;
+use hemilux_engine::radiometry::Rgb;
+use hemilux_engine::render::{
+    CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, StopReason, Unobserved, render,
+};
+use hemilux_engine::scene::{Scene, made};
+use hemilux_tests::comparison::{mean_ratio, relative_rmse};
+use hemilux_tests::scenes::{Builder, imported, shared};
+use std::sync::Arc;
+
+fn request(scene: &Arc<Scene>, method: &str, iterations: u64) -> RenderRequest {
+    RenderRequest {
+        scene: scene.clone(),
+        camera: CameraChoice::First,
+        width: 96,
+        height: 96,
+        method: method.into(),
+        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        seed: 1,
+        options: Default::default(),
+    }
+}
+
+fn run(request: &RenderRequest) -> Rendered {
+    let mut device = CpuDevice::new(None).unwrap();
+    render(&mut device, request, &mut Unobserved).expect("the request is good")
+}
+
+fn looking(eye: [f32; 3], target: [f32; 3]) -> CameraChoice {
+    let up = [0.0, 1.0, 0.0];
+    CameraChoice::Explicit(ExplicitCamera { eye, target, up, yfov_degrees: 60.0 })
+}
+
+/// Inside a closed box whose walls all emit and reflect, every pixel shows E/(1 − a): no tier may
+/// add noise to what is known.
+#[test]
+fn furnace_is_exact() {
+    for albedo in [0.2f32, 0.5, 0.8] {
+        let scene = imported(&made::furnace(Rgb::splat(albedo), Rgb::ONE));
+        let rendered = run(&request(&scene, "hemilux", 2));
+        let expected = 1.0 / (1.0 - albedo);
+        let worst = rendered.picture.pixels.iter().flat_map(|p| p.to_array());
+        let worst = worst.map(|x| (x / expected - 1.0).abs()).fold(0.0, f32::max);
+        println!("albedo {albedo}: worst {worst:.5}");
+        assert!(worst < 0.005, "albedo {albedo}: {worst}");
+    }
+}
+
+/// Pixels that see no emitter, in a picture where emitters are brighter than `limit`.
+fn away_from_light(picture: &Picture, limit: f32) -> impl Fn(usize) -> bool {
+    let (width, height) = (picture.width as i32, picture.height as i32);
+    let bright: Vec<bool> = picture.pixels.iter().map(|p| p.max_element() > limit).collect();
+    move |index| {
+        let (x, y) = (index as i32 % width, index as i32 / width);
+        !(-2..=2).any(|dy| {
+            (-2..=2).any(|dx| {
+                let (x, y) = (x + dx, y + dy);
+                x >= 0 && y >= 0 && x < width && y < height && bright[(y * width + x) as usize]
+            })
+        })
+    }
+}
+
+/// rRMSE against two independent halves of a reference, free of their noise:
+/// √mean((x − a)(x − b)) over the mean.
+fn error_by_halves(x: &Picture, a: &Picture, b: &Picture, counted: impl Fn(usize) -> bool) -> f64 {
+    let (mut product, mut sum, mut count) = (0.0, 0.0, 0.0);
+    let all = x.pixels.iter().zip(a.pixels.iter().zip(&b.pixels)).enumerate();
+    for (_, (x, (a, b))) in all.filter(|(index, _)| counted(*index)) {
+        product += (*x - *a).as_dvec3().dot((*x - *b).as_dvec3());
+        sum += f64::from((*a + *b).element_sum()) / 2.0;
+        count += 3.0;
+    }
+    (product / count).max(0.0).sqrt() / (sum / count)
+}
+
+/// The Cornell box of the shared reference at full size; two halves of the reference leave its
+/// noise out.
+#[test]
+fn cornell_box_reaches_two_percent_of_the_shared_reference() {
+    let files =
+        ["scenes/cornell.glb", "reference/cornell-half-a.exr", "reference/cornell-half-b.exr"];
+    let Some([scene, a, b]) = files
+        .map(shared)
+        .into_iter()
+        .collect::<Option<Vec<_>>>()
+        .and_then(|files| <[Vec<u8>; 3]>::try_from(files).ok())
+    else {
+        eprintln!("the shared reference is not there; the next test compares with our own");
+        return;
+    };
+    let (a, b) = (Picture::from_exr(&a).unwrap(), Picture::from_exr(&b).unwrap());
+    let scene = imported(&scene);
+    let mut request = request(&scene, "hemilux", 4);
+    (request.width, request.height) = (a.width, a.height);
+    let rendered = run(&request);
+    let counted = away_from_light(&a, 4.0);
+    let error = error_by_halves(&rendered.picture, &a, &b, counted);
+    let estimate = rendered.stats.estimated_error.expect("there is light");
+    println!("rRMSE {error:.4}, estimated {estimate:.4}");
+    assert!(error < 0.022, "{error}");
+    assert!((0.6..1.7).contains(&(estimate / error)), "estimated {estimate}, is {error}");
+}
+
+/// Against the engine's own path tracing, which shares no code with the tiers but the rays.
+#[test]
+fn cornell_box_agrees_with_path_tracing() {
+    let scene = imported(&made::cornell());
+    let mut halves = request(&scene, "ray-traced", 800);
+    let reference = run(&halves).picture;
+    halves.seed += 1;
+    let other = run(&halves).picture;
+    let counted = away_from_light(&reference, 4.0);
+    let picture = run(&request(&scene, "hemilux", 6)).picture;
+    let error = error_by_halves(&picture, &reference, &other, &counted);
+    let mean = mean_ratio(&picture, &reference, &counted);
+    println!("rRMSE {error:.4}, mean ratio {mean:.4}");
+    assert!(error < 0.045, "{error}");
+    assert!((mean - 1.0).abs() < 0.01, "{mean}");
+    // On a mesh of 300 patches a tier that is left out must show: this comparison can fail.
+    for (off, range) in [("none", 0.0..0.05), ("gather", 0.06..1.0), ("light", 0.06..1.0)] {
+        let mut request = request(&scene, "hemilux", 2);
+        request.options.insert("coarse_patches".into(), "300".into());
+        if off != "none" {
+            request.options.insert(off.into(), "false".into());
+        }
+        let error = error_by_halves(&run(&request).picture, &reference, &other, &counted);
+        println!("300 patches, off {off}: {error:.4}");
+        assert!(range.contains(&error), "off {off}: {error}");
+    }
+}
+
+/// Every made scene has the mean radiance that stochastic iteration gives it, with links and with
+/// shots on the coarse mesh.
+#[test]
+fn made_scenes_have_the_mean_of_stochastic_iteration() {
+    for (name, glb, iterations, closest) in [
+        ("cornell", made::cornell(), 1500, 0.02),
+        ("phong cornell", made::phong_cornell(), 600, 0.03),
+        ("corridor", made::corridor(), 2500, 0.06),
+        ("office", made::office(), 300, 0.04),
+    ] {
+        let scene = imported(&glb);
+        let mut long = request(&scene, "stochastic", iterations);
+        for (setting, value) in
+            [("burn_in", "20"), ("first_shot", "true"), ("hemicube_resolution", "128")]
+        {
+            long.options.insert(setting.into(), value.into());
+        }
+        let reference = run(&long).picture;
+        let counted = away_from_light(&reference, 8.0);
+        for solver in ["links", "shots"] {
+            let mut request = request(&scene, "hemilux", 1);
+            request.options.insert("coarse_solver".into(), solver.into());
+            request.options.insert("coarse_shots".into(), "8000".into());
+            request.options.insert("coarse_patches".into(), "8000".into());
+            let picture = run(&request).picture;
+            let mean = mean_ratio(&picture, &reference, &counted);
+            println!("{name}, {solver}: mean ratio {mean:.4}");
+            assert!((mean - 1.0).abs() < closest, "{name}, {solver}: {mean}");
+        }
+    }
+}
+
+/// Two rooms side by side with a wall of no thickness between them, light in the first only: the
+/// second is black, although records stand next to the wall on both sides.
+#[test]
+fn nothing_passes_a_sealed_wall() {
+    let mut builder = Builder::default();
+    let white = builder.lambertian(Rgb::splat(0.8));
+    let light = builder.light(Rgb::ZERO, Rgb::splat(10.0));
+    builder.cuboid(Vec3::ZERO, Vec3::new(1.037, 0.913, 1.171), true, white);
+    builder.cuboid(Vec3::X * 1.037, Vec3::new(2.173, 0.913, 1.171), true, white);
+    builder.quad(Vec3::new(0.4, 0.9, 0.4), Vec3::X * 0.2, Vec3::Z * 0.2, light);
+    let scene = builder.build();
+    let mut dark = request(&scene, "hemilux", 3);
+    dark.camera = looking([2.0, 0.5, 1.1], [1.037, 0.2, 0.3]);
+    let leaked = run(&dark).picture.mean();
+    dark.camera = looking([0.1, 0.5, 1.1], [1.037, 0.2, 0.3]);
+    let lit = run(&dark).picture.mean();
+    println!("{leaked:.2e} behind the wall, {lit:.3} before it");
+    assert!(lit > 0.1);
+    // A point at the foot of the wall may be rounded to its other side.
+    assert!(leaked < 1e-5 * lit, "{leaked}");
+}
+
+/// A block that stands on the floor and one that hovers a hair above it look the same: no light
+/// from inside, no dark fringe around.
+#[test]
+fn touching_bodies_look_like_bodies_that_nearly_touch() {
+    let picture = |gap: f32| {
+        let mut builder = Builder::default();
+        let white = builder.lambertian(Rgb::splat(0.7));
+        let light = builder.light(Rgb::ZERO, Rgb::splat(10.0));
+        builder.cuboid(Vec3::ZERO, Vec3::new(1.0, 1.0, 1.0), true, white);
+        let (low, high) = (Vec3::new(0.31, gap, 0.33), Vec3::new(0.64, 0.35, 0.62));
+        builder.cuboid(low, high, false, white);
+        builder.quad(Vec3::new(0.35, 0.99, 0.35), Vec3::X * 0.3, Vec3::Z * 0.3, light);
+        let mut request = request(&builder.build(), "hemilux", 4);
+        request.camera = looking([0.5, 0.6, 0.98], [0.5, 0.1, 0.4]);
+        run(&request).picture
+    };
+    let (touching, hovering) = (picture(0.0), picture(1e-5));
+    let error = relative_rmse(&touching, &hovering, |_| true);
+    println!("rRMSE {error:.4}");
+    assert!(error < 0.03, "{error}");
+}
+
+/// A target is reached by the method's own estimate, and the estimate is right.
+#[test]
+fn a_target_error_ends_the_job() {
+    let scene = imported(&made::cornell());
+    let reference = run(&request(&scene, "hemilux", 40)).picture;
+    let mut wanted = request(&scene, "hemilux", 1);
+    wanted.limits = Limits { target_error: Some(0.03), seconds: Some(60.0), iterations: None };
+    let rendered = run(&wanted);
+    assert_eq!(rendered.stats.stopped, StopReason::TargetError);
+    let error = relative_rmse(&rendered.picture, &reference, away_from_light(&reference, 4.0));
+    println!("{error:.4} after {} iterations", rendered.stats.iterations);
+    assert!(error < 0.045, "{error}");
+}
