@@ -42,6 +42,8 @@ fn a_job_goes_from_scene_to_picture() {
 
     let mut wish = quick();
     wish["scene"] = record["id"].clone();
+    // The selection ratio below is a figure of shots.
+    wish["method"] = json!("stochastic");
     wish["labels"] = json!({"project": "atrium"});
     let answer = server.post("/v1/jobs", &wish);
     assert_eq!(answer.status, 202, "{}", answer.text());
