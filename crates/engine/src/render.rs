@@ -93,7 +93,8 @@ pub struct Progress {
     pub iterations: u64,
     /// Hemicube shots done, or rays traced.
     pub shots: u64,
-    /// Share of shots whose shooter emits (Antal §3), 0 before the first shot.
+    /// Share of shots whose shooter emits (Antal §3); of rays, the share cast at or from a light. 0
+    /// before the first.
     pub light_source_selection_ratio: f64,
     /// Estimated rRMSE of the present picture from batch means; `None` until there are enough.
     pub estimated_error: Option<f64>,
@@ -151,7 +152,7 @@ pub struct Stats {
     pub iterations: u64,
     /// Hemicube shots, or rays.
     pub shots: u64,
-    /// Share of shots whose shooter emits.
+    /// Share of shots whose shooter emits; of rays, the share cast at or from a light.
     pub light_source_selection_ratio: f64,
     /// Seconds with start-up and file reading.
     pub seconds_total: f64,

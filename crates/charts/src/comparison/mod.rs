@@ -170,7 +170,7 @@ pub struct Run {
     pub iterations: u64,
     /// Hemicube shots, or rays.
     pub shots: u64,
-    /// Share of shots whose shooter emits.
+    /// Share of shots whose shooter emits; of rays, the share cast at or from a light.
     pub light_ratio: f64,
     /// Why it stopped.
     pub stopped: StopReason,

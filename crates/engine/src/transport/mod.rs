@@ -74,7 +74,7 @@ fn pick(request: &RenderRequest) -> (&'static str, Vec<String>) {
             "stochastic, because scene and picture are too large for the memory that hemilux takes";
         return ("stochastic", vec![why.into()]);
     }
-    let why = "hemilux, because it reaches every accuracy first on all scenes that were measured";
+    let why = "hemilux, which reached every accuracy first in the scenes that were compared";
     ("hemilux", vec![why.into()])
 }
 

@@ -246,7 +246,7 @@ pub struct Progress {
     pub iterations: u64,
     /// Hemicube shots done.
     pub shots: u64,
-    /// Share of shots whose shooter emits.
+    /// Share of shots whose shooter emits; of rays, the share cast at or from a light.
     pub light_source_selection_ratio: f64,
     /// Estimated rRMSE of the present picture; `null` until there is enough to tell.
     #[schema(required)]
@@ -287,7 +287,7 @@ pub struct Stats {
     pub iterations: u64,
     /// Hemicube shots.
     pub shots: u64,
-    /// Share of shots whose shooter emits.
+    /// Share of shots whose shooter emits; of rays, the share cast at or from a light.
     pub light_source_selection_ratio: f64,
     /// Estimated rRMSE of the picture.
     #[schema(required)]
@@ -383,7 +383,7 @@ pub struct Job {
     pub iterations: u64,
     /// Hemicube shots so far.
     pub shots: u64,
-    /// Share of shots whose shooter emits.
+    /// Share of shots whose shooter emits; of rays, the share cast at or from a light.
     pub light_source_selection_ratio: f64,
     /// Estimated rRMSE of the present picture.
     #[schema(required)]
@@ -425,7 +425,7 @@ pub struct TracePoint {
     pub iterations: u64,
     /// Hemicube shots.
     pub shots: u64,
-    /// Share of shots whose shooter emits.
+    /// Share of shots whose shooter emits; of rays, the share cast at or from a light.
     pub light_source_selection_ratio: f64,
     /// Estimated rRMSE.
     #[schema(required)]

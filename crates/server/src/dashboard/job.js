@@ -15,7 +15,7 @@ const FIGURES = [
   ["error", "Estimated error", "Relative error (rRMSE) of the present picture, estimated without a reference"],
   ["iterations", "Iterations", "Whole iterations of the method"],
   ["shots", "Shots", "Hemicubes shot"],
-  ["ratio", "Light-source selection ratio", "Share of shots whose shooter is a light source"],
+  ["ratio", "Light-source selection ratio", "Share of shots whose shooter is a light source; of rays, the share cast at one"],
   ["time", "Solving time", "Seconds of preparing, solving and measuring"],
   ["left", "Remaining", "Expected time to the nearest limit"],
   ["device", "Device", "Where the job runs or ran"],

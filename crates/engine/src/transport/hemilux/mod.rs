@@ -306,6 +306,7 @@ impl Tiers<'_> {
         run.tally.iterations += 1;
         if self.shooting.is_none() {
             run.tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays;
+            run.tally.light_shots = self.direct.rays;
         }
         Ok(())
     }

@@ -293,6 +293,7 @@ impl Job<'_> {
             step = ((STEP_SECONDS / per_row) as u32).clamp(1, height);
             run.tally.iterations = exposure.film.passes();
             run.tally.shots = exposure.film.rays() + light_rays;
+            run.tally.light_shots = exposure.film.light_rays() + light_rays;
             exposure.report(run);
         }
         Ok(())

@@ -22,6 +22,7 @@ struct Row {
     pixels: Vec<Sums>,
     passes: u64,
     rays: u64,
+    light_rays: u64,
 }
 
 /// What a pixel adds up to.
@@ -56,7 +57,7 @@ impl Film {
     /// An empty film.
     pub fn new([width, height]: [u32; 2], period: u32) -> Self {
         let pixels = vec![Sums::default(); width as usize];
-        let row = |_| Row { pixels: pixels.clone(), passes: 0, rays: 0 };
+        let row = |_| Row { pixels: pixels.clone(), passes: 0, rays: 0, light_rays: 0 };
         Self { width, period: u64::from(period), rows: (0..height).map(row).collect() }
     }
 
@@ -90,6 +91,11 @@ impl Film {
     /// Rays so far.
     pub fn rays(&self) -> u64 {
         self.rows.iter().map(|row| row.rays).sum()
+    }
+
+    /// Those of them that were cast at a light.
+    pub fn light_rays(&self) -> u64 {
+        self.rows.iter().map(|row| row.light_rays).sum()
     }
 
     /// The mean of the passes.
@@ -135,6 +141,7 @@ impl Row {
             let (estimate, walk) = pixels.pixel(column as u32, row, self.passes);
             let value = estimate.radiance;
             self.rays += walk.rays;
+            self.light_rays += walk.light_rays;
             sums.sum += value;
             sums.by_map += estimate.by_map;
             sums.squares += square(value);

@@ -175,6 +175,7 @@ fn solve(run: &mut Run<'_>, pixels: &Pixels<'_>, period: u32) -> (Picture, StopR
         }
         run.tally.iterations = film.passes();
         run.tally.shots = film.rays();
+        run.tally.light_shots = film.light_rays();
         if run.report_is_due() {
             if estimated.elapsed().as_secs_f64() >= ESTIMATE_PAUSE * estimate_seconds {
                 let began = Instant::now();

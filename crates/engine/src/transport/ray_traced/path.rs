@@ -62,6 +62,8 @@ pub struct Walk {
     pub numbers: Numbers,
     /// Rays so far.
     pub rays: u64,
+    /// Those of them that were cast at a light.
+    pub light_rays: u64,
     /// What [`Mapped::scatter`] adds to the radiance in place of the irradiance.
     pub by_map: Rgb,
     /// Whether a camera ray saw an emitter.
@@ -84,7 +86,7 @@ enum Choice {
 impl Walk {
     /// No rays yet.
     pub fn new(numbers: Numbers) -> Self {
-        Self { numbers, rays: 0, by_map: Rgb::ZERO, saw_emitter: false, turn: None }
+        Self { numbers, rays: 0, light_rays: 0, by_map: Rgb::ZERO, saw_emitter: false, turn: None }
     }
 
     /// What spreads a choice at surface number `surface` of a path.
@@ -369,6 +371,7 @@ impl Tracer<'_> {
                 arriving *= inside.left_after((end - surface.start()).length());
             }
             walk.rays += 1;
+            walk.light_rays += 1;
             if !self.world.rays.blocked(surface.start(), end, |_| false) {
                 radiance += arriving;
             }
@@ -415,6 +418,7 @@ impl Tracer<'_> {
                     return (Rgb::ZERO, 0.0);
                 }
                 walk.rays += 1;
+                walk.light_rays += 1;
                 let own = |triangle| disks.is_of(disk, triangle);
                 if self.world.rays.blocked(from, end, own) {
                     return (Rgb::ZERO, cosine);
