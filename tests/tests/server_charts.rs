@@ -6,7 +6,8 @@ use serde_json::{Value, json};
 /// A job that has error estimates soon and a target that it does not reach.
 fn estimating() -> Value {
     json!({
-        "scene": "cornell", "width": 32, "height": 32, "time_budget_s": 2, "target_error": 0.001,
+        "scene": "cornell", "method": "stochastic", "width": 32, "height": 32,
+        "time_budget_s": 2, "target_error": 0.001,
         "options": {"patches": 500, "hemicube_resolution": 64}
     })
 }
