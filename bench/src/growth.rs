@@ -108,6 +108,7 @@ fn work(method: &str) -> (Option<u64>, &'static str) {
         "stochastic" => (Some(128), "128 iterations of 8 shots"),
         "monte-carlo" => (Some(16), "16 passes through all bounces, about 60 shots each"),
         "ray-traced" => (Some(16), "16 paths a pixel; has no patches"),
+        "illumination-map" => (Some(16), "16 paths a pixel; its map has cells, not patches"),
         _ => (Some(16), "16 iterations"),
     }
 }
@@ -118,6 +119,7 @@ pub fn point(arguments: &PointArguments) -> Result<(), Failure> {
     let mut device = device::open(&arguments.device)?;
     let options = [
         ("patches", arguments.patches.to_string()),
+        ("coarse_patches", arguments.patches.to_string()),
         ("hemicube_resolution", RESOLUTION.to_string()),
         ("pixel_samples", "4".into()),
     ];
