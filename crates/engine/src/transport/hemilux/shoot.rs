@@ -13,7 +13,7 @@ use crate::random::Stream;
 use crate::rays::{Eye, Hit};
 use crate::transport::known::{albedo, equilibrium};
 use crate::transport::ray_traced::surface::World;
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::sync::Arc;
