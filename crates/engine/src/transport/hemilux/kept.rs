@@ -56,7 +56,7 @@ impl Tiers<'_> {
     /// Writes everything.
     pub fn save(&mut self, parts: &mut Parts, iterations: u64) -> Result<(), DeviceError> {
         let to = &mut parts.shared;
-        to.value(iterations.max(self.before));
+        to.value([iterations.max(self.before), self.before]);
         let direct: Vec<KeptPatch> = self.coarse.direct.iter().map(KeptPatch::from).collect();
         to.slice(&direct);
         save_links(&self.coarse.links, direct.len(), to);
@@ -132,12 +132,13 @@ impl Tiers<'_> {
     }
 }
 
-/// Iterations that it took to find the solution, and the direct light of all patches.
+/// Iterations that it took to find the solution, those of them that another camera's picture had
+/// done, and the direct light of all patches.
 pub fn restore_direct(
     from: &mut Reader<'_>,
     patches: usize,
-) -> Result<(u64, Vec<Patched>), CheckpointError> {
-    let iterations = from.count(MOST_ITERATIONS)?;
+) -> Result<([u64; 2], Vec<Patched>), CheckpointError> {
+    let iterations = [from.count(MOST_ITERATIONS)?, from.count(MOST_ITERATIONS)?];
     let direct: Vec<KeptPatch> = from.exactly(patches)?;
     let patched = |kept: &KeptPatch| Patched {
         irradiance: kept.irradiance,

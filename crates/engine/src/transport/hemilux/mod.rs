@@ -126,12 +126,12 @@ impl Method for Hemilux {
         };
         clock.lap("seconds_prepare");
         let count = stage.scene.patches.len();
-        let (before, direct) = match &mut past {
+        let ([all, before], direct) = match &mut past {
             Some(past) => {
-                let (before, direct) = kept::restore_direct(&mut past.shared, count)?;
-                (before, Some(direct))
+                let (iterations, direct) = kept::restore_direct(&mut past.shared, count)?;
+                (iterations, Some(direct))
             }
-            None => (0, None),
+            None => ([0; 2], None),
         };
         let coarse =
             Coarse::new(&world, &lights, stage.scene.clone(), PATCH_POINTS, request.seed, direct);
@@ -162,7 +162,7 @@ impl Method for Hemilux {
             cache: Cache::default(),
             options,
             seed: request.seed,
-            before: 0,
+            before,
             clock,
             picture_seconds: None,
         };
@@ -170,7 +170,7 @@ impl Method for Hemilux {
             tiers.restore_shared(past.shared)?;
             match past.bound {
                 Some(bound) => tiers.restore_bound(bound)?,
-                None => tiers.turn(before),
+                None => tiers.turn(all),
             }
         }
         let result = tiers.solve(&mut run)?;
