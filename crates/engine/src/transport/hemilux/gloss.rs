@@ -20,9 +20,9 @@ pub struct Gloss {
     /// Glossy fragments, ascending.
     fragments: Vec<u32>,
     /// Per glossy fragment: Σ radiance, Σ squared radiance over rays.
-    sums: Vec<(Rgb, Rgb)>,
+    pub(super) sums: Vec<(Rgb, Rgb)>,
     /// Passes so far.
-    passes: u32,
+    pub(super) passes: u32,
 }
 
 impl Gloss {

@@ -34,23 +34,23 @@ pub struct Lit {
     /// Irradiance with nothing in between.
     unoccluded: Rgb,
     /// Σ irradiance of the light points that were seen.
-    seen: Rgb,
+    pub(super) seen: Rgb,
     /// Σ irradiance of all light points.
-    cast: Rgb,
+    pub(super) cast: Rgb,
     /// Rays so far.
-    rays: u32,
+    pub(super) rays: u32,
     /// Rays that were blocked.
-    blocked: u32,
+    pub(super) blocked: u32,
     /// Whether rays here or around disagree.
-    disputed: bool,
+    pub(super) disputed: bool,
 }
 
 /// Direct light on all fragments.
 pub struct Direct {
-    lit: Vec<Lit>,
+    pub(super) lit: Vec<Lit>,
     /// Rays of a disputed fragment in each pass.
     more_rays: u32,
-    passes: u32,
+    pub(super) passes: u32,
     /// Shadow rays so far.
     pub rays: u64,
 }

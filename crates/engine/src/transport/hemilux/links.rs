@@ -16,11 +16,11 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// "Met nothing that reflects."
-const DARK: u32 = u32::MAX;
+pub(super) const DARK: u32 = u32::MAX;
 /// "Started inside a body."
-const COVERED: u32 = u32::MAX - 1;
+pub(super) const COVERED: u32 = u32::MAX - 1;
 /// Most links of all patches together: 4 bytes each.
-const MOST_LINKS: usize = 48 << 20;
+pub(super) const MOST_LINKS: usize = 48 << 20;
 /// Most links of a round, unless four a patch are more.
 const MOST_AT_ONCE: usize = 4 << 20;
 /// Sweeps of a solution at most, and the change at which they end, relative to the mean.
@@ -35,15 +35,15 @@ const LEAST_RAYS: f32 = 4.0;
 /// The links of all patches.
 #[derive(Default)]
 pub struct Links {
-    rounds: Vec<Round>,
+    pub(super) rounds: Vec<Round>,
     /// Irradiance that has bounced.
     pub bounced: Vec<Rgb>,
 }
 
 /// Links that were traced together: those of patch p are `links[start[p]..start[p + 1]]`.
-struct Round {
-    start: Vec<u32>,
-    links: Vec<u32>,
+pub(super) struct Round {
+    pub start: Vec<u32>,
+    pub links: Vec<u32>,
 }
 
 impl Round {

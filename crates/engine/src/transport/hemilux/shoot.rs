@@ -38,14 +38,14 @@ pub struct Coarse<'a> {
     pieces: Vec<u32>,
     /// Distance within which a facet's patches are too large to be seen from, ray units.
     near: Vec<f32>,
-    direct: Vec<Patched>,
+    pub(super) direct: Vec<Patched>,
     /// Whether no ray of all patches left the scene.
     pub closed: bool,
     /// What the iteration need not carry: the direct light and a constant radiance.
     known: Arc<KnownLight>,
     /// Sums of the iteration so far.
-    sums: Sums,
-    links: Links,
+    pub(super) sums: Sums,
+    pub(super) links: Links,
     /// Albedo of each patch, all of it taken as diffuse.
     albedo: Vec<Rgb>,
     /// Irradiance, direct and indirect.
@@ -68,18 +68,20 @@ pub struct Patched {
     /// Mean irradiance of the points that are not inside a body.
     pub irradiance: Rgb,
     /// Share of points that are not inside a body.
-    open: f32,
-    escaped: bool,
+    pub open: f32,
+    /// Whether a ray left the scene.
+    pub escaped: bool,
 }
 
 impl<'a> Coarse<'a> {
-    /// Cuts the scene and lights the patches directly, by `points` points each.
+    /// Lights the patches directly, by `points` points each, unless `direct` already says how.
     pub fn new(
         world: &'a World,
         lights: &'a Lights,
         scene: Arc<PatchedScene>,
         points: u32,
         seed: u64,
+        direct: Option<Vec<Patched>>,
     ) -> Self {
         let triangles = scene.scene.triangles.len();
         let mut pieces = vec![0u32; triangles + 1];
@@ -97,7 +99,8 @@ impl<'a> Coarse<'a> {
         let patches = scene.patches.len() as u32;
         let points = points.min((MOST_POINTS / patches.max(1) as usize) as u32).max(1);
         let lit = |patch| light_patch(world, lights, &scene, patch, points, seed);
-        let direct: Vec<Patched> = (0..patches).into_par_iter().map(lit).collect();
+        let direct: Vec<Patched> =
+            direct.unwrap_or_else(|| (0..patches).into_par_iter().map(lit).collect());
         let closed = !direct.iter().any(|patch| patch.escaped);
         let known = Arc::new(known_light(&scene, &direct, closed));
         let albedo = (0..scene.patches.len()).map(|patch| albedo(&scene, patch)).collect();
@@ -159,7 +162,7 @@ impl<'a> Coarse<'a> {
         self.links.count()
     }
 
-    fn refresh(&mut self) {
+    pub(super) fn refresh(&mut self) {
         let count = self.sums.iterations.max(1) as f32;
         let mut both = vec![Rgb::ZERO; self.direct.len()];
         let mut indirect = both.clone();
