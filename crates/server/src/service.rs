@@ -5,6 +5,7 @@ use crate::artifacts::Artifacts;
 use crate::config::Config;
 use crate::events::Bell;
 use crate::http;
+use crate::leases::{self, Leases};
 use crate::metrics::Metrics;
 use crate::queue::Queue;
 use crate::store::sqlite::SqliteStore;
@@ -38,6 +39,8 @@ pub struct Service {
     pub bell: Bell,
     /// Jobs for workers.
     pub queue: Queue,
+    /// Claims that workers hold.
+    pub leases: Arc<Leases>,
     /// Counters.
     pub metrics: Metrics,
     /// The devices.
@@ -102,6 +105,7 @@ pub async fn serve(
     let artifacts = Artifacts::local(&config.data_dir.join("artifacts")).map_err(folder_trouble)?;
     let store: Arc<dyn Store> =
         Arc::new(SqliteStore::open(&config.data_dir.join("hemilux.sqlite")).await?);
+    // The lock proves that whoever holds leases here is gone; nothing needs to run out.
     for job in store.recover().await? {
         tracing::warn!(%job, "an earlier process left this job running");
     }
@@ -116,6 +120,7 @@ pub async fn serve(
         store,
         artifacts,
         bell,
+        leases: Arc::default(),
         metrics: Metrics::default(),
         pool: Pool::new(&devices),
         vocabulary: worker::vocabulary(),
@@ -123,6 +128,11 @@ pub async fn serve(
         shutdown: stop.clone(),
         config,
     });
+    let (news, of_expiry) = (service.bell.clone(), (leases::BEAT, leases::LEASE));
+    let (store, held) = (service.store.clone(), service.leases.clone());
+    leases::supervise(store, held, stop.clone(), of_expiry, move |lease| {
+        news.ring(lease.claim.job);
+    })?;
     let workers = worker::start(&service)?;
     let purge = tokio::spawn(purge_deleted(service.clone()));
     tracing::info!(%address, data = %service.config.data_dir.display(), "listening");
