@@ -107,6 +107,16 @@ impl Server {
         began.elapsed()
     }
 
+    /// Waits until it can run jobs; it takes them before that.
+    pub fn until_ready(self) -> Self {
+        let deadline = Instant::now() + PATIENCE;
+        while self.get("/readyz").status != 200 {
+            assert!(Instant::now() < deadline, "the server is never ready");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        self
+    }
+
     /// The processes that it started and that still run.
     pub fn children(&self) -> Vec<u32> {
         let server = self.child.id();

@@ -75,8 +75,16 @@ pub enum ServeError {
     /// Another process uses the data folder.
     #[error("the data folder {} is in use by another hemilux process; stop it, or give another --data-dir", .0.display())]
     InUse(PathBuf),
-    /// The store cannot be opened.
-    #[error("cannot open the database: {0}")]
+    /// The database cannot be opened or read.
+    #[error("cannot use the database {}: {source}", path.display())]
+    Database {
+        /// Its file.
+        path: PathBuf,
+        /// What is wrong.
+        source: StoreError,
+    },
+    /// The store failed at the end.
+    #[error("{0}")]
     Store(#[from] StoreError),
     /// A device of --devices is not there.
     #[error("{0}")]
@@ -103,10 +111,11 @@ pub async fn serve(
     let folder_trouble = |source| ServeError::DataFolder { path: config.data_dir.clone(), source };
     std::fs::create_dir_all(config.data_dir.join("tmp")).map_err(folder_trouble)?;
     let artifacts = Artifacts::local(&config.data_dir.join("artifacts")).map_err(folder_trouble)?;
-    let store: Arc<dyn Store> =
-        Arc::new(SqliteStore::open(&config.data_dir.join("hemilux.sqlite")).await?);
+    let database = config.data_dir.join("hemilux.sqlite");
+    let trouble = |source| ServeError::Database { path: database.clone(), source };
+    let store: Arc<dyn Store> = Arc::new(SqliteStore::open(&database).await.map_err(trouble)?);
     // The lock proves that whoever holds leases here is gone; nothing needs to run out.
-    for job in store.recover().await? {
+    for job in store.recover().await.map_err(trouble)? {
         tracing::warn!(%job, "an earlier process left this job running");
     }
     let listener = TcpListener::bind(config.listen)

@@ -143,8 +143,12 @@ async fn share(service: &Service, claim: Claim, job: &Job) -> Option<Outcome> {
     for picture in &result {
         pictures.push(service.artifacts.share_picture(twin.id, job.id, picture).await.ok()?);
     }
+    // Its chart is that of the run that made the picture; the last point comes with the end.
+    let mut progress = service.store.trace(twin.id).await.ok()?;
+    progress.pop();
     let plan = twin.plan.map(|plan| (plan, twin.warnings));
-    service.store.report(claim, Report { plan, ..Report::default() }).await.ok()?;
+    let report = Report { plan, progress, ..Report::default() };
+    service.store.report(claim, report).await.ok()?;
     Some(Outcome {
         progress: Some(final_progress(&stats)),
         stats: Some(stats),
@@ -265,8 +269,9 @@ async fn write(service: &Service, claim: Claim, record: &Record) -> Option<Resul
 fn ended(service: &Service, claim: Claim, record: &Record, started: Instant) {
     match record {
         Record::Outcome(outcome) => {
-            let (iterations, shots) =
-                outcome.progress.as_ref().map_or((0, 0), |p| (p.iterations, p.shots));
+            // What was shared is no work of this job's.
+            let own = outcome.progress.as_ref().filter(|_| outcome.result_of.is_none());
+            let (iterations, shots) = own.map_or((0, 0), |p| (p.iterations, p.shots));
             let seconds = started.elapsed().as_secs_f64();
             tracing::info!(job = %claim.job, state = outcome.state.as_str(), seconds, iterations, "ended");
             service.metrics.count_job(outcome.state, seconds, iterations, shots);
