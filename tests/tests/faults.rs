@@ -64,10 +64,13 @@ fn on_a_small_disk(folder: &Path) -> Option<(Server, PathBuf)> {
     Some((server, inside))
 }
 
+/// Ends a trouble of a server.
+type Mend = Box<dyn Fn(&Server)>;
+
 #[test]
 fn a_full_disk_is_told_and_nothing_is_lost() {
     let folder = TempDir::new().unwrap();
-    let (server, mend): (Server, Box<dyn Fn(&Server)>) = match on_a_small_disk(folder.path()) {
+    let (server, mend): (Server, Mend) = match on_a_small_disk(folder.path()) {
         Some((server, inside)) => {
             let record = server.wait(&server.submit(&job(1)));
             assert_eq!(record["state"], "succeeded");
@@ -77,7 +80,7 @@ fn a_full_disk_is_told_and_nothing_is_lost() {
             (server, Box::new(move |_| fs::remove_file(&ballast).unwrap()))
         }
         None => {
-            // No file may grow past 64 KiB, and the signal about it is ignored: writes fail.
+            // No file may be written past 1 KiB, and the signal about it is ignored: writes fail.
             println!("no mount namespaces here: a limit on file sizes stands for the full disk");
             let serve = serve_command(folder.path(), &[]);
             let limit = "trap '' XFSZ; exec \"$0\" \"$@\"";
@@ -90,7 +93,7 @@ fn a_full_disk_is_told_and_nothing_is_lost() {
                 let set = Command::new("prlimit").args(["--pid", &pid, limit]).status();
                 assert!(set.unwrap().success());
             };
-            set(&server, "--fsize=65536:unlimited");
+            set(&server, "--fsize=1024:unlimited");
             (server, Box::new(move |server| set(server, "--fsize=unlimited:unlimited")))
         }
     };

@@ -13,7 +13,7 @@ fn nothing_is_lost_or_doubled_by_kill_9() {
         jobs: setting("HEMILUX_KILL_LOOP_JOBS", 10) as usize,
         kills: setting("HEMILUX_KILL_LOOP_KILLS", 12) as usize,
         clients: 4,
-        iterations: setting("HEMILUX_KILL_LOOP_ITERATIONS", 1000),
+        iterations: setting("HEMILUX_KILL_LOOP_ITERATIONS", 600),
         uptime_ms: (150, 900),
         seed: setting("HEMILUX_KILL_LOOP_SEED", 1),
     };

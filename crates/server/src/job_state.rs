@@ -4,8 +4,11 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Attempts after which a job that keeps losing its worker is given up.
-pub const MAX_ATTEMPTS: u32 = 5;
+/// Failed attempts after which a job is given up.
+pub const MAX_FAILURES: u32 = 5;
+/// Attempts that ended with their server, after which a job is given up all the same. More than
+/// failures, since whoever ends servers seldom means the job; but no job may end servers forever.
+pub const MAX_OUTAGES: u32 = 20;
 
 /// Where a job stands in its life.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -55,8 +58,10 @@ impl JobState {
 pub struct Life {
     /// Where it stands.
     pub state: JobState,
-    /// Attempts that count towards giving up, the present one included.
+    /// Attempts that count, the present one included.
     pub attempts: u32,
+    /// How many of them ended with their server.
+    pub outages: u32,
     /// The fencing token: grows with every claim, so that no two workers ever share one.
     pub fence: u64,
     /// Whether its worker is asked to end it.
@@ -90,7 +95,7 @@ pub enum Event {
         /// Whether the attempt counts: not where the server shut down in order.
         counted: bool,
     },
-    /// Nothing was heard of its worker for longer than a lease.
+    /// Its server died, or nothing was heard of its worker for longer than a lease.
     LeaseExpired {
         /// Of the claim that lapsed.
         fence: u64,
@@ -122,6 +127,7 @@ impl Life {
     pub const NEW: Self = Self {
         state: JobState::Queued,
         attempts: 0,
+        outages: 0,
         fence: 0,
         cancel_requested: false,
         deleted: false,
@@ -142,8 +148,15 @@ impl Life {
                 }
                 Ok(Self { state: end, ..held })
             }
-            Event::Release { fence, counted } => Ok(self.held_by(fence)?.put_back(counted)),
-            Event::LeaseExpired { fence } => Ok(self.held_by(fence)?.put_back(true)),
+            Event::Release { fence, counted } => {
+                let held = self.held_by(fence)?;
+                let attempts = held.attempts - u32::from(!counted);
+                Ok(Self { attempts, ..held }.put_back())
+            }
+            Event::LeaseExpired { fence } => {
+                let held = self.held_by(fence)?;
+                Ok(Self { outages: held.outages + 1, ..held }.put_back())
+            }
             _ if self.deleted => Err(Refusal::Deleted),
             Event::Claim => match self.state {
                 Queued => Ok(Self {
@@ -165,9 +178,7 @@ impl Life {
                 Ok(Self { state, fence: self.fence + 1, deleted: true, ..self })
             }
             Event::Extend => match self.state {
-                state if state.is_terminal() => {
-                    Ok(Self { state: Queued, attempts: 0, cancel_requested: false, ..self })
-                }
+                state if state.is_terminal() => Ok(Self { fence: self.fence, ..Self::NEW }),
                 state => Err(Refusal::NotNow(state)),
             },
         }
@@ -178,16 +189,16 @@ impl Life {
         if held { Ok(self) } else { Err(Refusal::ClaimLost) }
     }
 
-    fn put_back(self, counted: bool) -> Self {
-        let attempts = if counted { self.attempts } else { self.attempts.saturating_sub(1) };
+    fn put_back(self) -> Self {
+        let failures = self.attempts - self.outages;
         let state = if self.cancel_requested {
             JobState::Cancelled
-        } else if attempts >= MAX_ATTEMPTS {
+        } else if failures >= MAX_FAILURES || self.outages >= MAX_OUTAGES {
             JobState::Failed
         } else {
             JobState::Queued
         };
-        Self { state, attempts, ..self }
+        Self { state, ..self }
     }
 }
 
@@ -239,7 +250,7 @@ mod tests {
 
     /// Events with fences around those that a short life has.
     fn events() -> impl Strategy<Value = Event> {
-        let fence = 0..8u64;
+        let fence = 0..30u64;
         let end = prop::sample::select(JobState::ALL.to_vec());
         prop_oneof![
             4 => Just(Event::Claim),
@@ -259,7 +270,7 @@ mod tests {
 
         /// Whatever happens in whatever order, with workers that come back from the dead.
         #[test]
-        fn invariants_hold_in_any_order(story in prop::collection::vec(events(), 0..60)) {
+        fn invariants_hold_in_any_order(story in prop::collection::vec(events(), 0..200)) {
             let mut life = Life::NEW;
             // Of the present run, which begins when the job is queued by a client.
             let (mut results, mut claims) = (0, 0);
@@ -287,8 +298,13 @@ mod tests {
                 let takes_back = matches!(event, Event::Release { counted: false, .. })
                     || event == Event::Extend;
                 prop_assert!(next.attempts >= life.attempts || takes_back);
-                prop_assert!(next.attempts <= MAX_ATTEMPTS);
-                prop_assert!(next.state != JobState::Queued || next.attempts < MAX_ATTEMPTS);
+                prop_assert!(next.attempts >= next.outages);
+                let (failures, outages) = (next.attempts - next.outages, next.outages);
+                prop_assert!(failures <= MAX_FAILURES && outages <= MAX_OUTAGES);
+                prop_assert!(
+                    next.state != JobState::Queued
+                        || failures < MAX_FAILURES && outages < MAX_OUTAGES
+                );
                 match event {
                     Event::Extend => (results, claims) = (0, 0),
                     Event::Claim => claims += 1,
@@ -303,20 +319,30 @@ mod tests {
             }
         }
 
-        /// A job that nobody cancels and whose worker always dies is given up, not run forever.
+        /// A job that nobody cancels and that always fails, or whose server always dies, is given
+        /// up, not run forever.
         #[test]
-        fn a_poisoned_job_ends(uncounted in 0..20usize) {
+        fn a_poisoned_job_ends(deaths in prop::collection::vec(0..3u8, 100)) {
             let mut life = Life::NEW;
-            for _ in 0..uncounted {
+            let (mut failures, mut outages) = (0, 0);
+            for death in deaths {
                 life = life.after(Event::Claim).unwrap();
-                life = life.after(Event::Release { fence: life.fence, counted: false }).unwrap();
+                let fence = life.fence;
+                let event = match death {
+                    0 => Event::Release { fence, counted: false },
+                    1 => Event::Release { fence, counted: true },
+                    _ => Event::LeaseExpired { fence },
+                };
+                failures += u32::from(death == 1);
+                outages += u32::from(death == 2);
+                life = life.after(event).unwrap();
+                prop_assert_eq!((life.attempts, life.outages), (failures + outages, outages));
+                if failures == MAX_FAILURES || outages == MAX_OUTAGES {
+                    prop_assert_eq!(life.state, JobState::Failed);
+                    return Ok(());
+                }
+                prop_assert_eq!(life.state, JobState::Queued);
             }
-            for attempt in 1..=MAX_ATTEMPTS {
-                life = life.after(Event::Claim).unwrap();
-                prop_assert_eq!(life.attempts, attempt);
-                life = life.after(Event::LeaseExpired { fence: life.fence }).unwrap();
-            }
-            prop_assert_eq!(life.state, JobState::Failed);
         }
     }
 }

@@ -6,7 +6,7 @@ use super::*;
 use crate::api::events::EventData;
 use crate::api::jobs::{JobRequest, Progress};
 use crate::api::scenes::{Scene, SceneFormat};
-use crate::job_state::{JobState, MAX_ATTEMPTS};
+use crate::job_state::{JobState, MAX_FAILURES, MAX_OUTAGES};
 use std::sync::Arc;
 
 /// Somewhere that keeps what stores keep. Each call opens what another process would: a store
@@ -29,6 +29,7 @@ macro_rules! suite {
             a_worker_that_lost_its_claim_writes_nothing
             a_deleted_job_ends_its_worker_and_its_streams
             a_job_that_kills_its_workers_is_given_up
+            a_job_that_kills_its_servers_is_given_up_later
             an_orderly_shutdown_costs_no_attempt
             a_cancel_reaches_the_worker_or_ends_the_job_with_it
             ended_jobs_stay_as_they_are
@@ -232,32 +233,47 @@ pub async fn a_deleted_job_ends_its_worker_and_its_streams(place: &dyn Place) {
 pub async fn a_job_that_kills_its_workers_is_given_up(place: &dyn Place) {
     let store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
-    // One attempt fails in this process, the others take their process with them.
-    store.release(claim(&*store).await, true, "the device was lost").await.unwrap();
-    // What does not count is not told either.
-    store.release(claim(&*store).await, false, "the server shut down").await.unwrap();
-    let mut store = store;
-    for attempt in 2..=MAX_ATTEMPTS {
-        claim(&*store).await;
-        store = place.open().await;
-        assert_eq!(store.recover().await.unwrap(), [id]);
+    for attempt in 1..=MAX_FAILURES {
+        // What does not count is not told either.
+        store.release(claim(&*store).await, false, "the server shut down").await.unwrap();
+        let why = format!("fault {attempt}");
+        store.release(claim(&*store).await, true, &why).await.unwrap();
         let job = store.job(id).await.unwrap().unwrap();
         assert_eq!(job.attempts, attempt);
-        let expected = if attempt < MAX_ATTEMPTS { JobState::Queued } else { JobState::Failed };
+        let expected = if attempt < MAX_FAILURES { JobState::Queued } else { JobState::Failed };
         assert_eq!(job.state, expected);
     }
     let error = store.job(id).await.unwrap().unwrap().error.unwrap();
     assert_eq!(error.code, "poisoned");
-    assert!(error.detail.contains("attempt 1: the device was lost"), "{}", error.detail);
-    assert!(error.detail.contains("attempt 5: the server died"), "{}", error.detail);
+    assert!(error.detail.contains("attempt 1: fault 1"), "{}", error.detail);
+    assert!(error.detail.contains("attempt 5: fault 5"), "{}", error.detail);
     assert!(!error.detail.contains("shut down"), "{}", error.detail);
+    assert_eq!(terminal_events(&*store, id).await, 1);
+}
+
+pub async fn a_job_that_kills_its_servers_is_given_up_later(place: &dyn Place) {
+    let mut store = furnished(place).await;
+    let id = queue(&*store, wish(0)).await;
+    store.release(claim(&*store).await, true, "the device was lost").await.unwrap();
+    for outage in 1..=MAX_OUTAGES {
+        claim(&*store).await;
+        store = place.open().await;
+        assert_eq!(store.recover().await.unwrap(), [id]);
+        let job = store.job(id).await.unwrap().unwrap();
+        assert_eq!(job.attempts, 1 + outage);
+        let expected = if outage < MAX_OUTAGES { JobState::Queued } else { JobState::Failed };
+        assert_eq!(job.state, expected);
+    }
+    let error = store.job(id).await.unwrap().unwrap().error.unwrap();
+    assert!(error.detail.contains("attempt 1: the device was lost"), "{}", error.detail);
+    assert!(error.detail.contains("attempt 21: the server died"), "{}", error.detail);
     assert_eq!(terminal_events(&*store, id).await, 1);
 }
 
 pub async fn an_orderly_shutdown_costs_no_attempt(place: &dyn Place) {
     let store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
-    for _ in 0..2 * MAX_ATTEMPTS {
+    for _ in 0..2 * MAX_FAILURES {
         claim(&*store).await;
         assert_eq!(store.release_all().await.unwrap(), 1);
     }

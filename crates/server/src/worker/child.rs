@@ -32,7 +32,7 @@ pub fn run(device: &str, memory_mb: Option<u64>) -> io::Result<()> {
             match message.header {
                 Order::Run(task) => {
                     // No receiver: the device broke, and the process is about to end.
-                    let _ = tasks.0.send((*task, message.payload));
+                    let _ = tasks.0.send((*task, message.parts));
                 }
                 Order::Stop { run } => orders.stop(run),
                 Order::SnapshotKept { run } => orders.snapshot_kept(run),

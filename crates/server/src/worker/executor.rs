@@ -17,7 +17,7 @@ pub struct Executor {
 
 enum Body {
     Process(Process),
-    Thread { tasks: std::sync::mpsc::Sender<(Task, Vec<u8>)>, switches: Arc<Switches> },
+    Thread { tasks: std::sync::mpsc::Sender<(Task, Vec<Vec<u8>>)>, switches: Arc<Switches> },
 }
 
 impl Executor {
@@ -55,11 +55,11 @@ impl Executor {
     pub fn order(&self, order: Message<Order>) {
         match (&self.body, order.header) {
             (Body::Process(process), header) => {
-                process.order(Message { header, payload: order.payload });
+                process.order(Message { header, parts: order.parts });
             }
             (Body::Thread { tasks, .. }, Order::Run(task)) => {
                 // A thread that is gone shows by its silence.
-                let _ = tasks.send((*task, order.payload));
+                let _ = tasks.send((*task, order.parts));
             }
             (Body::Thread { switches, .. }, Order::Stop { run }) => switches.stop(run),
             (Body::Thread { switches, .. }, Order::SnapshotKept { run }) => {

@@ -62,7 +62,7 @@ pub async fn run(
         }
     };
     let run = task.run;
-    executor.order(Message { header: Order::Run(Box::new(task)), payload: scene.to_vec() });
+    executor.order(Message::about(Order::Run(Box::new(task)), scene.to_vec()));
     drop(scene);
     let Followed { ended, stop, latest } = follow(service, executor, run, claim, job).await;
 

@@ -28,6 +28,9 @@ pub const ROOM: usize = 16;
 /// Where an executor says what happens.
 pub type Mouth = mpsc::Sender<Message<Said>>;
 
+/// Where tasks come from, with the parts of their [`Order::Run`](super::wire::Order::Run).
+pub type Tasks = std::sync::mpsc::Receiver<(Task, Vec<Vec<u8>>)>;
+
 /// What may reach a run while it renders.
 #[derive(Default)]
 pub struct Switches {
@@ -58,12 +61,7 @@ impl Switches {
 
 /// Opens the device and runs tasks until there are none, nobody listens, or a task breaks the
 /// device.
-pub fn perform(
-    device_id: &str,
-    tasks: &std::sync::mpsc::Receiver<(Task, Vec<u8>)>,
-    switches: &Switches,
-    mouth: &Mouth,
-) {
+pub fn perform(device_id: &str, tasks: &Tasks, switches: &Switches, mouth: &Mouth) {
     let mut device = match devices::open(device_id) {
         Ok(device) => device,
         Err(error) => {
@@ -74,9 +72,9 @@ pub fn perform(
     if mouth.blocking_send(Said::Ready.into()).is_err() {
         return;
     }
-    while let Ok((task, scene)) = tasks.recv() {
+    while let Ok((task, parts)) = tasks.recv() {
         let attempted = catch_unwind(AssertUnwindSafe(|| {
-            attempt(device.as_mut(), &task, scene, switches, mouth)
+            attempt(device.as_mut(), &task, parts, switches, mouth)
         }))
         .unwrap_or_else(|panic| {
             let text = crate::panic_text(&*panic);
@@ -89,7 +87,7 @@ pub fn perform(
             Ok(Rendered { picture, stats }) => {
                 let size = Size(picture.width, picture.height);
                 let header = Said::Rendered(Box::new(to_stats(&stats)), size);
-                Message { header, payload: to_bytes(&picture) }
+                Message::about(header, to_bytes(&picture))
             }
             Err(failure) => Said::Failed(failure).into(),
         };
@@ -103,7 +101,7 @@ pub fn perform(
 fn attempt(
     device: &mut dyn Device,
     task: &Task,
-    scene_bytes: Vec<u8>,
+    mut parts: Vec<Vec<u8>>,
     switches: &Switches,
     mouth: &Mouth,
 ) -> Result<Rendered, Failure> {
@@ -114,6 +112,7 @@ fn attempt(
         ..Failure::new("device", reason)
     };
     failpoints::pass("load", about).map_err(|injected| lost(injected.to_string()))?;
+    let scene_bytes = parts.pop().unwrap_or_default();
     let scene = scenes::load(task.scene_format, &scene_bytes, task.max_triangles)
         .map_err(|refusal| Failure::new("scene", refusal.to_string()))?;
     drop(scene_bytes);
@@ -226,7 +225,7 @@ impl Observer for Watcher<'_> {
         self.next_snapshot_s = progress.seconds + snapshots.every_s * 2f64.powi(octave);
         self.underway = true;
         let header = Said::Snapshot(to_progress(progress), Size(picture.width, picture.height));
-        let _ = self.mouth.blocking_send(Message { header, payload: to_bytes(picture) });
+        let _ = self.mouth.blocking_send(Message::about(header, to_bytes(picture)));
     }
 
     fn cancelled(&self) -> bool {

@@ -150,7 +150,7 @@ impl Scribe {
     }
 
     fn take(&mut self, message: Message<Said>) -> Option<Ended> {
-        let picture = |size| from_bytes(size, &message.payload);
+        let picture = |size| from_bytes(size, message.parts.first()?);
         let torn = || Failure {
             retry: true,
             device_is_sound: false,

@@ -1,8 +1,8 @@
 //! What the server and an executor say to each other, and how it travels over a pipe.
 //!
-//! A message is a header, plain data in JSON, and a payload, bytes that JSON would only bloat:
-//! scenes, pixels. On a pipe: header length, u32; payload length, u64, both little-endian; header;
-//! payload. To a thread of the same process messages go as they are.
+//! A message is a header, plain data in JSON, and parts, bytes that JSON would only bloat: scenes,
+//! pixels. On a pipe: length of the header and number of parts, u32; lengths of the parts, u64, all
+//! little-endian; header; parts. To a thread of the same process messages go as they are.
 
 use crate::api::Warning;
 use crate::api::jobs::{JobRequest, Plan, Progress, Stats};
@@ -14,31 +14,41 @@ use uuid::Uuid;
 
 /// Longest header, bytes; plans and warnings are the longest there are.
 const MAX_HEADER: u32 = 64 << 20;
-/// Longest payload, bytes: well above the largest upload and the largest picture.
-const MAX_PAYLOAD: u64 = 1 << 36;
-/// Payloads grow by this at most before their bytes have come, so that a wrong length costs no
+/// Most parts.
+const MAX_PARTS: u32 = 8;
+/// Longest part, bytes: well above the largest upload and the largest picture.
+const MAX_PART: u64 = 1 << 36;
+/// Parts grow by this at most before their bytes have come, so that a wrong length costs no
 /// memory.
 const STEP: u64 = 16 << 20;
 
-/// A header with its payload.
+/// A header with its parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Message<H> {
     /// What is said.
     pub header: H,
-    /// The bytes that it is said about; often none.
-    pub payload: Vec<u8>,
+    /// The bytes that it is said about, in the order that the header's documentation names them;
+    /// often none.
+    pub parts: Vec<Vec<u8>>,
+}
+
+impl<H> Message<H> {
+    /// A message about some bytes.
+    pub fn about(header: H, part: Vec<u8>) -> Self {
+        Self { header, parts: vec![part] }
+    }
 }
 
 impl<H> From<H> for Message<H> {
     fn from(header: H) -> Self {
-        Self { header, payload: Vec::new() }
+        Self { header, parts: Vec::new() }
     }
 }
 
 /// What the server says.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Order {
-    /// Run this; the payload is the scene's bytes.
+    /// Run this; one part, the scene's bytes.
     Run(Box<Task>),
     /// End that run, with the picture so far.
     Stop {
@@ -61,7 +71,7 @@ pub struct Task {
     pub job: Uuid,
     /// Which counted attempt this is.
     pub attempt: u32,
-    /// How the payload is to be read.
+    /// How the scene's bytes are to be read.
     pub scene_format: SceneFormat,
     /// Most triangles of a scene.
     pub max_triangles: usize,
@@ -88,15 +98,15 @@ pub enum Said {
     Planned(Plan, Vec<Warning>),
     /// The figures moved.
     Progress(Progress),
-    /// A picture of the present state; the payload is its pixels.
+    /// A picture of the present state; one part, its pixels.
     Snapshot(Progress, Size),
-    /// The run is over; the payload is the picture's pixels.
+    /// The run is over; one part, the picture's pixels.
     Rendered(Box<Stats>, Size),
     /// The run came to nothing.
     Failed(Failure),
 }
 
-/// Width and height of a picture, pixels. Its payload has 12 bytes a pixel: red, green and blue
+/// Width and height of a picture, pixels. Its part has 12 bytes a pixel: red, green and blue
 /// as f32, little-endian, rows from the top.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Size(pub u32, pub u32);
@@ -129,10 +139,17 @@ pub fn write<H: Serialize>(pipe: &mut impl Write, message: &Message<H>) -> io::R
     let header = serde_json::to_vec(&message.header)?;
     let length = u32::try_from(header.len()).ok().filter(|length| *length <= MAX_HEADER);
     let length = length.ok_or_else(|| io::Error::other("the header is too long"))?;
+    let parts = u32::try_from(message.parts.len()).ok().filter(|parts| *parts <= MAX_PARTS);
+    let parts = parts.ok_or_else(|| io::Error::other("there are too many parts"))?;
     pipe.write_all(&length.to_le_bytes())?;
-    pipe.write_all(&(message.payload.len() as u64).to_le_bytes())?;
+    pipe.write_all(&parts.to_le_bytes())?;
+    for part in &message.parts {
+        pipe.write_all(&(part.len() as u64).to_le_bytes())?;
+    }
     pipe.write_all(&header)?;
-    pipe.write_all(&message.payload)?;
+    for part in &message.parts {
+        pipe.write_all(part)?;
+    }
     pipe.flush()
 }
 
@@ -141,19 +158,29 @@ pub fn write<H: Serialize>(pipe: &mut impl Write, message: &Message<H>) -> io::R
 /// # Errors
 /// As the pipe, or where what comes is no message.
 pub fn read<H: DeserializeOwned>(pipe: &mut impl Read) -> io::Result<Option<Message<H>>> {
-    let mut lengths = [0; 12];
-    match pipe.read(&mut lengths[..1])? {
+    let mut counts = [0; 8];
+    match pipe.read(&mut counts[..1])? {
         0 => return Ok(None),
-        _ => pipe.read_exact(&mut lengths[1..])?,
+        _ => pipe.read_exact(&mut counts[1..])?,
     }
-    let [a, b, c, d, rest @ ..] = lengths;
-    let (header, payload) = (u32::from_le_bytes([a, b, c, d]), u64::from_le_bytes(rest));
-    if header > MAX_HEADER || payload > MAX_PAYLOAD {
-        return Err(io::Error::other(format!("no message has {header} + {payload} bytes")));
+    let [a, b, c, d, rest @ ..] = counts;
+    let (header, parts) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes(rest));
+    if header > MAX_HEADER || parts > MAX_PARTS {
+        return Err(io::Error::other("this is no message"));
     }
-    let header = take(pipe, u64::from(header))?;
-    let header = serde_json::from_slice(&header)?;
-    Ok(Some(Message { header, payload: take(pipe, payload)? }))
+    let mut lengths = Vec::new();
+    for _ in 0..parts {
+        let mut length = [0; 8];
+        pipe.read_exact(&mut length)?;
+        let length = u64::from_le_bytes(length);
+        if length > MAX_PART {
+            return Err(io::Error::other(format!("no part has {length} bytes")));
+        }
+        lengths.push(length);
+    }
+    let header = serde_json::from_slice(&take(pipe, u64::from(header))?)?;
+    let parts = lengths.into_iter().map(|length| take(pipe, length)).collect::<Result<_, _>>()?;
+    Ok(Some(Message { header, parts }))
 }
 
 fn take(pipe: &mut impl Read, length: u64) -> io::Result<Vec<u8>> {
@@ -180,7 +207,10 @@ mod tests {
         let progress = Progress { iterations: 3, seconds: 0.1, ..Progress::default() };
         let said = [
             Message::from(Said::Ready),
-            Message { header: Said::Snapshot(progress, Size(2, 1)), payload: vec![7; 24] },
+            Message {
+                header: Said::Snapshot(progress, Size(2, 1)),
+                parts: vec![vec![7; 24], Vec::new(), vec![1]],
+            },
             Message::from(Said::Failed(Failure::new("panic", "an unexpected fault"))),
         ];
         let mut pipe = Vec::new();
@@ -191,7 +221,7 @@ mod tests {
         }
         assert_eq!(read::<Said>(&mut rest).unwrap(), None);
         // A pipe that breaks off is no orderly end, wherever it does.
-        let first = 12 + serde_json::to_vec(&Said::Ready).unwrap().len();
+        let first = 8 + serde_json::to_vec(&Said::Ready).unwrap().len();
         let second = first + {
             let mut rest = &pipe[first..];
             read::<Said>(&mut rest).unwrap();
@@ -207,8 +237,8 @@ mod tests {
 
     #[test]
     fn wrong_lengths_cost_no_memory() {
-        let mut frame = vec![2, 0, 0, 0];
-        frame.extend((MAX_PAYLOAD).to_le_bytes());
+        let mut frame = vec![2, 0, 0, 0, 1, 0, 0, 0];
+        frame.extend(MAX_PART.to_le_bytes());
         frame.extend(b"{}rest");
         let read: io::Result<Option<Message<serde_json::Value>>> = read(&mut frame.as_slice());
         assert_eq!(read.unwrap_err().kind(), io::ErrorKind::UnexpectedEof);

@@ -149,6 +149,7 @@ fn life(row: &SqliteRow) -> Result<Life, StoreError> {
     Ok(Life {
         state: rows::state(row.get("state"))?,
         attempts: row.get("attempts"),
+        outages: row.get("outages"),
         fence: row.get::<i64, _>("fence").unsigned_abs(),
         cancel_requested: row.get("cancel_requested"),
         deleted: row.get::<Option<i64>, _>("deleted_ms").is_some(),
@@ -188,13 +189,14 @@ async fn happens(
         let runs = after.state == JobState::Running;
         let holder = owner.or(row.get("lease_owner")).filter(|_| runs);
         sqlx::query(
-            "UPDATE jobs SET state = ?, attempts = ?, fence = ?, cancel_requested = ?,
+            "UPDATE jobs SET state = ?, attempts = ?, outages = ?, fence = ?, cancel_requested = ?,
                  deleted_ms = ?, started_ms = ?, finished_ms = ?, lease_owner = ?,
                  render_key = iif(?, NULL, render_key), mishaps = iif(?, '[]', mishaps)
              WHERE id = ?",
         )
         .bind(after.state.as_str())
         .bind(after.attempts)
+        .bind(after.outages)
         .bind(after.fence as i64)
         .bind(after.cancel_requested)
         .bind(after.deleted.then_some(now))
