@@ -16,6 +16,7 @@ mod paper;
 mod pixels;
 mod results;
 mod shots;
+mod tiers;
 mod views;
 
 use clap::{Parser, Subcommand};
@@ -44,6 +45,8 @@ enum Benchmark {
     GrowthPoint(growth::PointArguments),
     /// Error against rays for every way to sample a pixel, with page and charts.
     Pixels(pixels::Arguments),
+    /// How good the three-tier method is and why: ablation, calibration, growth, planning.
+    Tiers(tiers::Arguments),
 }
 
 fn main() -> Result<(), results::Failure> {
@@ -55,5 +58,6 @@ fn main() -> Result<(), results::Failure> {
         Benchmark::Growth(arguments) => growth::run(&arguments),
         Benchmark::GrowthPoint(arguments) => growth::point(&arguments),
         Benchmark::Pixels(arguments) => pixels::run(&arguments),
+        Benchmark::Tiers(arguments) => tiers::run(&arguments),
     }
 }

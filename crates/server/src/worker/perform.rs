@@ -128,6 +128,7 @@ fn attempt(
         limits: limits(asked, task.max_seconds),
         seed: asked.seed,
         options: asked.options.iter().map(|(k, v)| (k.clone(), v.to_string())).collect(),
+        begin: Default::default(),
     };
     let mut watcher = Watcher::new(task, switches, mouth);
     let rendered = render(device, &request, &mut watcher).map_err(|error| match error {
@@ -136,6 +137,7 @@ fn attempt(
         }
         RenderError::Device(error @ DeviceError::Lost { .. }) => lost(error.to_string()),
         RenderError::Device(error) => Failure::new("device", error.to_string()),
+        RenderError::Checkpoint(error) => Failure::new("checkpoint", error.to_string()),
     })?;
     failpoints::pass("rendered", about).map_err(|injected| lost(injected.to_string()))?;
     Ok(rendered)
