@@ -312,7 +312,7 @@ pub struct Stats {
 /// Why a job failed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct JobError {
-    /// A short name for programs: `parameter`, `scene`, `device`, `panic`, `poisoned`, `storage`.
+    /// A short name for programs: `parameter`, `scene`, `device`, `panic`, `picture`, `poisoned`.
     #[schema(example = "device")]
     pub code: String,
     /// What happened, in words.
