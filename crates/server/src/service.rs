@@ -1,14 +1,19 @@
 //! The running service: everything that handlers and workers share, its start and its end.
 
 use crate::api::limits::Vocabulary;
+use crate::access::KeyUses;
 use crate::artifacts::Artifacts;
 use crate::config::Config;
 use crate::events::Bell;
+use crate::disk::Disk;
 use crate::http;
+use crate::http::rate::RateLimiter;
+use crate::memory;
 use crate::metrics::Metrics;
 use crate::queue::Queue;
 use crate::store::sqlite::SqliteStore;
 use crate::store::{Store, StoreError};
+use crate::webhooks;
 use crate::worker::{self, Pool};
 use std::fs::{File, TryLockError};
 use std::net::SocketAddr;
@@ -16,7 +21,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
+use tokio::sync::{RwLock, Semaphore};
 use tokio_util::sync::CancellationToken;
 
 /// Scenes that may be imported at once: imports hold whole files in memory.
@@ -46,6 +51,16 @@ pub struct Service {
     pub vocabulary: Vocabulary,
     /// Turns at importing scenes.
     pub imports: Arc<Semaphore>,
+    /// How often each caller asked.
+    pub rates: RateLimiter,
+    /// Which keys were used.
+    pub key_uses: KeyUses,
+    /// How full the disk is.
+    pub disk: Disk,
+    /// Most bytes that a job may need by estimate; `None` where the system does not say.
+    pub max_job_bytes: Option<u64>,
+    /// Read by whoever stores a scene, written by whoever collects what nothing names.
+    pub collecting: RwLock<()>,
     /// Cancelled when the service is to end.
     pub shutdown: CancellationToken,
 }
@@ -55,7 +70,7 @@ pub struct Service {
 pub enum ServeError {
     /// The address reaches beyond this machine.
     #[error(
-        "--listen {0} can be reached from other machines and the service has no authentication; add --allow-remote if that is meant"
+        "--listen {0} can be reached from other machines and there is no API key yet; make one with `hemilux keys add`, or add --require-keys; --allow-remote serves everyone who reaches the port, if that is meant"
     )]
     Remote(SocketAddr),
     /// The address cannot be had.
@@ -92,9 +107,6 @@ pub async fn serve(
     stop: CancellationToken,
     ready: impl FnOnce(SocketAddr),
 ) -> Result<(), ServeError> {
-    if !config.listen.ip().is_loopback() && !config.allow_remote {
-        return Err(ServeError::Remote(config.listen));
-    }
     let devices = worker::devices::choose(&config.devices).map_err(ServeError::Devices)?;
     let _lock = lock_data_folder(&config)?;
     let folder_trouble = |source| ServeError::DataFolder { path: config.data_dir.clone(), source };
@@ -102,6 +114,10 @@ pub async fn serve(
     let artifacts = Artifacts::local(&config.data_dir.join("artifacts")).map_err(folder_trouble)?;
     let store: Arc<dyn Store> =
         Arc::new(SqliteStore::open(&config.data_dir.join("hemilux.sqlite")).await?);
+    let is_closed = config.guard.require_keys || store.any_keys().await?;
+    if !config.listen.ip().is_loopback() && !is_closed && !config.allow_remote {
+        return Err(ServeError::Remote(config.listen));
+    }
     for job in store.recover().await? {
         tracing::warn!(%job, "an earlier process left this job running");
     }
@@ -120,15 +136,22 @@ pub async fn serve(
         pool: Pool::new(&devices),
         vocabulary: worker::vocabulary(),
         imports: Arc::new(Semaphore::new(IMPORTS_AT_ONCE)),
+        rates: RateLimiter::default(),
+        key_uses: KeyUses::default(),
+        disk: Disk::new(config.data_dir.clone(), config.guard.min_free_mb),
+        max_job_bytes: config.guard.max_job_memory_mb.map(|mb| mb << 20).or_else(memory::total),
+        collecting: RwLock::default(),
         shutdown: stop.clone(),
         config,
     });
     let workers = worker::start(&service)?;
     let purge = tokio::spawn(purge_deleted(service.clone()));
+    let webhooks = tokio::spawn(webhooks::deliver(service.clone()));
     tracing::info!(%address, data = %service.config.data_dir.display(), "listening");
     ready(address);
 
-    let server = axum::serve(listener, http::router(service.clone()))
+    let app = http::router(service.clone()).into_make_service_with_connect_info::<SocketAddr>();
+    let server = axum::serve(listener, app)
         .with_graceful_shutdown(stop.clone().cancelled_owned());
     let server = tokio::spawn(server.into_future());
     stop.cancelled().await;
@@ -142,6 +165,7 @@ pub async fn serve(
         tracing::warn!("some workers did not stop in time; their jobs go back to the queue");
     }
     purge.abort();
+    webhooks.abort();
     let released = service.store.release_all().await?;
     if released > 0 {
         tracing::info!(released, "running jobs went back to the queue");

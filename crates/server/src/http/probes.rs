@@ -3,13 +3,14 @@
 use super::App;
 use super::problem::Problem;
 use crate::api::{DeviceList, DeviceStatus};
-use crate::metrics;
+use crate::metrics::{self, Present};
 use axum::Json;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::header;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
+use std::time::Instant;
 use utoipa::ToSchema;
 
 /// A probe's answer.
@@ -52,8 +53,13 @@ pub async fn readyz(State(app): State<App>) -> Result<Json<Healthy>, Problem> {
     responses((status = 200, description = "The metrics.", body = String, content_type = "application/openmetrics-text"))
 )]
 pub async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
-    let counts = app.store.counts().await?;
-    let text = app.metrics.encode(&counts).map_err(|error| Problem::internal(error.to_string()))?;
+    let present = Present {
+        jobs: app.store.counts().await?,
+        devices: app.pool.devices(),
+        webhooks_pending: app.store.undelivered().await?,
+        disk_free_bytes: app.disk.free_bytes(),
+    };
+    let text = app.metrics.encode(&present).map_err(|error| Problem::internal(error.to_string()))?;
     Ok(([(header::CONTENT_TYPE, metrics::MEDIA_TYPE)], text).into_response())
 }
 
@@ -74,7 +80,9 @@ pub async fn count_requests(State(app): State<App>, request: Request, next: Next
         .extensions()
         .get::<MatchedPath>()
         .map_or_else(|| "none".to_owned(), |path| path.as_str().to_owned());
+    let begun = Instant::now();
     let response = next.run(request).await;
-    app.metrics.count_request(&method, route, response.status());
+    let seconds = begun.elapsed().as_secs_f64();
+    app.metrics.count_request(&method, route, response.status(), seconds);
     response
 }

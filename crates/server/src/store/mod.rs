@@ -1,6 +1,9 @@
 //! Where scenes, jobs and events are kept. One interface; the embedded implementation is
 //! [`sqlite`]. Everything that a client was promised is on disk when a call returns.
 
+pub mod keys;
+pub mod outbox;
+pub mod retention;
 pub mod sqlite;
 
 use crate::api::Warning;
@@ -10,6 +13,10 @@ use crate::api::scenes::Scene;
 use crate::job_state::JobState;
 use async_trait::async_trait;
 use uuid::Uuid;
+
+pub use keys::{Keys, Submitter};
+pub use outbox::Outbox;
+pub use retention::Retention;
 
 /// Why the store could not do it.
 #[derive(Debug, thiserror::Error)]
@@ -46,6 +53,8 @@ pub struct NewJob {
     pub idempotency_key: Option<String>,
     /// Hash of the request, to tell a repetition from another request under the same key.
     pub request_hash: String,
+    /// On whose behalf.
+    pub submitter: Submitter,
 }
 
 /// What became of a [`NewJob`].
@@ -59,6 +68,10 @@ pub enum Accepted {
     KeyConflict,
     /// The queue is full.
     QueueFull,
+    /// As many jobs of this submitter wait as may.
+    OwnQueueFull,
+    /// The scene was removed meanwhile.
+    SceneGone,
 }
 
 /// A worker's claim on a job. Writes under an outdated claim fail with
@@ -106,6 +119,8 @@ pub struct JobFilter {
     pub label: Option<(String, String)>,
     /// Only jobs older than this one.
     pub before: Option<Uuid>,
+    /// Only jobs of this key.
+    pub owner: Option<String>,
     /// At most so many.
     pub limit: u32,
 }
@@ -119,7 +134,7 @@ pub struct JobCounts {
 
 /// The store of one service.
 #[async_trait]
-pub trait Store: Send + Sync {
+pub trait Store: Keys + Outbox + Retention {
     /// Stores a scene; false where it was there already.
     async fn put_scene(&self, scene: &Scene) -> Result<bool, StoreError>;
     /// The scene of that id.

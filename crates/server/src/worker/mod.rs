@@ -6,7 +6,7 @@ mod job;
 pub mod scenes;
 mod watch;
 
-use crate::api::jobs::OptionValue;
+use crate::api::jobs::{JobRequest, OptionValue};
 use crate::api::limits::{OptionWord, Vocabulary};
 use crate::api::{DeviceStatus, DeviceView, FieldError};
 use crate::service::Service;
@@ -44,6 +44,12 @@ pub fn setting_problem(options: &BTreeMap<String, OptionValue>) -> Option<FieldE
         RenderError::Parameter { parameter, what } => Some(FieldError::new(parameter, what)),
         RenderError::Device(error) => Some(FieldError::new("options", error.to_string())),
     }
+}
+
+/// Memory that a job needs at least, bytes, by the estimate of its method; `None` where the method
+/// has none.
+pub fn needed_bytes(job: &JobRequest, triangles: u64) -> Option<u64> {
+    hemilux_engine::transport::needed_bytes(&job.method, triangles, job.width, job.height)
 }
 
 /// What the devices do, for whoever asks.
@@ -154,6 +160,7 @@ fn run_jobs(
         });
         let Some((claim, job)) = next else { return };
         service.pool.set(id, DeviceStatus::Busy, Some(job.id), None);
+        service.metrics.count_wait(job.timings.queued_s);
         let device_is_sound = job::run(service, runtime, device, claim, &job);
         service.bell.ring(job.id);
         if !device_is_sound {

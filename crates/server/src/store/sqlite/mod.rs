@@ -5,6 +5,9 @@
 
 mod events;
 mod jobs;
+mod keys;
+mod outbox;
+mod retention;
 mod rows;
 #[cfg(test)]
 mod tests;
@@ -71,11 +74,13 @@ fn now_ms() -> i64 {
 impl Store for SqliteStore {
     async fn put_scene(&self, scene: &Scene) -> Result<bool, StoreError> {
         let done = sqlx::query(
-            "INSERT INTO scenes (id, created_ms, record) VALUES (?, ?, ?) ON CONFLICT DO NOTHING",
+            "INSERT INTO scenes (id, created_ms, record, used_ms) VALUES (?, ?, ?, ?)
+             ON CONFLICT DO NOTHING",
         )
         .bind(&scene.id)
         .bind(scene.created_at.as_millisecond())
         .bind(rows::to_json(scene))
+        .bind(now_ms())
         .execute(&self.writer)
         .await?;
         Ok(done.rows_affected() == 1)

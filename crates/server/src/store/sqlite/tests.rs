@@ -1,6 +1,7 @@
 //! What the rest of the service relies on, checked on a database file.
 
 use super::*;
+use crate::store::Submitter;
 use crate::api::events::EventData;
 use crate::api::jobs::JobRequest;
 use crate::api::scenes::{Scene, SceneFormat};
@@ -45,6 +46,7 @@ impl Fixture {
             request,
             idempotency_key: None,
             request_hash: String::new(),
+            submitter: Submitter::default(),
         };
         assert!(matches!(self.store.accept(job, 100).await.unwrap(), Accepted::New(_)));
         id
@@ -89,6 +91,61 @@ async fn higher_priority_first_then_older() {
         assert_eq!(fixture.claim().await.job, expected);
     }
     assert!(fixture.store.claim("cpu").await.unwrap().is_none());
+}
+
+impl Fixture {
+    /// Offers a job of `who`, of whom `max_queued` may wait and `max_running` run.
+    async fn offer(&self, who: &str, max_queued: u64, max_running: u64, key: &str) -> Accepted {
+        let job = NewJob {
+            id: Uuid::now_v7(),
+            scene_id: "scene".into(),
+            request: serde_json::from_str("{}").unwrap(),
+            idempotency_key: (!key.is_empty()).then(|| key.to_owned()),
+            request_hash: String::new(),
+            submitter: Submitter {
+                owner: who.into(),
+                billed_to: who.into(),
+                max_queued: Some(max_queued),
+                max_running: Some(max_running),
+                ..Submitter::default()
+            },
+        };
+        self.store.accept(job, 100).await.unwrap()
+    }
+}
+
+#[tokio::test]
+async fn quotas_count_each_submitter_for_itself() {
+    let fixture = Fixture::new().await;
+    let id = |accepted| match accepted {
+        Accepted::New(job) => job.id,
+        other => panic!("{other:?}"),
+    };
+    let first = id(fixture.offer("a", 2, 1, "").await);
+    let second = id(fixture.offer("a", 2, 1, "").await);
+    assert!(matches!(fixture.offer("a", 2, 1, "").await, Accepted::OwnQueueFull));
+    let third = id(fixture.offer("b", 1, 2, "").await);
+    // One of a runs; the second waits though it is older than that of b.
+    let running = fixture.claim().await;
+    assert_eq!(running.job, first);
+    assert_eq!(fixture.claim().await.job, third);
+    assert!(fixture.store.claim("cpu").await.unwrap().is_none());
+    fixture.store.finish(running, done()).await.unwrap();
+    assert_eq!(fixture.claim().await.job, second);
+    // Idempotency keys are each submitter's own.
+    let (mine, other) = (fixture.offer("a", 2, 1, "k").await, fixture.offer("b", 2, 1, "k").await);
+    assert_ne!(id(mine), id(other));
+    assert!(matches!(fixture.offer("a", 2, 1, "k").await, Accepted::Again(_)));
+    // What was removed is not taken by a job any more.
+    let gone = NewJob {
+        id: Uuid::now_v7(),
+        scene_id: "no scene".into(),
+        request: serde_json::from_str("{}").unwrap(),
+        idempotency_key: None,
+        request_hash: String::new(),
+        submitter: Submitter::default(),
+    };
+    assert!(matches!(fixture.store.accept(gone, 100).await.unwrap(), Accepted::SceneGone));
 }
 
 #[tokio::test]
