@@ -43,7 +43,9 @@ pub fn scene(name: &str) -> Vec<u8> {
 
 /// A running server; killed when dropped.
 pub struct Server {
-    child: Child,
+    /// `None` where whoever started it ends it.
+    child: Option<Child>,
+    id: u32,
     /// `host:port`.
     pub address: String,
     _folder: Option<TempDir>,
@@ -74,28 +76,42 @@ impl Server {
         let output = child.stdout.take().expect("stdout is piped");
         BufReader::new(output).read_line(&mut line).expect("the server says where it listens");
         let address = line.trim().strip_prefix("http://").expect("an address").to_owned();
-        Self { child, address, _folder: None }
+        Self { id: child.id(), child: Some(child), address, _folder: None }
+    }
+
+    /// A server that somebody else started and will end.
+    pub fn attach(address: &str, id: u32) -> Self {
+        Self { child: None, id, address: address.to_owned(), _folder: None }
+    }
+
+    /// Its process id.
+    pub fn id(&self) -> u32 {
+        self.id
+    }
+
+    fn child(&mut self) -> &mut Child {
+        self.child.as_mut().expect("the server was started here")
     }
 
     /// Kills it at once, as a crash or the kernel would.
     pub fn kill(mut self) {
-        self.child.kill().expect("it can be killed");
-        self.child.wait().expect("it ends");
+        self.child().kill().expect("it can be killed");
+        self.child().wait().expect("it ends");
     }
 
     /// Asks it to end (SIGTERM); how long that took.
     pub fn terminate(mut self) -> Duration {
         let began = Instant::now();
-        let sent = Command::new("kill").arg(self.child.id().to_string()).status();
+        let sent = Command::new("kill").arg(self.id.to_string()).status();
         assert!(sent.expect("kill runs").success());
-        let status = self.child.wait().expect("it ends");
+        let status = self.child().wait().expect("it ends");
         assert!(status.success(), "{status}");
         began.elapsed()
     }
 
     /// Whether the process still runs.
     pub fn is_alive(&mut self) -> bool {
-        matches!(self.child.try_wait(), Ok(None))
+        matches!(self.child().try_wait(), Ok(None))
     }
 
     /// Sends a request and reads the whole answer.
@@ -159,6 +175,11 @@ impl Server {
         Events { lines: BufReader::new(body) }
     }
 
+    /// The headers of an event stream's answer.
+    pub fn events_head(&self, path: &str) -> Vec<(String, String)> {
+        self.open("GET", path, &[], b"").1
+    }
+
     fn open(
         &self,
         method: &str,
@@ -185,8 +206,10 @@ impl Server {
 
 impl Drop for Server {
     fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        if let Some(child) = &mut self.child {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
     }
 }
 

@@ -18,6 +18,7 @@ pub mod job_state;
 pub mod memory;
 pub mod metrics;
 pub mod queue;
+pub mod retention;
 pub mod service;
 pub mod store;
 pub mod telemetry;

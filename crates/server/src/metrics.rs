@@ -173,13 +173,7 @@ fn gauge_value(count: u64) -> i64 {
 
 impl Metrics {
     /// Counts an answered request; `seconds` until the head of the answer.
-    pub fn count_request(
-        &self,
-        method: &Method,
-        route: String,
-        status: StatusCode,
-        seconds: f64,
-    ) {
+    pub fn count_request(&self, method: &Method, route: String, status: StatusCode, seconds: f64) {
         // Made-up methods must not make new time series.
         let known = [Method::GET, Method::HEAD, Method::POST, Method::DELETE];
         let method = if known.contains(method) { method.as_str() } else { "other" };

@@ -1,35 +1,40 @@
 //! The running service: everything that handlers and workers share, its start and its end.
 
-use crate::api::limits::Vocabulary;
 use crate::access::KeyUses;
+use crate::api::limits::Vocabulary;
 use crate::artifacts::Artifacts;
 use crate::config::Config;
-use crate::events::Bell;
 use crate::disk::Disk;
+use crate::events::Bell;
 use crate::http;
 use crate::http::rate::RateLimiter;
 use crate::memory;
 use crate::metrics::Metrics;
 use crate::queue::Queue;
+use crate::retention::{self, Keeper, Removed, RetentionError};
 use crate::store::sqlite::SqliteStore;
 use crate::store::{Store, StoreError};
 use crate::webhooks;
 use crate::worker::{self, Pool};
+use axum::serve::ListenerExt;
+use rustix::net::sockopt;
 use std::fs::{File, TryLockError};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::net::TcpListener;
-use tokio::sync::{RwLock, Semaphore};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
 /// Scenes that may be imported at once: imports hold whole files in memory.
 const IMPORTS_AT_ONCE: usize = 2;
 /// How long open requests and running jobs get to end.
 const GRACE: Duration = Duration::from_secs(8);
-/// How long a deleted job is kept for streams that still follow it.
-const PURGE_AFTER_MS: i64 = 60_000;
+/// How long open requests get: a client that reads nothing must not hold the end up.
+const REQUEST_GRACE: Duration = Duration::from_secs(4);
+/// How long the system waits for a client that takes nothing of what it is sent.
+const UNREAD_TIMEOUT_MS: u32 = 60_000;
 
 /// What handlers and workers share.
 pub struct Service {
@@ -59,8 +64,8 @@ pub struct Service {
     pub disk: Disk,
     /// Most bytes that a job may need by estimate; `None` where the system does not say.
     pub max_job_bytes: Option<u64>,
-    /// Read by whoever stores a scene, written by whoever collects what nothing names.
-    pub collecting: RwLock<()>,
+    /// What goes, and when.
+    pub keeper: Keeper,
     /// Cancelled when the service is to end.
     pub shutdown: CancellationToken,
 }
@@ -90,6 +95,9 @@ pub enum ServeError {
     /// The store cannot be opened.
     #[error("cannot open the database: {0}")]
     Store(#[from] StoreError),
+    /// Files that nothing names could not be looked for.
+    #[error("cannot look through the data folder: {0}")]
+    Sweep(#[from] RetentionError),
     /// A device of --devices is not there.
     #[error("{0}")]
     Devices(String),
@@ -127,10 +135,13 @@ pub async fn serve(
     let address = listener.local_addr()?;
 
     let bell = Bell::default();
+    let keeper = Keeper::new(store.clone(), artifacts.clone(), bell.clone());
+    let orphans = keeper.sweep().await?;
     let service = Arc::new(Service {
         queue: Queue::new(store.clone(), bell.clone()),
         store,
         artifacts,
+        keeper,
         bell,
         metrics: Metrics::default(),
         pool: Pool::new(&devices),
@@ -140,25 +151,26 @@ pub async fn serve(
         key_uses: KeyUses::default(),
         disk: Disk::new(config.data_dir.clone(), config.guard.min_free_mb),
         max_job_bytes: config.guard.max_job_memory_mb.map(|mb| mb << 20).or_else(memory::total),
-        collecting: RwLock::default(),
         shutdown: stop.clone(),
         config,
     });
     let workers = worker::start(&service)?;
-    let purge = tokio::spawn(purge_deleted(service.clone()));
+    retention::report(&service, Removed { orphans, ..Removed::default() });
+    let purge = tokio::spawn(retention::keep_order(service.clone()));
     let webhooks = tokio::spawn(webhooks::deliver(service.clone()));
     tracing::info!(%address, data = %service.config.data_dir.display(), "listening");
     ready(address);
 
     let app = http::router(service.clone()).into_make_service_with_connect_info::<SocketAddr>();
-    let server = axum::serve(listener, app)
+    let server = axum::serve(listener.tap_io(drop_deaf_clients), app)
         .with_graceful_shutdown(stop.clone().cancelled_owned());
     let server = tokio::spawn(server.into_future());
     stop.cancelled().await;
     tracing::info!("shutting down");
     // Event streams and workers hear of it through the same token.
     let deadline = tokio::time::Instant::now() + GRACE;
-    if tokio::time::timeout_at(deadline, server).await.is_err() {
+    let server = tokio::time::timeout(REQUEST_GRACE, server);
+    if server.await.is_err() {
         tracing::warn!("some requests did not end in time");
     }
     if tokio::time::timeout_at(deadline, workers.joined()).await.is_err() {
@@ -172,6 +184,22 @@ pub async fn serve(
     }
     service.store.close().await;
     Ok(())
+}
+
+/// Tells the system to drop a connection whose client has vanished or reads nothing, so that
+/// neither holds a stream for ever.
+fn drop_deaf_clients(stream: &mut TcpStream) {
+    let set = |done: rustix::io::Result<()>| {
+        if let Err(error) = done {
+            tracing::debug!(%error, "cannot set an option of a connection");
+        }
+    };
+    set(sockopt::set_socket_keepalive(&*stream, true));
+    #[cfg(target_os = "linux")]
+    {
+        set(sockopt::set_tcp_keepidle(&*stream, Duration::from_secs(60)));
+        set(sockopt::set_tcp_user_timeout(&*stream, UNREAD_TIMEOUT_MS));
+    }
 }
 
 /// Holds the data folder for this process; the system lets go of it when the process ends,
@@ -189,23 +217,5 @@ fn lock_data_folder(config: &Config) -> Result<File, ServeError> {
         Ok(()) => Ok(lock),
         Err(TryLockError::WouldBlock) => Err(ServeError::InUse(config.data_dir.clone())),
         Err(TryLockError::Error(error)) => Err(trouble(error)),
-    }
-}
-
-/// Forgets deleted jobs and removes their files, now and then.
-async fn purge_deleted(service: Arc<Service>) {
-    let mut ticks = tokio::time::interval(Duration::from_secs(20));
-    loop {
-        ticks.tick().await;
-        match service.store.purge(PURGE_AFTER_MS).await {
-            Ok(jobs) => {
-                for job in jobs {
-                    if let Err(error) = service.artifacts.remove_job(job).await {
-                        tracing::warn!(%job, %error, "cannot remove the files of a deleted job");
-                    }
-                }
-            }
-            Err(error) => tracing::error!(%error, "cannot purge deleted jobs"),
-        }
     }
 }

@@ -48,7 +48,12 @@ fn every_ending() -> Vec<Ending> {
 pub struct WebhookTarget {
     /// Where to POST the message; http or https, no user name in it. Addresses inside the
     /// server's own network are refused unless its operator allows them.
-    #[schema(min_length = 1, max_length = 2048, pattern = "^https?://[A-Za-z0-9.-]+(:[0-9]{1,5})?(/[!-~]*)?$", example = "https://example.org/hemilux")]
+    #[schema(
+        min_length = 1,
+        max_length = 2048,
+        pattern = "^https?://[A-Za-z0-9.-]+(:[0-9]{1,5})?(/[!-~]*)?$",
+        example = "https://example.org/hemilux"
+    )]
     pub url: String,
     /// Which endings to tell of.
     #[serde(default = "every_ending")]
@@ -67,7 +72,10 @@ impl WebhookTarget {
         let mut wrong = |field: &str, detail: &str| {
             errors.push(FieldError::new(format!("{at}.{field}"), detail));
         };
-        if self.url.is_empty() || self.url.len() > MAX_URL_BYTES || host_and_port(&self.url).is_none() {
+        if self.url.is_empty()
+            || self.url.len() > MAX_URL_BYTES
+            || host_and_port(&self.url).is_none()
+        {
             wrong(
                 "url",
                 "must be http:// or https://, a host, and optionally a port and a path, in at most 2048 visible ASCII characters, without a user name",
@@ -101,9 +109,9 @@ pub fn host_and_port(url: &str) -> Option<(String, u16)> {
     }
     let host = authority.host();
     let host = host.strip_prefix('[').and_then(|h| h.strip_suffix(']')).unwrap_or(host);
-    let port = match authority.port() {
-        Some(port) => port.as_str().parse().ok()?,
-        None => default,
+    let port = match authority.as_str().strip_prefix(authority.host())? {
+        "" => default,
+        port => port.strip_prefix(':')?.parse().ok()?,
     };
     (!host.is_empty() && port > 0).then(|| (host.to_owned(), port))
 }

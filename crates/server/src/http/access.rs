@@ -115,10 +115,7 @@ async fn admit(app: &App, door: Door, request: &mut Request) -> Result<Option<Re
 }
 
 /// The key that a request carries, if it is good.
-async fn good_key(
-    app: &App,
-    headers: &HeaderMap,
-) -> Result<crate::api::keys::KeyRecord, Problem> {
+async fn good_key(app: &App, headers: &HeaderMap) -> Result<crate::api::keys::KeyRecord, Problem> {
     let Some(header) = headers.get(header::AUTHORIZATION) else {
         let detail = "send an API key: Authorization: Bearer hmx_…; `hemilux keys add` makes one";
         return Err(Problem::unauthenticated(detail, false));

@@ -107,8 +107,7 @@ pub async fn create_job(
     }
     check_memory(&app, &job, &scene)?;
     job.scene = Some(scene.id.clone());
-    let webhook =
-        job.webhook.clone().or_else(|| caller.key().and_then(|key| key.webhook.clone()));
+    let webhook = job.webhook.clone().or_else(|| caller.key().and_then(|key| key.webhook.clone()));
     let canonical = serde_json::to_vec(&job).map_err(|e| Problem::internal(e.to_string()))?;
     let new = NewJob {
         id: Uuid::now_v7(),

@@ -7,12 +7,10 @@ use crate::worker;
 use serde_json::json;
 use utoipa::OpenApi;
 use utoipa::openapi::path::Parameter;
-use utoipa::openapi::security::{
-    HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme,
-};
 use utoipa::openapi::schema::{
     AdditionalProperties, KnownFormat, ObjectBuilder, Schema, SchemaFormat, SchemaType, Type,
 };
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{Ref, RefOr, Response};
 
 #[derive(OpenApi)]
@@ -50,10 +48,8 @@ pub fn document() -> utoipa::openapi::OpenApi {
             operation.parameters.iter_mut().flatten().for_each(leave_out_rather_than_null);
             let responses = &mut operation.responses.responses;
             if is_closed {
-                operation.security = Some(vec![SecurityRequirement::new(
-                    "api_key",
-                    Vec::<String>::new(),
-                )]);
+                operation.security =
+                    Some(vec![SecurityRequirement::new("api_key", Vec::<String>::new())]);
                 for (status, text) in [
                     ("401", "The server asks for an API key, and there is none or a wrong one."),
                     ("429", "A limit of this caller is reached; see `limit` and Retry-After."),
@@ -63,7 +59,10 @@ pub fn document() -> utoipa::openapi::OpenApi {
                 }
             }
             for (status, text) in [
-                ("403", "A page of another site sent the request, the Host header is foreign, or the API key lacks a scope."),
+                (
+                    "403",
+                    "A page of another site sent the request, the Host header is foreign, or the API key lacks a scope.",
+                ),
                 ("500", "A fault of the server; its log has more."),
                 ("503", "Not now; see Retry-After."),
             ] {

@@ -59,7 +59,8 @@ pub async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
         webhooks_pending: app.store.undelivered().await?,
         disk_free_bytes: app.disk.free_bytes(),
     };
-    let text = app.metrics.encode(&present).map_err(|error| Problem::internal(error.to_string()))?;
+    let text =
+        app.metrics.encode(&present).map_err(|error| Problem::internal(error.to_string()))?;
     Ok(([(header::CONTENT_TYPE, metrics::MEDIA_TYPE)], text).into_response())
 }
 

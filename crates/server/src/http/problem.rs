@@ -2,6 +2,7 @@
 
 use crate::api::FieldError;
 use crate::artifacts::ArtifactError;
+use crate::retention::RetentionError;
 use crate::store::StoreError;
 use crate::trace_context::RequestId;
 use axum::body::Body;
@@ -275,6 +276,15 @@ impl From<StoreError> for Problem {
     }
 }
 
+impl From<RetentionError> for Problem {
+    fn from(error: RetentionError) -> Self {
+        match error {
+            RetentionError::Store(error) => error.into(),
+            RetentionError::Artifacts(error) => error.into(),
+        }
+    }
+}
+
 impl From<ArtifactError> for Problem {
     fn from(error: ArtifactError) -> Self {
         if error.is_not_found() {
@@ -311,7 +321,8 @@ pub async fn write_problems(request: Request, next: Next) -> Response {
             Problem::of_status(status, detail)
         }
     };
-    let document = serde_json::to_vec(&problem.document(&instance, &request_id)).unwrap_or_default();
+    let document =
+        serde_json::to_vec(&problem.document(&instance, &request_id)).unwrap_or_default();
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(MEDIA_TYPE));
     headers.insert(header::CONTENT_LENGTH, HeaderValue::from(document.len()));

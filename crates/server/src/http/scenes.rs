@@ -58,7 +58,7 @@ pub async fn create_scene(
     let (scene, is_new) = match media_type(request.headers()).as_str() {
         "multipart/form-data" => {
             upload::parts(&app, request, false).await?.store(&app, &caller).await?
-        },
+        }
         "model/gltf-binary" | "application/octet-stream" | "model/gltf+json" => {
             upload::scene_from_body(&app, &caller, request.into_body()).await?
         }

@@ -290,11 +290,7 @@ pub async fn store_scene(
     .await
     .map_err(|error| Problem::internal(error.to_string()))?;
     let scene = described.map_err(scene_problem)?;
-    // Nothing is collected between the file and the record that names it.
-    let _kept = app.collecting.read().await;
-    app.artifacts.put_scene(&id, bytes).await?;
-    let is_new = app.store.put_scene(&scene).await?;
-    app.store.hold_scene(&id, caller.billed_to()).await?;
+    let is_new = app.keeper.keep_scene(&scene, bytes, caller.billed_to()).await?;
     Ok((scene, is_new))
 }
 

@@ -111,9 +111,9 @@ impl Sender {
         allowed.ok_or_else(|| match found.first() {
             None => Sent::Failed("the host has no address".into()),
             // Which address it is stays inside: a client could map the network with it.
-            Some(_) => Sent::Refused(
-                "the host's address is not public and not in --webhook-allow".into(),
-            ),
+            Some(_) => {
+                Sent::Refused("the host's address is not public and not in --webhook-allow".into())
+            }
         })
     }
 }
@@ -182,7 +182,8 @@ mod tests {
         assert_eq!(signed, SIGNED);
     }
 
-    const SIGNED: &str = "t=1700000000,v1=e4f8e2ecae2295b2ddb2f0b5584c8275e226c0ebe9b3b819e70156bb67122e3e";
+    const SIGNED: &str =
+        "t=1700000000,v1=e4f8e2ecae2295b2ddb2f0b5584c8275e226c0ebe9b3b819e70156bb67122e3e";
 
     #[tokio::test]
     async fn inside_addresses_are_not_reached_unless_allowed() {

@@ -6,10 +6,11 @@ mod job;
 pub mod scenes;
 mod watch;
 
-use crate::api::jobs::{JobRequest, OptionValue};
+use crate::api::jobs::{Job, JobRequest, OptionValue};
 use crate::api::limits::{OptionWord, Vocabulary};
 use crate::api::{DeviceStatus, DeviceView, FieldError};
 use crate::service::Service;
+use crate::trace_context::TraceParent;
 use hemilux_engine::device::Device;
 use hemilux_engine::render::RenderError;
 use hemilux_engine::transport::options::Settings;
@@ -17,6 +18,7 @@ use hemilux_engine::transport::{METHODS, OPTIONS};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+use tracing::field::Empty;
 use uuid::Uuid;
 
 /// Longest wait before a device that does not open is tried again.
@@ -142,6 +144,24 @@ fn work(service: &Arc<Service>, runtime: &tokio::runtime::Handle, id: &str) {
     }
 }
 
+/// The span of an attempt, part of the trace of the request that asked for the job.
+fn job_span(
+    service: &Service,
+    runtime: &tokio::runtime::Handle,
+    device: &str,
+    job: &Job,
+) -> tracing::Span {
+    let attempt = job.attempts;
+    let span = tracing::info_span!("job", id = %job.id, attempt, device, trace_id = Empty);
+    let parent = runtime.block_on(service.store.trace_parent(job.id));
+    let parent = parent.ok().flatten().and_then(|text| TraceParent::parse(&text));
+    if let Some(parent) = parent {
+        span.record("trace_id", parent.trace_id());
+        crate::telemetry::continue_trace(&span, &parent);
+    }
+    span
+}
+
 /// Runs jobs until shutdown, or until the device must be opened again.
 fn run_jobs(
     service: &Arc<Service>,
@@ -161,6 +181,8 @@ fn run_jobs(
         let Some((claim, job)) = next else { return };
         service.pool.set(id, DeviceStatus::Busy, Some(job.id), None);
         service.metrics.count_wait(job.timings.queued_s);
+        let span = job_span(service, runtime, id, &job);
+        let _entered = span.enter();
         let device_is_sound = job::run(service, runtime, device, claim, &job);
         service.bell.ring(job.id);
         if !device_is_sound {

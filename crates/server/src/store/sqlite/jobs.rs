@@ -4,7 +4,9 @@ use super::{events, now_ms, outbox, rows};
 use crate::api::events::{EventData, ProgressEvent, SnapshotEvent, StateEvent};
 use crate::api::jobs::{Job, JobError, Picture};
 use crate::job_state::{JobState, MAX_ATTEMPTS, after_lost_worker};
-use crate::store::{Accepted, Claim, JobCounts, JobFilter, NewJob, Outcome, Report, StoreError, Submitter};
+use crate::store::{
+    Accepted, Claim, JobCounts, JobFilter, NewJob, Outcome, Report, StoreError, Submitter,
+};
 use sqlx::sqlite::{SqliteConnection, SqlitePool};
 use sqlx::{Connection, QueryBuilder, Row, Sqlite};
 use uuid::Uuid;

@@ -89,11 +89,13 @@ impl Keys for SqliteStore {
     }
 
     async fn key_used(&self, id: &str, at: Timestamp) -> Result<(), StoreError> {
-        sqlx::query("UPDATE api_keys SET last_used_ms = max(coalesce(last_used_ms, 0), ?) WHERE id = ?")
-            .bind(at.as_millisecond())
-            .bind(id)
-            .execute(&self.writer)
-            .await?;
+        sqlx::query(
+            "UPDATE api_keys SET last_used_ms = max(coalesce(last_used_ms, 0), ?) WHERE id = ?",
+        )
+        .bind(at.as_millisecond())
+        .bind(id)
+        .execute(&self.writer)
+        .await?;
         Ok(())
     }
 

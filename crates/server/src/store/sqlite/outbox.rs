@@ -140,10 +140,9 @@ impl Outbox for SqliteStore {
     }
 
     async fn undelivered(&self) -> Result<u64, StoreError> {
-        let row =
-            sqlx::query("SELECT count(*) AS messages FROM outbox WHERE next_ms IS NOT NULL")
-                .fetch_one(&self.reader)
-                .await?;
+        let row = sqlx::query("SELECT count(*) AS messages FROM outbox WHERE next_ms IS NOT NULL")
+            .fetch_one(&self.reader)
+            .await?;
         Ok(row.get::<i64, _>("messages").unsigned_abs())
     }
 

@@ -1,11 +1,11 @@
 //! What the rest of the service relies on, checked on a database file.
 
 use super::*;
-use crate::store::Submitter;
 use crate::api::events::EventData;
 use crate::api::jobs::JobRequest;
 use crate::api::scenes::{Scene, SceneFormat};
 use crate::job_state::{JobState, MAX_ATTEMPTS};
+use crate::store::Submitter;
 use tempfile::TempDir;
 
 struct Fixture {
