@@ -142,7 +142,29 @@ impl Metrics {
         to.register("disk_free_bytes", help, self.disk_free_bytes.clone());
         let help = "Jobs, scenes and orphaned files removed by retention";
         to.register("collected", help, self.collected.clone());
+        self.begin_at_zero();
         self
+    }
+}
+
+impl Metrics {
+    /// Makes series that are there from the start: the rate of one that appears with its first
+    /// count leaves that count out.
+    fn begin_at_zero(&self) {
+        for limit in
+            ["requests_per_second", "jobs_queued", "scene_bytes", "queue", "disk", "memory"]
+        {
+            let _ = self.refusals.get_or_create(&LimitLabel { limit });
+        }
+        for outcome in ["delivered", "failed", "given_up"] {
+            let _ = self.webhooks.get_or_create(&OutcomeLabel { outcome });
+        }
+        for kind in ["job", "scene", "orphan"] {
+            let _ = self.collected.get_or_create(&KindLabel { kind });
+        }
+        for state in JobState::ALL.into_iter().filter(|state| state.is_terminal()) {
+            let _ = self.job_seconds.get_or_create(&StateLabel { state: state.as_str() });
+        }
     }
 }
 
