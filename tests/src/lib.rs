@@ -5,6 +5,7 @@ pub mod devices;
 pub mod iterations;
 pub mod load;
 pub mod malformed;
+pub mod mutate;
 pub mod oracle;
 pub mod replicas;
 pub mod scenes;

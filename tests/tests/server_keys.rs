@@ -155,6 +155,8 @@ fn everyone_sees_only_their_own() {
         }
     }
     bob.get(picture).problem(404);
+    let cached = ann.get(picture);
+    assert!(cached.header("cache-control").starts_with("private"), "{cached:?}");
     for (method, tail, status) in [("POST", "/cancel", 404), ("POST", "/pin", 404)] {
         bob.send(method, &format!("/v1/jobs/{job}{tail}"), &[], b"").problem(status);
     }
@@ -211,6 +213,12 @@ fn limits_are_each_ones_own_and_ends_are_always_let_through() {
     // The other one has room, and its scene is not the small one's.
     let running = other.submit(&endless());
     server_wait(&other, &running, "running");
+    // Who sees that a device is busy does not learn with what.
+    let on_device = |who: &With<'_>| {
+        let devices = who.get("/v1/devices").json()["devices"].clone();
+        devices.as_array().unwrap().iter().any(|device| device["job"] == running.as_str())
+    };
+    assert_eq!((on_device(&other), on_device(&small)), (true, false));
     let waiting = other.submit(&quick());
     let waiting_too = other.submit(&quick());
     assert_ne!(waiting, waiting_too);

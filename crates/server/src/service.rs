@@ -16,14 +16,12 @@ use crate::store::sqlite::SqliteStore;
 use crate::store::{Store, StoreError};
 use crate::webhooks;
 use crate::worker::{self, Pool};
-use axum::serve::ListenerExt;
-use rustix::net::sockopt;
 use std::fs::{File, TryLockError};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
@@ -33,8 +31,6 @@ const IMPORTS_AT_ONCE: usize = 2;
 const GRACE: Duration = Duration::from_secs(8);
 /// How long open requests get: a client that reads nothing must not hold the end up.
 const REQUEST_GRACE: Duration = Duration::from_secs(4);
-/// How long the system waits for a client that takes nothing of what it is sent.
-const UNREAD_TIMEOUT_MS: u32 = 60_000;
 
 /// What handlers and workers share.
 pub struct Service {
@@ -161,16 +157,13 @@ pub async fn serve(
     tracing::info!(%address, data = %service.config.data_dir.display(), "listening");
     ready(address);
 
-    let app = http::router(service.clone()).into_make_service_with_connect_info::<SocketAddr>();
-    let server = axum::serve(listener.tap_io(drop_deaf_clients), app)
-        .with_graceful_shutdown(stop.clone().cancelled_owned());
-    let server = tokio::spawn(server.into_future());
+    let app = http::router(service.clone());
+    let server = tokio::spawn(http::listen::serve(listener, app, stop.clone(), REQUEST_GRACE));
     stop.cancelled().await;
     tracing::info!("shutting down");
     // Event streams and workers hear of it through the same token.
     let deadline = tokio::time::Instant::now() + GRACE;
-    let server = tokio::time::timeout(REQUEST_GRACE, server);
-    if server.await.is_err() {
+    if !matches!(server.await, Ok(true)) {
         tracing::warn!("some requests did not end in time");
     }
     if tokio::time::timeout_at(deadline, workers.joined()).await.is_err() {
@@ -184,22 +177,6 @@ pub async fn serve(
     }
     service.store.close().await;
     Ok(())
-}
-
-/// Tells the system to drop a connection whose client has vanished or reads nothing, so that
-/// neither holds a stream for ever.
-fn drop_deaf_clients(stream: &mut TcpStream) {
-    let set = |done: rustix::io::Result<()>| {
-        if let Err(error) = done {
-            tracing::debug!(%error, "cannot set an option of a connection");
-        }
-    };
-    set(sockopt::set_socket_keepalive(&*stream, true));
-    #[cfg(target_os = "linux")]
-    {
-        set(sockopt::set_tcp_keepidle(&*stream, Duration::from_secs(60)));
-        set(sockopt::set_tcp_user_timeout(&*stream, UNREAD_TIMEOUT_MS));
-    }
 }
 
 /// Holds the data folder for this process; the system lets go of it when the process ends,

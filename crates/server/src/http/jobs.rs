@@ -271,8 +271,8 @@ pub struct WaitQuery {
     /// Answer when the job has ended, or after so many seconds.
     #[param(minimum = 0.0, maximum = 60.0)]
     wait: Option<f64>,
-    /// What to wait for: the job's end, or any change of its state.
-    #[param(inline, default = "end")]
+    /// What to wait for: the job's end, which is the default, or any change of its state.
+    #[param(inline)]
     until: Option<Until>,
 }
 

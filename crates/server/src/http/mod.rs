@@ -9,6 +9,7 @@ mod gauge;
 mod guard;
 mod images;
 mod jobs;
+pub mod listen;
 pub mod openapi;
 mod pin;
 mod probes;
@@ -64,15 +65,18 @@ fn api() -> OpenApiRouter<App> {
 /// The whole application.
 pub fn router(app: App) -> Router {
     let (api, _) = api().split_for_parts();
-    api.merge(docs::swagger_ui())
+    let api = api
+        .merge(docs::swagger_ui())
         .merge(dashboard::pages())
         // Uploads count their own bytes; everything else is small.
         .layer(DefaultBodyLimit::disable())
         .layer(from_fn_with_state(app.clone(), access::check))
         .layer(CatchPanicLayer::custom(problem::from_panic))
         .layer(from_fn_with_state(app.clone(), guard::refuse_foreign_pages))
-        .layer(from_fn(problem::write_problems))
-        .layer(cors::layer(&app.config.guard.cors_origin))
+        .layer(from_fn(problem::write_problems));
+    let origins = &app.config.guard.cors_origin;
+    let api = if origins.is_empty() { api } else { api.layer(cors::layer(origins)) };
+    api
         // Outside the problems, which read the framework's own error texts.
         .layer(CompressionLayer::new())
         .layer(from_fn_with_state(app.clone(), probes::count_requests))

@@ -48,8 +48,11 @@ pub fn document() -> utoipa::openapi::OpenApi {
             operation.parameters.iter_mut().flatten().for_each(leave_out_rather_than_null);
             let responses = &mut operation.responses.responses;
             if is_closed {
-                operation.security =
-                    Some(vec![SecurityRequirement::new("api_key", Vec::<String>::new())]);
+                // Either of them: a server without keys asks for none.
+                operation.security = Some(vec![
+                    SecurityRequirement::default(),
+                    SecurityRequirement::new("api_key", Vec::<String>::new()),
+                ]);
                 for (status, text) in [
                     ("401", "The server asks for an API key, and there is none or a wrong one."),
                     ("429", "A limit of this caller is reached; see `limit` and Retry-After."),

@@ -2,6 +2,7 @@
 
 use super::App;
 use super::problem::Problem;
+use crate::access::Caller;
 use crate::api::{DeviceList, DeviceStatus};
 use crate::metrics::{self, Present};
 use axum::Json;
@@ -69,8 +70,19 @@ pub async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
     get, path = "/v1/devices", tag = "operations",
     responses((status = 200, description = "The devices.", body = DeviceList))
 )]
-pub async fn list_devices(State(app): State<App>) -> Json<DeviceList> {
-    Json(DeviceList { devices: app.pool.devices() })
+pub async fn list_devices(
+    State(app): State<App>,
+    caller: Caller,
+) -> Result<Json<DeviceList>, Problem> {
+    let mut devices = app.pool.devices();
+    if !caller.sees_all() {
+        for device in &mut devices {
+            let Some(job) = device.job else { continue };
+            let owner = app.store.job_owner(job).await?;
+            device.job = device.job.filter(|_| owner.as_deref() == Some(caller.owner()));
+        }
+    }
+    Ok(Json(DeviceList { devices }))
 }
 
 /// Middleware: counts requests by method, route and status.
