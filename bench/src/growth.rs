@@ -136,6 +136,7 @@ pub fn point(arguments: &PointArguments) -> Result<(), Failure> {
         },
         seed: 1,
         options: options.map(|(name, value)| (name.into(), value)).into(),
+        begin: Default::default(),
     };
     let resident_bytes = status_bytes("VmRSS");
     let stats = render(device.as_mut(), &request, &mut Unobserved)?.stats;

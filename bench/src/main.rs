@@ -17,6 +17,7 @@ mod paper;
 mod pixels;
 mod results;
 mod shots;
+mod tiers;
 mod views;
 
 use clap::{Parser, Subcommand};
@@ -47,6 +48,8 @@ enum Benchmark {
     Load(load::Arguments),
     /// Error against rays for every way to sample a pixel, with page and charts.
     Pixels(pixels::Arguments),
+    /// How good the three-tier method is and why: ablation, calibration, growth, planning.
+    Tiers(tiers::Arguments),
 }
 
 fn main() -> Result<(), results::Failure> {
@@ -59,5 +62,6 @@ fn main() -> Result<(), results::Failure> {
         Benchmark::GrowthPoint(arguments) => growth::point(&arguments),
         Benchmark::Load(arguments) => load::run(&arguments),
         Benchmark::Pixels(arguments) => pixels::run(&arguments),
+        Benchmark::Tiers(arguments) => tiers::run(&arguments),
     }
 }

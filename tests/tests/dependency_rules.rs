@@ -110,7 +110,7 @@ fn renderers_by_charts(sources: &[Source]) -> Vec<String> {
 /// Rule 3: in the engine, only the importer, the made scenes and pictures know file formats or
 /// touch files.
 fn file_users(sources: &[Source]) -> Vec<String> {
-    let allowed = ["scene::gltf", "scene::made", "image"];
+    let allowed = ["scene::gltf", "scene::made", "image", "checkpoint"];
     let touches = |line: &str| {
         // Asking the kernel how much memory there is reads no file of anyone's.
         (line.contains("std::fs") && !line.contains("\"/proc/"))
@@ -128,6 +128,7 @@ const ORDER: [&str; 13] = [
     "radiometry",
     "random",
     "scene",
+    "checkpoint",
     "rays",
     "patches",
     "hemicube",

@@ -27,6 +27,7 @@ fn request(scene: &Arc<Scene>, method: &str, size: u32, iterations: u64) -> Rend
         limits: Limits { iterations: Some(iterations), ..Limits::default() },
         seed: 1,
         options: [].into(),
+        begin: Default::default(),
     }
 }
 

@@ -23,6 +23,7 @@ fn request(scene: &Arc<Scene>, method: &str, limits: Limits) -> RenderRequest {
         limits,
         seed: 1,
         options: options.map(|(name, value)| (name.to_string(), value.to_string())).into(),
+        begin: Default::default(),
     }
 }
 

@@ -23,6 +23,7 @@ fn request(scene: Arc<Scene>, side: u32, iterations: u64) -> RenderRequest {
         limits: Limits { iterations: Some(iterations), ..Limits::default() },
         seed: 1,
         options: Default::default(),
+        begin: Default::default(),
     }
 }
 

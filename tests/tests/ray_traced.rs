@@ -30,6 +30,7 @@ fn request(scene: &Arc<Scene>, side: u32, passes: u64) -> RenderRequest {
         limits: Limits { iterations: Some(passes), ..Limits::default() },
         seed: 1,
         options: Default::default(),
+        begin: Default::default(),
     }
 }
 

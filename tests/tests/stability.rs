@@ -30,6 +30,7 @@ fn request(scene: Arc<Scene>, iterations: u64, options: &[(&str, &str)]) -> Rend
             .iter()
             .map(|(name, value)| (name.to_string(), value.to_string()))
             .collect(),
+        begin: Default::default(),
     }
 }
 

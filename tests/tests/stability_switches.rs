@@ -252,6 +252,7 @@ fn a_picture_of_nothing_but_the_constant_term() {
         limits: Limits { iterations: Some(40), ..Limits::default() },
         seed: 1,
         options: [option("preset", "paper"), option("patches", "60")].into(),
+        begin: Default::default(),
     };
     on_every_device("ΔL ≡ 0 | preset paper", |device| {
         let rendered = rendered(device, &request);

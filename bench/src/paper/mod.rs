@@ -178,6 +178,7 @@ impl Bench {
             limits: Limits::default(),
             seed: 1,
             options,
+            begin: Default::default(),
         }
     }
 

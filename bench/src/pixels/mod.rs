@@ -157,6 +157,7 @@ impl Bench {
             options: [("pixel_samples", CELLS.to_string()), ("path_strata", "false".into())]
                 .map(|(name, value)| (name.to_string(), value))
                 .into(),
+            begin: Default::default(),
         };
         for (name, value) in options.iter().copied().flatten() {
             request.options.insert((*name).into(), (*value).into());

@@ -5,14 +5,16 @@
 //! [`hemicube`] turns a shot into pixels, [`device`] runs shots, [`form_factors`] knows the classic
 //! routes to compare them with, [`transport`] holds the methods that decide which shots to run,
 //! [`measurement`] turns the solution into camera radiance and [`image`] into files.
-//! [`render`] ties them together for one job.
+//! [`render`] ties them together for one job; [`checkpoint`] keeps what one knows.
 //!
 //! The engine does no networking, knows no async runtime and keeps no global state; only
-//! [`scene::gltf`] and [`image`] know file formats.
+//! [`scene::gltf`], [`image`] and [`checkpoint`] know file formats.
 
 pub mod radiometry;
 pub mod random;
 pub mod scene;
+
+pub mod checkpoint;
 
 pub mod rays;
 

@@ -1,5 +1,6 @@
 //! One job from scene to picture: what is asked, what is reported on the way, what comes out.
 
+use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::device::{Device, DeviceError};
 use crate::image::Picture;
 use crate::scene::{Camera, Scene, Warning};
@@ -27,6 +28,22 @@ pub struct RenderRequest {
     pub seed: u64,
     /// Settings of the method by name; unknown names are refused. See [`crate::transport::OPTIONS`].
     pub options: BTreeMap<String, String>,
+    /// What it begins with.
+    pub begin: Begin,
+}
+
+/// What a job begins with.
+#[derive(Clone, Debug, Default)]
+pub enum Begin {
+    /// Nothing.
+    #[default]
+    Afresh,
+    /// All that the same job knew at an earlier moment: it goes on as if it had never stopped, on
+    /// the processor bit for bit. Iterations and seconds of before count towards the limits.
+    Continue(Arc<Checkpoint>),
+    /// What a job with another camera or another size of the picture, but else the same, found out
+    /// about the scene. Limits count from here.
+    View(Arc<Checkpoint>),
 }
 
 /// Longest side of a picture, pixels.
@@ -200,6 +217,23 @@ pub trait Observer {
     }
     /// The picture that [`Observer::wants_snapshot`] asked for.
     fn snapshot(&mut self, _picture: &Picture, _progress: &Progress) {}
+    /// Whether a checkpoint of the present state is wanted now. Asked many times a second, between
+    /// iterations.
+    fn wants_checkpoint(&mut self, _progress: &Progress) -> bool {
+        false
+    }
+    /// Whether what the job knows at its end is wanted, to go on from there some day or to take
+    /// other pictures of it. Asked once, before the last report.
+    fn wants_solution(&mut self, _progress: &Progress) -> bool {
+        false
+    }
+    /// Most bytes of a checkpoint: larger ones are not made.
+    fn most_checkpoint_bytes(&self) -> u64 {
+        u64::MAX
+    }
+    /// What [`Observer::wants_checkpoint`] or [`Observer::wants_solution`] asked for, unless it
+    /// would be too large.
+    fn checkpoint(&mut self, _checkpoint: Checkpoint) {}
     /// Whether to stop now.
     fn cancelled(&self) -> bool {
         false
@@ -233,7 +267,19 @@ pub enum RenderError {
     },
     /// The device failed; another attempt or another device may succeed.
     #[error(transparent)]
-    Device(#[from] DeviceError),
+    Device(DeviceError),
+    /// The job can't begin with that checkpoint; it can begin afresh.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+}
+
+impl From<DeviceError> for RenderError {
+    fn from(error: DeviceError) -> Self {
+        match error {
+            DeviceError::Checkpoint(error) => Self::Checkpoint(error),
+            error => Self::Device(error),
+        }
+    }
 }
 
 impl RenderError {

@@ -65,6 +65,7 @@ impl Task {
             limits,
             seed,
             options: contender.options.clone(),
+            begin: Default::default(),
         }
     }
 

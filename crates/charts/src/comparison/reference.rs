@@ -41,7 +41,7 @@ impl From<RenderError> for TruthError {
     fn from(error: RenderError) -> Self {
         match error {
             RenderError::Parameter { .. } => Self::Request(error.to_string()),
-            RenderError::Device(_) => Self::Failed(error.to_string()),
+            RenderError::Device(_) | RenderError::Checkpoint(_) => Self::Failed(error.to_string()),
         }
     }
 }

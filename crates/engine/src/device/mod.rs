@@ -6,6 +6,7 @@ mod settings;
 #[cfg(feature = "wgpu")]
 pub mod wgpu;
 
+use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::hemicube::Shot;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
@@ -58,6 +59,9 @@ pub enum DeviceError {
     /// There is no such device here.
     #[error("no device {0:?} here; `hemilux devices` lists them")]
     Unknown(String),
+    /// The state that an iteration is to go on from is not one of this device and scene.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
 }
 
 /// Where the picture is taken from, for reflections that depend on it.
@@ -111,6 +115,18 @@ pub trait Shooting {
 
     /// Sums since the last call, known light included; resets them.
     fn drain(&mut self) -> Result<Sums, DeviceError>;
+
+    /// Writes all that the iteration knows: light on its way, powers, sums since the last
+    /// [`Shooting::drain`].
+    fn save(&mut self, to: &mut Writer) -> Result<(), DeviceError>;
+
+    /// Goes on from what [`Shooting::save`] wrote, as if it had never stopped; returns the
+    /// iterations since the last [`Shooting::drain`].
+    ///
+    /// # Errors
+    /// [`DeviceError::Checkpoint`] for what another kind of device wrote, or for another scene or
+    /// other settings; the iteration is then useless.
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<u64, DeviceError>;
 
     /// Shoots the given shots, leaving the iteration as it is: item buffers and delta-form-factor
     /// sums for comparing devices.

@@ -1,6 +1,7 @@
 //! Sums of a running solution in batches of equal length, and the error estimate that their
 //! scatter gives (batch means).
 
+use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::device::Sums;
 use crate::measurement::{Measurement, PixelWeight, Solution, VertexWeights};
 use crate::radiometry::Rgb;
@@ -9,6 +10,8 @@ use crate::radiometry::Rgb;
 const MOST: usize = 16;
 /// Iterations of the first batches.
 const FIRST_LENGTH: u64 = 4;
+/// Iterations that no run comes to.
+const MOST_ITERATIONS: u64 = 1 << 48;
 /// Fewer batches give no estimate.
 const FEWEST: usize = 4;
 
@@ -21,6 +24,9 @@ pub struct Batches {
     length: u64,
     complete: Vec<Sums>,
     open: Sums,
+    /// Irradiance that another camera's picture was made of, where that can't be in batches as it
+    /// lacks what lobes send to this one.
+    earlier: Sums,
 }
 
 impl Batches {
@@ -33,7 +39,76 @@ impl Batches {
             length: FIRST_LENGTH,
             complete: Vec::new(),
             open: Sums::default(),
+            earlier: Sums::default(),
         }
+    }
+
+    /// Writes them.
+    pub fn save(&self, to: &mut Writer) {
+        to.value(self.length);
+        to.value(self.complete.len() as u64);
+        for sums in self.complete.iter().chain([&self.burnt, &self.open, &self.earlier]) {
+            to.value(sums.iterations);
+            to.slice(&sums.irradiance);
+            to.slice(&sums.glossy);
+        }
+    }
+
+    /// Takes what [`Batches::save`] wrote of the same burn-in and `patches` patches.
+    pub fn restore(
+        &mut self,
+        from: &mut Reader<'_>,
+        patches: usize,
+    ) -> Result<(), CheckpointError> {
+        let (length, count) = (from.count(MOST_ITERATIONS)?, from.count(MOST as u64 - 1)?);
+        let mut sums = || -> Result<Sums, CheckpointError> {
+            let iterations = from.count(MOST_ITERATIONS)?;
+            let (irradiance, glossy) = (from.slice::<Rgb>()?, from.slice::<Rgb>()?);
+            let whole = |values: &[Rgb]| values.is_empty() || values.len() == patches;
+            if !whole(&irradiance) || !whole(&glossy) || (iterations == 0) != irradiance.is_empty()
+            {
+                return Err(CheckpointError::damaged("a batch is not of these patches"));
+            }
+            Ok(Sums { iterations, irradiance, glossy })
+        };
+        let complete = (0..count).map(|_| sums()).collect::<Result<Vec<_>, _>>()?;
+        let (burnt, open, earlier) = (sums()?, sums()?, sums()?);
+        let like = complete.first().unwrap_or(&open).glossy.len();
+        let alike =
+            complete.iter().all(|batch| batch.iterations == length && batch.glossy.len() == like);
+        if length < FIRST_LENGTH
+            || !alike
+            || open.iterations >= length
+            || burnt.iterations > self.burn_in
+            || (burnt.iterations < self.burn_in && !(complete.is_empty() && open.iterations == 0))
+        {
+            return Err(CheckpointError::damaged("there can't be such batches"));
+        }
+        (self.length, self.complete) = (length, complete);
+        (self.burnt, self.open, self.earlier) = (burnt, open, earlier);
+        Ok(())
+    }
+
+    /// Goes over to another camera of a scene with lobes: the irradiance stays, also that of
+    /// `settled`, and batches begin anew.
+    pub fn turn(&mut self, settled: Sums) {
+        let mut earlier = self.all();
+        merge(&mut earlier, settled);
+        merge(&mut earlier, std::mem::take(&mut self.earlier));
+        earlier.glossy = Vec::new();
+        *self = Self { earlier, ..Self::new(0) };
+    }
+
+    /// Iterations that are in the average or will be.
+    fn all(&self) -> Sums {
+        let mut total = Sums::default();
+        for batch in self.complete.iter().chain([&self.open]) {
+            merge(&mut total, batch.clone());
+        }
+        if total.iterations < self.burnt.iterations {
+            merge(&mut total, self.burnt.clone());
+        }
+        total
     }
 
     /// Iterations that the burn-in or the open batch still takes.
@@ -46,7 +121,8 @@ impl Batches {
 
     /// Whether there is anything to average.
     pub fn any(&self) -> bool {
-        self.burnt.iterations + self.open.iterations > 0 || !self.complete.is_empty()
+        self.burnt.iterations + self.open.iterations + self.earlier.iterations > 0
+            || !self.complete.is_empty()
     }
 
     /// Whether there are as many batches as an estimate takes.
@@ -78,14 +154,14 @@ impl Batches {
 
     /// Mean over the iterations so far.
     pub fn mean(&self) -> Solution {
-        let mut total = Sums::default();
-        for batch in self.complete.iter().chain([&self.open]) {
-            merge(&mut total, batch.clone());
+        let mut total = self.all();
+        let mut mean = Solution::mean(&total);
+        if self.earlier.iterations > 0 {
+            total.glossy = Vec::new();
+            merge(&mut total, self.earlier.clone());
+            mean.irradiance = Solution::mean(&total).irradiance;
         }
-        if total.iterations < self.burnt.iterations {
-            merge(&mut total, self.burnt.clone());
-        }
-        Solution::mean(&total)
+        mean
     }
 
     /// Estimated rRMSE of the picture of [`Batches::mean`]: the standard error of the batch means

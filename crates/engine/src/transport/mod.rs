@@ -4,6 +4,7 @@
 mod batches;
 mod hemilux;
 mod illumination_map;
+mod kept;
 pub mod known;
 pub mod options;
 mod radiosity;
@@ -14,7 +15,7 @@ mod stochastic;
 mod unseen;
 
 use crate::device::Device;
-use crate::render::{Observer, RenderError, RenderRequest, Rendered};
+use crate::render::{Begin, Observer, RenderError, RenderRequest, Rendered};
 
 pub use options::OPTIONS;
 
@@ -100,10 +101,23 @@ pub fn run(
     observer: &mut dyn Observer,
 ) -> Result<Rendered, RenderError> {
     request.check()?;
-    let (name, reasons) = match request.method.as_str() {
-        "auto" => pick(request),
-        name => (name, vec![format!("{name} was asked for")]),
+    let (name, mut reasons) = match (request.method.as_str(), &request.begin) {
+        ("auto", Begin::Continue(past) | Begin::View(past)) => {
+            (past.header().method.as_str(), vec!["the method is the one of before".into()])
+        }
+        ("auto", Begin::Afresh) => pick(request),
+        (name, _) => (name, vec![format!("{name} was asked for")]),
     };
+    match &request.begin {
+        Begin::Afresh => {}
+        Begin::Continue(past) => {
+            reasons.push(format!("goes on after {} iterations", past.header().iterations));
+        }
+        Begin::View(past) => reasons.push(format!(
+            "begins with what another picture of the scene found out in {} iterations",
+            past.header().iterations
+        )),
+    }
     let method = REGISTRY.iter().find(|method| method.name() == name).ok_or_else(|| {
         RenderError::parameter(
             "method",

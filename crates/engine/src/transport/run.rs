@@ -1,8 +1,10 @@
 //! A job under way, whatever its method: clock, limits, counts, and who is told about them.
 
-use crate::device::Tally;
+use super::kept::{Owner, Parts};
+use crate::checkpoint::{Checkpoint, Writer};
+use crate::device::{DeviceError, Tally};
 use crate::image::Picture;
-use crate::render::{Limits, Observer, Progress, StopReason};
+use crate::render::{Begin, Limits, Observer, Progress, RenderRequest, StopReason};
 use std::time::Instant;
 
 /// Least time between progress reports, seconds.
@@ -11,6 +13,12 @@ const REPORT_SECONDS: f64 = 0.2;
 /// A job under way.
 pub struct Run<'a> {
     start: Instant,
+    /// Seconds that were spent before the start, by earlier attempts at the same job.
+    spent: f64,
+    /// Whose checkpoints this run makes.
+    pub owner: Owner,
+    /// A checkpoint was too large, so that no more are made.
+    too_large: bool,
     limits: Limits,
     observer: &'a mut dyn Observer,
     reported: Instant,
@@ -29,19 +37,85 @@ pub struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// A run that started at `start`.
-    pub fn new(start: Instant, limits: Limits, observer: &'a mut dyn Observer) -> Self {
+    /// A run of `request` that started at `start`, or went on then.
+    pub fn new(
+        start: Instant,
+        request: &RenderRequest,
+        owner: Owner,
+        observer: &'a mut dyn Observer,
+    ) -> Self {
+        let past = match &request.begin {
+            Begin::Continue(past) => Some(past.header()),
+            Begin::Afresh | Begin::View(_) => None,
+        };
         Self {
             start,
-            limits,
+            spent: past.map_or(0.0, |past| past.seconds),
+            owner,
+            too_large: false,
+            limits: request.limits,
             observer,
             reported: Instant::now(),
             picture_seconds: 0.0,
-            tally: Tally::default(),
-            estimated_error: None,
+            tally: past.map_or(Tally::default(), |past| Tally {
+                iterations: past.iterations,
+                shots: past.shots,
+                light_shots: past.light_shots,
+            }),
+            estimated_error: past.and_then(|past| past.estimated_error),
             without_estimate: false,
             known_fraction: None,
         }
+    }
+
+    /// Seconds since solving began, in all attempts.
+    pub fn seconds(&self) -> f64 {
+        self.spent + self.start.elapsed().as_secs_f64()
+    }
+
+    /// Makes a checkpoint of the present state, if one is wanted now.
+    pub fn keep_if_wanted(
+        &mut self,
+        state: impl FnOnce(&mut Parts) -> Result<(), DeviceError>,
+    ) -> Result<(), DeviceError> {
+        if self.too_large {
+            return Ok(());
+        }
+        let progress = self.progress();
+        match self.observer.wants_checkpoint(&progress) {
+            true => self.keep(&progress, state),
+            false => Ok(()),
+        }
+    }
+
+    /// Makes a checkpoint of the state at the end, if that is wanted.
+    pub fn keep_solution(
+        &mut self,
+        state: impl FnOnce(&mut Parts) -> Result<(), DeviceError>,
+    ) -> Result<(), DeviceError> {
+        let progress = self.progress();
+        match self.observer.wants_solution(&progress) {
+            true => self.keep(&progress, state),
+            false => Ok(()),
+        }
+    }
+
+    fn keep(
+        &mut self,
+        progress: &Progress,
+        state: impl FnOnce(&mut Parts) -> Result<(), DeviceError>,
+    ) -> Result<(), DeviceError> {
+        let most = self.observer.most_checkpoint_bytes();
+        let mut parts = Parts { shared: Writer::new(most), bound: Writer::new(most) };
+        state(&mut parts)?;
+        let header = self.owner.header(progress, self.tally.light_shots);
+        let kept = (parts.shared.finish()).zip(parts.bound.finish());
+        let kept = kept.map(|(shared, bound)| Checkpoint::new(header, shared, bound));
+        match kept.filter(|checkpoint| checkpoint.size() <= most) {
+            Some(checkpoint) => self.observer.checkpoint(checkpoint),
+            None => self.too_large = true,
+        }
+        Ok(())
     }
 
     /// Why to stop now, if at all. At least one iteration is done, however little time there is.
@@ -62,8 +136,7 @@ impl<'a> Run<'a> {
 
     /// Whether the time budget only suffices for the last picture.
     fn out_of_time(&self) -> bool {
-        let elapsed = self.start.elapsed().as_secs_f64();
-        self.seconds_limit().is_some_and(|limit| elapsed + self.picture_seconds >= limit)
+        self.seconds_limit().is_some_and(|limit| self.seconds() + self.picture_seconds >= limit)
     }
 
     /// Whether the job may end by the estimated error.
@@ -122,7 +195,7 @@ impl<'a> Run<'a> {
     }
 
     fn progress(&self) -> Progress {
-        let seconds = self.start.elapsed().as_secs_f64();
+        let seconds = self.seconds();
         let Limits { iterations, target_error, .. } = self.limits;
         let Tally { iterations: done, shots, light_shots } = self.tally;
         let by_time = self.seconds_limit().map(|limit| (limit - seconds).max(0.0));
@@ -154,15 +227,29 @@ impl<'a> Run<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::Unobserved;
+    use crate::render::{CameraChoice, Unobserved, choose_camera};
+    use std::collections::BTreeMap;
+    use std::sync::Arc;
     use std::time::Duration;
 
     #[test]
     fn a_target_that_cannot_be_estimated_ends_by_time() {
         let long_ago = Instant::now().checked_sub(Duration::from_secs(60)).expect("a minute ago");
-        let limits = Limits { target_error: Some(0.05), ..Limits::default() };
+        let request = RenderRequest {
+            scene: Arc::default(),
+            camera: CameraChoice::First,
+            width: 1,
+            height: 1,
+            method: "auto".into(),
+            limits: Limits { target_error: Some(0.05), ..Limits::default() },
+            seed: 0,
+            options: BTreeMap::new(),
+            begin: Begin::Afresh,
+        };
+        let (camera, _) = choose_camera(&request.scene, &request.camera).expect("a camera");
+        let owner = Owner::new(&request, "auto", &request.options, &camera);
         let mut observer = Unobserved;
-        let mut run = Run::new(long_ago, limits, &mut observer);
+        let mut run = Run::new(long_ago, &request, owner, &mut observer);
         run.tally.iterations = 1;
         assert_eq!(run.stop(), None, "an estimate may still come");
         run.without_estimate = true;

@@ -1,6 +1,7 @@
 //! What every method sets up and leaves behind: camera, plan, warnings, and at the end the figures
 //! ([`Record`]); for methods on patches the cut scene, too ([`Stage`]).
 
+use super::kept::Owner;
 use super::options::{MeshSettings, Settings};
 use super::run::Run;
 use super::unseen;
@@ -87,17 +88,13 @@ impl Record {
 
     /// The run of this job.
     pub fn run<'a>(&self, request: &RenderRequest, observer: &'a mut dyn Observer) -> Run<'a> {
-        Run::new(self.start, request.limits, observer)
+        let owner = Owner::new(request, &self.plan.method, &self.plan.settings, &self.camera);
+        Run::new(self.start, request, owner, observer)
     }
 
     /// The picture of a scene without light.
     pub fn black(&self) -> Picture {
         Picture::black(self.width, self.height)
-    }
-
-    /// Seconds since the start.
-    pub fn seconds(&self) -> f64 {
-        self.start.elapsed().as_secs_f64()
     }
 
     /// The result, with the method's own figures.
@@ -108,7 +105,7 @@ impl Record {
         diagnostics: BTreeMap<String, f64>,
     ) -> Rendered {
         let progress = run.finish();
-        let seconds = self.seconds();
+        let seconds = run.seconds();
         let stats = Stats {
             method: self.plan.method.clone(),
             stopped,

@@ -3,11 +3,15 @@
 
 use super::Method;
 use super::batches::Batches;
+use super::kept::{Parts, Past};
 use super::known::known_light;
 use super::options::{ExpectedShots, Settings, StochasticSettings};
 use super::run::Run;
 use super::stage::{Asked, Stage};
-use crate::device::{Device, ShootingSettings, VarianceReduction};
+use crate::checkpoint::{CheckpointError, Writer};
+use crate::device::{
+    Device, DeviceError, KnownLight, Shooting, ShootingSettings, VarianceReduction,
+};
 use crate::image::Picture;
 use crate::measurement::{Measurement, Solution, viewpoint};
 use crate::patches::PatchedScene;
@@ -22,6 +26,8 @@ use std::time::Instant;
 const STEP_SECONDS: f64 = 0.04;
 /// Pause between error estimates, in times of what the last one took.
 const ESTIMATE_PAUSE: f64 = 10.0;
+/// Iterations that the limits let expect, in checkpoints; 0 for none.
+const EXPECTED: &str = "expected_iterations";
 /// A mean albedo that lets light bounce for hundreds of iterations.
 const WHITE: f32 = 0.99;
 
@@ -47,6 +53,7 @@ impl Method for Stochastic {
     ) -> Result<Rendered, RenderError> {
         let settings = Settings::new(&request.options)?;
         let options = settings.stochastic()?;
+        let mut past = Past::of(request, self.name(), &settings)?;
         let stage = Stage::new(
             Asked { method: self.name(), reasons, request, settings: &settings },
             request.scene.clone(),
@@ -60,20 +67,54 @@ impl Method for Stochastic {
             return Ok(stage.rendered(run, black, BTreeMap::new()));
         }
         let measurement = stage.measurement();
+        let expected = match &past {
+            Some(past) => past.decided::<u64>(EXPECTED)?,
+            None => request.limits.iterations.unwrap_or(0),
+        };
+        run.owner.decided.insert(EXPECTED.into(), expected.to_string());
+        let expected = (expected > 0).then_some(expected);
         let mut shooting = ShootingSettings {
             seed: request.seed,
-            variance_reduction: variance_reduction(&options, request.limits.iterations),
+            variance_reduction: variance_reduction(&options, expected),
             viewpoint: Some(viewpoint(&stage.camera)),
             ..options.shooting
         };
-        let known =
-            known_light(device, &stage.scene, &shooting, options.constant, options.first_shot)?;
+        let known = match &mut past {
+            Some(past) => restored_light(past, stage.scene.patches.len())?,
+            None => {
+                known_light(device, &stage.scene, &shooting, options.constant, options.first_shot)?
+            }
+        };
         shooting.known = known.map(Arc::new);
         let batches = Batches::new(options.burn_in);
         let scene = stage.scene.clone();
-        let result = solve(&mut run, batches, device, scene, &shooting, &measurement)?;
+        let result = solve(&mut run, batches, device, scene, &shooting, &measurement, past)?;
         Ok(stage.rendered(run, result, BTreeMap::new()))
     }
+}
+
+/// Writes what was known before the first iteration.
+fn save_light(known: Option<&KnownLight>, to: &mut Writer) {
+    let none = KnownLight { radiance: Vec::new(), irradiance: Vec::new() };
+    let known = known.unwrap_or(&none);
+    to.slice(&known.radiance);
+    to.slice(&known.irradiance);
+}
+
+fn restored_light(
+    past: &mut Past<'_>,
+    patches: usize,
+) -> Result<Option<KnownLight>, CheckpointError> {
+    let radiance: Vec<Rgb> = past.shared.slice()?;
+    if radiance.is_empty() {
+        past.shared.exactly::<Rgb>(0)?;
+        return Ok(None);
+    }
+    let irradiance = past.shared.exactly(patches)?;
+    if radiance.len() != patches {
+        return Err(CheckpointError::damaged("its light is not of these patches"));
+    }
+    Ok(Some(KnownLight { radiance, irradiance }))
 }
 
 fn variance_reduction(
@@ -128,8 +169,10 @@ fn solve(
     scene: Arc<PatchedScene>,
     settings: &ShootingSettings,
     measurement: &Measurement,
+    past: Option<Past<'_>>,
 ) -> Result<(Picture, StopReason), RenderError> {
     let patches = scene.patches.len();
+    let known = settings.known.clone();
     let mut shooting = device.begin(scene, settings)?;
     let weights = measurement.vertex_weights();
     let priced = Instant::now();
@@ -137,6 +180,25 @@ fn solve(
     run.picture_seconds = priced.elapsed().as_secs_f64();
 
     let (mut step, mut undrained, mut news) = (1u64, 0u64, false);
+    if let Some(mut past) = past {
+        undrained = past.shared.value()?;
+        batches.restore(&mut past.shared, patches)?;
+        let summed = shooting.restore(&mut past.shared)?;
+        past.shared.end()?;
+        if summed != undrained || undrained >= batches.room() {
+            return Err(CheckpointError::damaged("its last batch is too long").into());
+        }
+        if past.bound.is_none() {
+            let settled = shooting.drain()?;
+            if settled.glossy.is_empty() {
+                batches.add(settled);
+            } else {
+                batches.turn(settled);
+            }
+            undrained = 0;
+        }
+        run.estimated_error = batches.relative_error(measurement, &weights);
+    }
     let (mut estimated, mut estimate_seconds) = (Instant::now(), 0.0);
     let stopped = loop {
         if let Some(reason) = run.stop() {
@@ -167,10 +229,30 @@ fn solve(
             }
             run.report(batches.any(), || measurement.picture(&batches.mean()));
         }
+        run.keep_if_wanted(|parts| {
+            save(parts, known.as_deref(), undrained, &batches, &mut *shooting)
+        })?;
     };
+    // Before the open batch leaves the device: it goes on there.
+    run.keep_solution(|parts| save(parts, known.as_deref(), undrained, &batches, &mut *shooting))?;
     if undrained > 0 {
         batches.add(shooting.drain()?);
     }
     run.estimated_error = batches.relative_error(measurement, &weights);
     Ok((measurement.picture(&batches.mean()), stopped))
+}
+
+/// All of it is on the surfaces, but for sums of lobes towards the camera; those of another one
+/// are dropped when they are read.
+fn save(
+    parts: &mut Parts,
+    known: Option<&KnownLight>,
+    undrained: u64,
+    batches: &Batches,
+    shooting: &mut dyn Shooting,
+) -> Result<(), DeviceError> {
+    save_light(known, &mut parts.shared);
+    parts.shared.value(undrained);
+    batches.save(&mut parts.shared);
+    shooting.save(&mut parts.shared)
 }

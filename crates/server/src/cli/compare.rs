@@ -185,6 +185,7 @@ fn check_size(scene: &Arc<Scene>, camera: &CameraChoice, size: (u32, u32)) -> Re
         limits: Limits::default(),
         seed: 0,
         options: BTreeMap::new(),
+        begin: Default::default(),
     };
     request.check().map_err(Failure::usage)
 }

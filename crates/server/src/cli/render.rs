@@ -135,6 +135,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         },
         seed: arguments.seed,
         options: arguments.settings.iter().cloned().collect::<BTreeMap<_, _>>(),
+        begin: Default::default(),
     };
     let mut device = devices::open(&device_id).map_err(Failure::failed)?;
     let mut console = Console::new(arguments.quiet);
@@ -149,7 +150,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         );
     console.finish();
     let Rendered { picture, mut stats } = rendered?.map_err(|error| match error {
-        RenderError::Parameter { .. } => Failure::usage(error),
+        RenderError::Parameter { .. } | RenderError::Checkpoint(_) => Failure::usage(error),
         RenderError::Device(_) => Failure::failed(error),
     })?;
     for warning in stats.warnings.iter().filter(|_| !arguments.quiet) {

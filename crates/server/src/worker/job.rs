@@ -114,6 +114,7 @@ fn attempt(
         limits: limits(job, service.config.max_seconds),
         seed: job.request.seed,
         options: job.request.options.iter().map(|(k, v)| (k.clone(), v.to_string())).collect(),
+        begin: Default::default(),
     };
     render(device, &request, watcher).map_err(|error| match error {
         RenderError::Parameter { parameter, what } => {
@@ -124,6 +125,7 @@ fn attempt(
             let failure = Failure::new("device", error.to_string());
             Failure { retry: lost, device_is_sound: !lost, ..failure }
         }
+        RenderError::Checkpoint(error) => Failure::new("checkpoint", error.to_string()),
     })
 }
 

@@ -44,7 +44,7 @@ pub fn setting_problem(options: &BTreeMap<String, OptionValue>) -> Option<FieldE
     let options = options.iter().map(|(name, value)| (name.clone(), value.to_string())).collect();
     match Settings::new(&options).err()? {
         RenderError::Parameter { parameter, what } => Some(FieldError::new(parameter, what)),
-        RenderError::Device(error) => Some(FieldError::new("options", error.to_string())),
+        error => Some(FieldError::new("options", error.to_string())),
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::kernel;
 use super::raster::Raster;
+use crate::checkpoint::{Reader, Writer};
 use crate::device::{
     DeviceError, Shooting, ShootingSettings, ShotTrace, Substitute, Sums, Tally, VarianceReduction,
     known_power, sources,
@@ -35,8 +36,8 @@ pub struct State {
     pub power: Vec<f32>,
     pub cumulative: Vec<f64>,
     /// Patches that shot in the last iteration.
-    shooters: Vec<u32>,
-    sums: Sums,
+    pub shooters: Vec<u32>,
+    pub sums: Sums,
 }
 
 /// Per-shot sums over the patches.
@@ -392,6 +393,16 @@ impl Shooting for CpuShooting<'_> {
 
     fn shooters(&mut self) -> Result<Vec<u32>, DeviceError> {
         Ok(self.state.shooters.clone())
+    }
+
+    fn save(&mut self, to: &mut Writer) -> Result<(), DeviceError> {
+        self.state.save(to);
+        Ok(())
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<u64, DeviceError> {
+        self.state.restore(from, self.scene.patches.len())?;
+        Ok(self.state.sums.iterations)
     }
 
     fn trace(&mut self, shots: &[Shot]) -> Result<Vec<ShotTrace>, DeviceError> {

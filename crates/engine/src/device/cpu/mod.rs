@@ -5,6 +5,7 @@
 
 mod deposit;
 mod iterate;
+mod kept;
 mod lobe;
 mod raster;
 mod select;

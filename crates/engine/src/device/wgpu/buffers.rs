@@ -194,6 +194,7 @@ impl Plan {
 pub struct Buffers {
     pub control: wgpu::Buffer,
     pub passes: wgpu::Buffer,
+    pub power: wgpu::Buffer,
     pub irradiance: wgpu::Buffer,
     pub incoming: wgpu::Buffer,
     /// Those of an iteration, and behind them room for traced ones.
@@ -213,6 +214,11 @@ pub struct Buffers {
 }
 
 impl Buffers {
+    /// Those that say where the iteration stands.
+    pub fn state(&self) -> [&wgpu::Buffer; 5] {
+        [&self.control, &self.power, &self.irradiance, &self.incoming, &self.shots]
+    }
+
     /// Allocates and fills everything for a plan.
     pub fn new(
         gpu: &Gpu,
@@ -255,7 +261,7 @@ impl Buffers {
         let constants = filled("settings", bytemuck::bytes_of(&constants), BufferUsages::UNIFORM);
         let passes = filled("passes", &pass_uniforms(plan), BufferUsages::UNIFORM);
         let control = make("control", CONTROL_HEADER + 16 * plan.shots, readable);
-        let power = make("power", 4 * plan.power_entries(), storage);
+        let power = make("power", 4 * plan.power_entries(), readable);
         let patches = GpuPatch::all(scene, settings);
         let first_powers = GpuPatch::first_powers(&patches);
         gpu.queue.write_buffer(&power, 0, bytemuck::cast_slice(&first_powers));
@@ -370,6 +376,7 @@ impl Buffers {
             ),
             control,
             passes,
+            power,
             irradiance,
             incoming,
             shots,

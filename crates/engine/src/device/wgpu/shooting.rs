@@ -4,6 +4,7 @@ use super::buffers::{Buffers, DRAW_BYTES, Plan, TALLY_WORDS, THREADS};
 use super::gpu::Gpu;
 use super::layout::{FACET_RUN, GpuPass, GpuShot, PIXEL_RUN, SPAN, triples};
 use super::pipelines::{Pipelines, UNIFORM_STRIDE};
+use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::device::{DeviceError, Shooting, ShootingSettings, ShotTrace, Sums, Tally};
 use crate::hemicube::{FACES, Face, Shot};
 use crate::patches::PatchedScene;
@@ -16,6 +17,8 @@ pub const ITEM_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
 /// Inverse depth.
 pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
+/// Says that a wgpu device wrote a state.
+const WGPU: u32 = 0x57_47_50_55;
 /// A submission can't be cancelled, so it should take about this long.
 const SUBMISSION: Duration = Duration::from_millis(50);
 
@@ -291,6 +294,14 @@ impl<'device> WgpuShooting<'device> {
         Ok((0..shots.len()).map(trace).collect())
     }
 
+    /// All words of a buffer.
+    fn read_whole(&self, buffer: &wgpu::Buffer) -> Result<Vec<u32>, DeviceError> {
+        let staging = self.gpu.staging(buffer.size())?;
+        let mut encoder = self.encoder();
+        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
+        self.gpu.read(encoder, &staging)
+    }
+
     /// Whether there is nothing to draw and nothing to light.
     fn is_empty(&self) -> bool {
         self.plan.patches == 0
@@ -348,6 +359,34 @@ impl Shooting for WgpuShooting<'_> {
             sums.glossy = (0..all.len()).map(of).map(|sum| sum.unwrap_or(Rgb::ZERO)).collect();
         }
         Ok(sums)
+    }
+
+    fn save(&mut self, to: &mut Writer) -> Result<(), DeviceError> {
+        self.gpu.check()?;
+        to.value(WGPU);
+        to.slice(self.gpu.description.name.as_bytes());
+        to.value(self.summed);
+        for buffer in self.buffers.state() {
+            to.slice(&self.read_whole(buffer)?);
+        }
+        Ok(())
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<u64, DeviceError> {
+        self.gpu.check()?;
+        if from.value::<u32>()? != WGPU
+            || from.slice::<u8>()? != self.gpu.description.name.as_bytes()
+        {
+            let here = &self.gpu.description.name;
+            return Err(CheckpointError::foreign(format!("another device, not {here}")).into());
+        }
+        self.summed = from.count(1 << 48)?;
+        for buffer in self.buffers.state() {
+            let words: Vec<u32> = from.exactly((buffer.size() / 4) as usize)?;
+            self.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&words));
+        }
+        self.gpu.wait(self.gpu.submit(self.encoder())?)?;
+        Ok(self.summed)
     }
 
     fn shooters(&mut self) -> Result<Vec<u32>, DeviceError> {

@@ -39,7 +39,9 @@ const TILE: u32 = 16;
 /// All records.
 #[derive(Default)]
 pub struct Cache {
-    records: Vec<Record>,
+    pub(super) records: Vec<Record>,
+    /// Random sequences that records have taken.
+    pub(super) sequences: u32,
     /// Per fragment, the sum of the weights of all records.
     coverage: Vec<f32>,
 }
@@ -94,9 +96,7 @@ impl Cache {
         }
         self.coverage = vec![0.0; seen.fragments.len()];
         self.cover(seen, 0);
-        // Small pictures want as many records as large ones: their error is a share of the whole.
-        let pixels = (seen.width * seen.height) as f32;
-        let scaling = pixels.sqrt() / SIDE;
+        let scaling = scaling(seen);
         for spacing in SPACINGS {
             let least = if spacing == 1 { NEARLY_NOTHING } else { COVERED };
             let double = 2 * spacing;
@@ -116,6 +116,7 @@ impl Cache {
                 }
                 let wanted = thinned(wanted);
                 let first = self.records.len();
+                let sequences = self.sequences;
                 let new: Vec<Record> = wanted
                     .into_par_iter()
                     .enumerate()
@@ -123,7 +124,7 @@ impl Cache {
                     .map(|(index, fragment)| {
                         let fragment = &seen.fragments[fragment as usize];
                         let footprint = scaling * seen.frame.footprint(fragment.point, seen.height);
-                        let number = (first + index) as u32;
+                        let number = sequences.wrapping_add(index as u32);
                         let point = seen.sample_point(fragment, 0);
                         let mut record = Record::new(point, fragment.normal, footprint, number);
                         let rays = gathering.new_rays;
@@ -132,10 +133,34 @@ impl Cache {
                         record
                     })
                     .collect();
+                self.sequences = sequences.wrapping_add(new.len() as u32);
                 self.records.extend(new);
                 self.cover(seen, first);
             }
         }
+    }
+
+    /// Goes over to another camera: of the records, those stay that count for anything it sees.
+    pub fn turn(&mut self, seen: &Seen, scale: f32) {
+        let scaling = scaling(seen);
+        let counts = |record: &mut Record| {
+            record.footprint = scaling * seen.frame.footprint(record.point, seen.height);
+            record.radius = radius(record, scale);
+            let reach = record.radius;
+            let Some([x0, x1, y0, y1]) =
+                seen.frame.window(record.point, reach, seen.width, seen.height)
+            else {
+                return false;
+            };
+            (y0..y1).any(|row| {
+                let first = seen.start[(row * seen.width + x0) as usize] as usize;
+                let last = seen.start[(row * seen.width + x1) as usize] as usize;
+                let fragments = &mut seen.fragments[first..last].iter();
+                fragments.any(|other| record.weight(other.point, other.normal, 1.0) > 0.0)
+            })
+        };
+        let all = std::mem::take(&mut self.records).into_par_iter().with_min_len(64);
+        self.records = all.filter_map(|mut one| counts(&mut one).then_some(one)).collect();
     }
 
     /// Adds the weights of the records from `first` on to the coverage.
@@ -233,6 +258,11 @@ impl std::ops::AddAssign for Sum {
         self.variance += other.variance;
         self.weight += other.weight;
     }
+}
+
+/// Small pictures want as many records as large ones: their error is a share of the whole.
+fn scaling(seen: &Seen) -> f32 {
+    ((seen.width * seen.height) as f32).sqrt() / SIDE
 }
 
 fn radius(record: &Record, scale: f32) -> f32 {

@@ -21,14 +21,15 @@ const BEHIND: f32 = 0.9;
 const IN_FRONT: f32 = 1e-3;
 
 /// The nearest thing in a sector of a record's horizon.
-#[derive(Clone, Copy)]
-struct Obstacle {
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub(super) struct Obstacle {
     /// Distance along the record's surface.
-    distance: f32,
+    pub distance: f32,
     /// Unit normal of its surface, towards the record.
-    normal: Vec3,
+    pub normal: Vec3,
     /// How far the record is in front of its plane.
-    offset: f32,
+    pub offset: f32,
 }
 
 const NOTHING: Obstacle = Obstacle { distance: f32::INFINITY, normal: Vec3::ZERO, offset: 0.0 };
@@ -49,11 +50,11 @@ pub struct Record {
     /// Rays so far.
     pub rays: u32,
     /// Σ radiance over rays.
-    sum: Rgb,
+    pub(super) sum: Rgb,
     /// Σ 1/distance over rays.
-    nearness: f32,
+    pub(super) nearness: f32,
     /// What is nearest in each sector of the horizon.
-    horizon: [Obstacle; SECTORS],
+    pub(super) horizon: [Obstacle; SECTORS],
     /// Irradiance after the neighbours were heard.
     pub value: Rgb,
     /// Estimated variance of that.
@@ -110,7 +111,7 @@ impl Record {
                 let normal = if away > 0.0 { -normal } else { normal };
                 *nearest = Obstacle { distance: along, normal, offset: away.abs() };
             }
-            self.sum += coarse.reflected(&hit, afresh.then(|| sequence.triple()));
+            self.sum += coarse.reflected(&hit, afresh.then(|| sequence.afresh()));
         }
         self.rays += rays;
     }

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 /// Rays of every fragment at first, interleaved over tiles of 4 × 4 pixels.
 const FIRST_RAYS: u32 = 1;
 /// Rays of fragments where rays disagree, each pass.
-const MORE_RAYS: u32 = 4;
+const MORE_RAYS: u32 = 6;
 /// Pixels of a picture of ordinary size; in smaller ones that is up to four times as many.
 const ORDINARY_PIXELS: u32 = 250_000;
 /// Every so many passes a fragment where they agree gets another ray.
@@ -34,23 +34,23 @@ pub struct Lit {
     /// Irradiance with nothing in between.
     unoccluded: Rgb,
     /// Σ irradiance of the light points that were seen.
-    seen: Rgb,
+    pub(super) seen: Rgb,
     /// Σ irradiance of all light points.
-    cast: Rgb,
+    pub(super) cast: Rgb,
     /// Rays so far.
-    rays: u32,
+    pub(super) rays: u32,
     /// Rays that were blocked.
-    blocked: u32,
+    pub(super) blocked: u32,
     /// Whether rays here or around disagree.
-    disputed: bool,
+    pub(super) disputed: bool,
 }
 
 /// Direct light on all fragments.
 pub struct Direct {
-    lit: Vec<Lit>,
+    pub(super) lit: Vec<Lit>,
     /// Rays of a disputed fragment in each pass.
     more_rays: u32,
-    passes: u32,
+    pub(super) passes: u32,
     /// Shadow rays so far.
     pub rays: u64,
 }

@@ -14,6 +14,7 @@ mod estimate;
 mod fragments;
 mod gather;
 mod gloss;
+mod kept;
 mod light;
 mod lights;
 mod links;
@@ -23,6 +24,7 @@ mod settings;
 mod shoot;
 
 use super::Method;
+use super::kept::Past;
 use super::options::Settings;
 use super::ray_traced::surface::World;
 use super::run::Run;
@@ -43,15 +45,16 @@ use shoot::Coarse;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+/// Decisions in checkpoints: wanted patches of the coarse mesh, sub-pixel samples.
+const PATCHES: &str = "coarse_patches";
+const SAMPLES: &str = "pixel_samples";
 /// Iterations before which more records are made, each nearer to its neighbours by [`DENSER`].
 const REFILLS: [u64; 4] = [2, 6, 14, 30];
 const DENSER: f32 = 0.75;
-/// Rays of new records in the first iteration, in times of those of later ones.
-const FIRST_GATHER: u32 = 2;
 /// Most rays of a patch at a time, in times of those of the first iteration.
 const MOST_ROUNDS: u32 = 64;
 /// Points of a patch whose direct light is found.
-const PATCH_POINTS: u32 = 8;
+const PATCH_POINTS: u32 = 2;
 /// The same of records made later, at most.
 const MOST_GATHER: u32 = 8;
 /// What a picture takes, in shares of the first iteration, before one was made.
@@ -82,9 +85,16 @@ impl Method for Hemilux {
     ) -> Result<Rendered, RenderError> {
         let settings = Settings::new(&request.options)?;
         let mut options = HemiluxSettings::new(&settings)?;
-        let (samples, patches) = worth(request);
+        let mut past = Past::of(request, self.name(), &settings)?;
+        let (samples, mut patches) = worth(request);
         if !request.options.contains_key("pixel_samples") {
             options.samples = samples;
+        }
+        if let Some(past) = &past {
+            patches = past.decided(PATCHES)?;
+            if past.bound.is_some() {
+                options.samples = past.decided(SAMPLES)?;
+            }
         }
         options.coarse_patches = options.coarse_patches.or(Some(patches));
         let available_bytes = free_memory();
@@ -103,6 +113,9 @@ impl Method for Hemilux {
             observer,
         )?;
         let mut run = stage.run(request, observer);
+        for (name, value) in [(PATCHES, patches as u64), (SAMPLES, options.samples.into())] {
+            run.owner.decided.insert(name.into(), value.to_string());
+        }
         let mut clock = Clock::default();
         let world = World::new(request.scene.clone());
         let Some(lights) = Lights::new(&world.scene, &world.rays) else {
@@ -110,7 +123,16 @@ impl Method for Hemilux {
             return Ok(stage.rendered(run, black, BTreeMap::new()));
         };
         clock.lap("seconds_prepare");
-        let coarse = Coarse::new(&world, &lights, stage.scene.clone(), PATCH_POINTS, request.seed);
+        let count = stage.scene.patches.len();
+        let ([all, before], direct) = match &mut past {
+            Some(past) => {
+                let (iterations, direct) = kept::restore_direct(&mut past.shared, count)?;
+                (iterations, Some(direct))
+            }
+            None => ([0; 2], None),
+        };
+        let coarse =
+            Coarse::new(&world, &lights, stage.scene.clone(), PATCH_POINTS, request.seed, direct);
         clock.lap("seconds_patches");
         let shooting = match options.shoot {
             true => {
@@ -138,14 +160,27 @@ impl Method for Hemilux {
             cache: Cache::default(),
             options,
             seed: request.seed,
+            before,
             clock,
             picture_seconds: None,
         };
+        if let Some(past) = past {
+            tiers.restore_shared(past.shared)?;
+            match past.bound {
+                Some(bound) => tiers.restore_bound(bound)?,
+                None => tiers.turn(all),
+            }
+        }
         let result = tiers.solve(&mut run)?;
         let diagnostics = tiers.diagnostics();
         drop(tiers);
         Ok(stage.rendered(run, result, diagnostics))
     }
+}
+
+/// Factor of all radii of records in an iteration.
+fn scale(iteration: u64) -> f32 {
+    DENSER.powi(REFILLS.iter().filter(|at| **at <= iteration).count() as i32)
 }
 
 /// Sub-pixel samples and patches of the coarse mesh that are worth their time: by the limits, and
@@ -167,11 +202,11 @@ fn worth_by_limits(limits: &Limits) -> (u32, usize) {
     let (seconds, error) = (limits.seconds.unwrap_or(0.0), limits.target_error.unwrap_or(1.0));
     let iterations = limits.iterations.unwrap_or(0);
     if seconds >= 4.0 || error <= 0.012 || iterations >= 32 {
-        (64, 16_000)
+        (64, 30_000)
     } else if seconds >= 1.0 || error <= 0.025 || iterations >= 8 {
-        (32, 6_000)
+        (32, 16_000)
     } else {
-        (16, 4_000)
+        (16, 10_000)
     }
 }
 
@@ -220,12 +255,20 @@ struct Tiers<'a> {
     gloss: Gloss,
     options: HemiluxSettings,
     seed: u64,
+    /// Iterations of another camera's picture that the coarse solution and the records are from.
+    before: u64,
     clock: Clock,
     /// What the last picture took.
     picture_seconds: Option<f64>,
 }
 
 impl Tiers<'_> {
+    /// Goes over to another camera, with what `before` iterations have found out.
+    fn turn(&mut self, before: u64) {
+        self.before = before;
+        self.cache.turn(self.seen, scale(before));
+    }
+
     /// Iterates until a limit is reached.
     fn solve(&mut self, run: &mut Run<'_>) -> Result<(Picture, StopReason), RenderError> {
         let mut next_estimate = 1;
@@ -253,7 +296,10 @@ impl Tiers<'_> {
             if run.report_is_due() {
                 run.report(true, || self.picture().0);
             }
+            run.keep_if_wanted(|parts| self.save(parts, done))?;
         };
+        let done = run.tally.iterations;
+        run.keep_solution(|parts| self.save(parts, done))?;
         let (picture, error) = self.picture();
         run.estimated_error = error;
         Ok((picture, stopped))
@@ -262,6 +308,8 @@ impl Tiers<'_> {
     fn iterate(&mut self, run: &mut Run<'_>) -> Result<(), RenderError> {
         let number = run.tally.iterations;
         let first = number == 0;
+        // Until then another picture has done what is for any camera.
+        let known = number < self.before;
         let options = self.options;
         self.clock.last = Instant::now();
         match &mut self.shooting {
@@ -274,7 +322,7 @@ impl Tiers<'_> {
             }
             // As many again as there are, whenever the iterations have doubled: solving takes its
             // time for all links.
-            None if (number + 1).is_power_of_two() => {
+            None if (number + 1).is_power_of_two() && !known => {
                 let rounds = (number as u32).div_ceil(2).clamp(1, MOST_ROUNDS);
                 self.coarse.link(self.seed, options.coarse_rays * rounds);
             }
@@ -287,18 +335,19 @@ impl Tiers<'_> {
         self.clock.lap("seconds_light");
         if options.gather {
             // New records catch up with those that are there.
-            let more = (FIRST_GATHER + number as u32).min(MOST_GATHER);
+            let so_far = number.max(self.before);
+            let more = (1 + so_far as u32).min(MOST_GATHER);
             let gathering = Gathering {
                 seed: self.seed,
                 rays: options.gather_rays,
                 new_rays: options.gather_rays * more,
                 afresh: options.gather_direct,
-                scale: DENSER.powi(REFILLS.iter().filter(|at| **at <= number).count() as i32),
+                scale: scale(so_far),
             };
-            if !first {
+            if !first && !known {
                 self.cache.refine(self.world, &self.coarse, gathering, number as usize);
             }
-            if first || REFILLS.contains(&number) {
+            if first || (REFILLS.contains(&number) && !known) {
                 self.cache.fill(self.world, &self.coarse, self.seen, gathering);
             }
         }

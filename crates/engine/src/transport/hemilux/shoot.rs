@@ -4,22 +4,25 @@
 
 use super::lights::Lights;
 use super::links::{Links, PatchPoints};
-use super::sequence::{Shifted, cosine_direction};
+use super::sequence::{Afresh, Shifted, cosine_direction};
 use crate::device::{KnownLight, Shooting, ShootingSettings, Sums};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
-use crate::patches::{PatchedScene, cell_index};
+use crate::patches::{Facet, PatchedScene, cell_index};
 use crate::radiometry::{LobeAlbedo, Rgb};
 use crate::random::Stream;
 use crate::rays::{Eye, Hit};
 use crate::transport::known::{albedo, equilibrium};
 use crate::transport::ray_traced::surface::World;
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::sync::Arc;
 
 /// Most points of all patches whose direct light is found, unless one a patch is more.
 const MOST_POINTS: usize = 1 << 20;
+
+/// Nearer than so many sides of a patch its mean does not do: light there varies within it.
+const NEAR_FIELD: f32 = 2.0;
 
 /// Smoothing changes a patch's value by this factor at most.
 const MOST_CHANGE: f32 = 2.5;
@@ -33,14 +36,16 @@ pub struct Coarse<'a> {
     reconstruction: Reconstruction,
     /// Facets of scene triangle t: `pieces[t]..pieces[t + 1]`.
     pieces: Vec<u32>,
-    direct: Vec<Patched>,
+    /// Distance within which a facet's patches are too large to be seen from, ray units.
+    near: Vec<f32>,
+    pub(super) direct: Vec<Patched>,
     /// Whether no ray of all patches left the scene.
     pub closed: bool,
     /// What the iteration need not carry: the direct light and a constant radiance.
     known: Arc<KnownLight>,
     /// Sums of the iteration so far.
-    sums: Sums,
-    links: Links,
+    pub(super) sums: Sums,
+    pub(super) links: Links,
     /// Albedo of each patch, all of it taken as diffuse.
     albedo: Vec<Rgb>,
     /// Irradiance, direct and indirect.
@@ -63,18 +68,20 @@ pub struct Patched {
     /// Mean irradiance of the points that are not inside a body.
     pub irradiance: Rgb,
     /// Share of points that are not inside a body.
-    open: f32,
-    escaped: bool,
+    pub open: f32,
+    /// Whether a ray left the scene.
+    pub escaped: bool,
 }
 
 impl<'a> Coarse<'a> {
-    /// Cuts the scene and lights the patches directly, by `points` points each.
+    /// Lights the patches directly, by `points` points each, unless `direct` already says how.
     pub fn new(
         world: &'a World,
         lights: &'a Lights,
         scene: Arc<PatchedScene>,
         points: u32,
         seed: u64,
+        direct: Option<Vec<Patched>>,
     ) -> Self {
         let triangles = scene.scene.triangles.len();
         let mut pieces = vec![0u32; triangles + 1];
@@ -84,10 +91,16 @@ impl<'a> Coarse<'a> {
         for triangle in 0..triangles {
             pieces[triangle + 1] += pieces[triangle];
         }
+        let near = |facet: &Facet| {
+            let [a, b, c] = facet.corners.map(|c| world.rays.place(scene.positions[c as usize]));
+            NEAR_FIELD * (b - a).cross(c - a).length().sqrt() / facet.divisions as f32
+        };
+        let near = scene.facets.iter().map(near).collect();
         let patches = scene.patches.len() as u32;
         let points = points.min((MOST_POINTS / patches.max(1) as usize) as u32).max(1);
         let lit = |patch| light_patch(world, lights, &scene, patch, points, seed);
-        let direct: Vec<Patched> = (0..patches).into_par_iter().map(lit).collect();
+        let direct: Vec<Patched> =
+            direct.unwrap_or_else(|| (0..patches).into_par_iter().map(lit).collect());
         let closed = !direct.iter().any(|patch| patch.escaped);
         let known = Arc::new(known_light(&scene, &direct, closed));
         let albedo = (0..scene.patches.len()).map(|patch| albedo(&scene, patch)).collect();
@@ -98,6 +111,7 @@ impl<'a> Coarse<'a> {
             scene,
             reconstruction,
             pieces,
+            near,
             direct,
             closed,
             known,
@@ -148,7 +162,7 @@ impl<'a> Coarse<'a> {
         self.links.count()
     }
 
-    fn refresh(&mut self) {
+    pub(super) fn refresh(&mut self) {
         let count = self.sums.iterations.max(1) as f32;
         let mut both = vec![Rgb::ZERO; self.direct.len()];
         let mut indirect = both.clone();
@@ -238,9 +252,10 @@ impl<'a> Coarse<'a> {
         self.on_facet(&self.both, facet, back, at) - self.on_facet(&self.indirect, facet, back, at)
     }
 
-    /// Radiance that a hit reflects, as if all of it were diffuse. With a point of the unit cube
-    /// the direct light there is found out afresh, else it is as the patches have it.
-    pub fn reflected(&self, hit: &Hit, afresh: Option<Vec3>) -> Rgb {
+    /// Radiance that a hit reflects, as if all of it were diffuse. With random numbers the light
+    /// there is found out afresh: the emitters' by a shadow ray, and, where the patch is so near
+    /// that its mean will not do, what has bounced by another ray.
+    pub fn reflected(&self, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
         let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
         let mut albedo = surface.reflectance.diffuse;
         if surface.reflectance.is_glossy() {
@@ -250,11 +265,19 @@ impl<'a> Coarse<'a> {
         if albedo == Rgb::ZERO {
             return Rgb::ZERO;
         }
-        let Some(xi) = afresh else { return albedo * self.irradiance(hit, false) / PI };
+        let Some(afresh) = afresh else { return albedo * self.irradiance(hit, false) / PI };
         let (start, normal) = (surface.start(), surface.normal);
-        let direct = self.lights.once(&self.world.rays, start, normal, xi);
-        let irradiance = self.irradiance(hit, true) + direct;
-        albedo * irradiance / PI
+        let direct = self.lights.once(&self.world.rays, start, normal, afresh.light);
+        let near = self.facet_at(hit).is_some_and(|(facet, _)| hit.distance < self.near[facet]);
+        let bounced = match afresh.next {
+            Some(next) if near => {
+                let direction = cosine_direction(normal, afresh.bounce);
+                let hit = self.world.rays.closest(Eye::Light, start, direction);
+                hit.map_or(Rgb::ZERO, |hit| PI * self.reflected(&hit, Some(next.afresh())))
+            }
+            _ => self.irradiance(hit, true),
+        };
+        albedo * (bounced + direct) / PI
     }
 }
 

@@ -18,6 +18,7 @@ fn picture(glb: &[u8], threads: usize, seed: u64, solver: &str) -> Picture {
         limits: Limits { iterations: Some(4), ..Limits::default() },
         seed,
         options: [("coarse_solver".to_string(), solver.to_string())].into(),
+        begin: Default::default(),
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let mut device = CpuDevice::new(Some(threads)).unwrap();

@@ -2,10 +2,14 @@
 //! around it and divided by the area that each stands for.
 
 use super::charts::Charts;
+use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
 use crate::transport::ray_traced::{Caustics, Mapped, Surface};
 use glam::DVec3;
 use rayon::prelude::*;
+
+/// More than any run comes to.
+const MOST_SHOWERS: u64 = 1 << 40;
 
 /// Power that landed at a point of a surface.
 #[derive(Clone, Copy, Debug)]
@@ -72,12 +76,50 @@ impl Map {
         }
     }
 
+    /// Writes it.
+    pub fn save(&self, to: &mut Writer) {
+        to.value(self.showers);
+        to.value(self.landed);
+        for half in &self.power {
+            to.slice(half);
+        }
+        // In the middle of a shower there is power that is not to be read yet.
+        let under_way = self.landed[1] != DVec3::ZERO;
+        to.slice(if under_way { &self.read[..] } else { &[] });
+    }
+
+    /// Takes what [`Map::save`] wrote of the same charts.
+    pub fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
+        self.showers = from.value()?;
+        self.landed = from.value()?;
+        for half in &mut self.power {
+            from.replace(half)?;
+        }
+        if self.showers[1] > self.showers[0] || self.showers[0] > MOST_SHOWERS {
+            return Err(CheckpointError::damaged("there can't be that many showers"));
+        }
+        let read: Vec<Mapped> = from.slice()?;
+        if read.len() == self.read.len() {
+            self.read = read;
+        } else if !read.is_empty() {
+            return Err(CheckpointError::damaged("its map is not of this scene"));
+        } else if self.showers() > 0 {
+            self.average();
+        }
+        Ok(())
+    }
+
     /// Ends a shower: from now on, its light is in what is read.
     pub fn finish_shower(&mut self) {
         let half = self.half();
         self.charts.gather(&mut self.power[half]);
         self.showers[half] += 1;
         self.landed = [self.landed[0] + self.landed[1], DVec3::ZERO];
+        self.average();
+    }
+
+    /// Makes the showers what is read.
+    fn average(&mut self) {
         let [first, second] = self.showers.map(|count| count as f32);
         let count = first + second;
         // The means A/a and B/b of the halves differ by σ²(1/a + 1/b), their mean by σ²/(a + b)

@@ -16,12 +16,14 @@ mod light_rays;
 mod map;
 
 use super::Method;
+use super::kept::{Parts, Past};
 use super::options::Settings;
 use super::ray_traced::{
     Caustics, DiskPoints, Disks, Film, Lights, Pixels, RayTracedSettings, Tracer, World, warnings,
 };
 use super::run::Run;
 use super::stage::{Asked, Record};
+use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceError, free_memory};
 use crate::image::Picture;
@@ -48,6 +50,8 @@ const VALUES_PER_RAY: u64 = 8;
 const MOST_PASSES: u64 = 16;
 /// Most rays from the lights for a pass.
 const MOST_RAYS: u64 = 1 << 20;
+/// Rays of a shower, for one pass, in checkpoints.
+const LIGHT_RAYS: &str = "light_rays";
 /// Rays that find out where caustics are.
 const PILOT: u64 = 1 << 15;
 /// Cells of a surface without caustics next to one with the mean irradiance.
@@ -100,6 +104,7 @@ impl Method for IlluminationMap {
         let settings = Settings::new(&request.options)?;
         let options = RayTracedSettings::new(&settings)?;
         let own = MapSettings::new(&settings)?;
+        let past = Past::of(request, self.name(), &settings)?;
         let triangles = request.scene.triangles.len();
         check_memory(triangles as u64, &own, request)?;
         let asked = Asked { method: self.name(), reasons, request, settings: &settings };
@@ -123,13 +128,13 @@ impl Method for IlluminationMap {
                 let camera = &record.camera;
                 let disks = options.disks(&world, lights);
                 let job = Job { world: &world, lights, disks, camera, request, options, own };
-                job.solve(&mut run, casters.as_ref(), &mut diagnostics)
+                job.solve(&mut run, casters.as_ref(), past, &mut diagnostics)?
             }
             None => (record.black(), StopReason::NoLight),
         };
         let rays = run.tally.shots as f64;
         diagnostics.insert("rays".into(), rays);
-        diagnostics.insert("rays_per_second".into(), rays / record.seconds());
+        diagnostics.insert("rays_per_second".into(), rays / run.seconds());
         Ok(record.rendered(run, result, diagnostics))
     }
 }
@@ -198,6 +203,8 @@ struct Maker<'a> {
     map: Map,
     /// Passes from one shower to the next.
     interval: u64,
+    /// Rays of the shower that is under way.
+    shot: u64,
     landings: u64,
     rays: u64,
 }
@@ -208,26 +215,43 @@ impl Job<'_> {
         &self,
         run: &mut Run<'_>,
         casters: Option<&Casters>,
+        past: Option<Past<'_>>,
         diagnostics: &mut BTreeMap<String, f64>,
-    ) -> (Picture, StopReason) {
-        let mut maker = casters.map(|casters| self.maker(casters));
+    ) -> Result<(Picture, StopReason), RenderError> {
+        let automatic = u64::from(self.request.width) * u64::from(self.request.height);
+        let mut count = self.own.light_rays.unwrap_or(automatic.clamp(BLOCK, MOST_RAYS));
+        if let Some(past) = &past {
+            // Showers of another length would shoot some rays twice.
+            count = past.decided::<u64>(LIGHT_RAYS)?.clamp(2, MOST_RAYS);
+        }
+        run.owner.decided.insert(LIGHT_RAYS.into(), count.to_string());
+        let mut maker = casters.map(|casters| self.maker(casters, count));
         let film = Film::new([self.request.width, self.request.height], self.options.period());
         let mut exposure = Exposure { film, estimated: Instant::now(), estimate_seconds: 0.0 };
+        if let Some(mut past) = past {
+            if let Some(maker) = &mut maker {
+                maker.restore(&mut past.shared, past.bound.is_none())?;
+            }
+            past.shared.end()?;
+            if let Some(mut bound) = past.bound {
+                exposure.film.restore(&mut bound)?;
+                bound.end()?;
+            }
+        }
         let stopped = loop {
-            if let Err(reason) = self.pass(run, maker.as_mut(), &mut exposure) {
-                break reason;
+            if let Err(stop) = self.pass(run, maker.as_mut(), &mut exposure) {
+                break stop?;
             }
         };
+        run.keep_solution(|parts| save(parts, maker.as_ref(), &exposure.film))?;
         run.estimated_error = exposure.film.relative_error();
         if let Some(maker) = maker {
             maker.describe(diagnostics);
         }
-        (exposure.film.picture(), stopped)
+        Ok((exposure.film.picture(), stopped))
     }
 
-    fn maker<'b>(&'b self, casters: &'b Casters) -> Maker<'b> {
-        let automatic = u64::from(self.request.width) * u64::from(self.request.height);
-        let count = self.own.light_rays.unwrap_or(automatic.clamp(BLOCK, MOST_RAYS));
+    fn maker<'b>(&'b self, casters: &'b Casters, count: u64) -> Maker<'b> {
         let rays_of = |count: u64| LightRays {
             world: self.world,
             lights: self.lights,
@@ -240,7 +264,7 @@ impl Job<'_> {
         let map = Map::new(Charts::new(&self.world.scene, &receivers, self.own.cells));
         let interval = (map.len() as u64).div_ceil(VALUES_PER_RAY * count).clamp(1, MOST_PASSES);
         let light_rays = rays_of(count * interval);
-        Maker { light_rays, map, interval, landings: 0, rays: 0 }
+        Maker { light_rays, map, interval, shot: 0, landings: 0, rays: 0 }
     }
 
     fn pixels<'b>(&'b self, caustics: Option<&'b dyn Caustics>) -> Pixels<'b> {
@@ -262,27 +286,27 @@ impl Job<'_> {
         }
     }
 
-    /// A map from fresh light, and an estimate of every pixel that reads it. Fails with the reason
-    /// to stop.
+    /// A map from fresh light, and an estimate of every pixel that reads it, or what of that an
+    /// earlier run has left to do. Fails with the reason to stop, or with what went wrong.
     fn pass(
         &self,
         run: &mut Run<'_>,
         mut maker: Option<&mut Maker<'_>>,
         exposure: &mut Exposure,
-    ) -> Result<(), StopReason> {
+    ) -> Result<(), Result<StopReason, DeviceError>> {
         let pass = exposure.film.passes();
         if let Some(maker) = maker.as_deref_mut()
-            && pass.is_multiple_of(maker.interval)
+            && maker.map.showers() <= pass / maker.interval
         {
-            maker.shower(run)?;
+            maker.shower(run, &exposure.film)?;
         }
         let light_rays = maker.as_deref().map_or(0, |maker| maker.rays);
         let pixels = self.pixels(maker.as_deref().map(|maker| &maker.map as &dyn Caustics));
         let height = exposure.film.height();
-        let (mut row, mut step) = (0, height.min(4));
+        let (mut row, mut step) = (exposure.film.next_row(), height.min(4));
         while row < height {
             if let Some(reason) = run.stop() {
-                return Err(reason);
+                return Err(Ok(reason));
             }
             let began = Instant::now();
             let rows = row..(row + step).min(height);
@@ -295,9 +319,20 @@ impl Job<'_> {
             run.tally.shots = exposure.film.rays() + light_rays;
             run.tally.light_shots = exposure.film.light_rays() + light_rays;
             exposure.report(run);
+            let kept = run.keep_if_wanted(|parts| save(parts, maker.as_deref(), &exposure.film));
+            kept.map_err(Err)?;
         }
         Ok(())
     }
+}
+
+/// The map is for any camera, the film for its own.
+fn save(parts: &mut Parts, maker: Option<&Maker<'_>>, film: &Film) -> Result<(), DeviceError> {
+    if let Some(maker) = maker {
+        maker.save(&mut parts.shared);
+    }
+    film.save(&mut parts.bound);
+    Ok(())
 }
 
 impl Exposure {
@@ -318,13 +353,37 @@ impl Exposure {
 }
 
 impl Maker<'_> {
-    /// Shoots new light into the map.
-    fn shower(&mut self, run: &mut Run<'_>) -> Result<(), StopReason> {
+    /// Writes the map and how it was made.
+    fn save(&self, to: &mut Writer) {
+        to.value([self.shot, self.landings, self.rays]);
+        self.map.save(to);
+    }
+
+    /// Takes what [`Maker::save`] wrote. Rays for another camera's picture, `others`, are not
+    /// counted.
+    fn restore(&mut self, from: &mut Reader<'_>, others: bool) -> Result<(), CheckpointError> {
+        [self.shot, self.landings, self.rays] = from.value()?;
+        if others {
+            (self.landings, self.rays) = (0, 0);
+        }
+        if !self.shot.is_multiple_of(BLOCK) || self.shot >= self.light_rays.count {
+            return Err(CheckpointError::damaged("no shower is that long"));
+        }
+        self.map.restore(from)
+    }
+
+    /// Shoots new light into the map, or the rest of a shower that is under way.
+    fn shower(
+        &mut self,
+        run: &mut Run<'_>,
+        film: &Film,
+    ) -> Result<(), Result<StopReason, DeviceError>> {
         let (number, count) = (self.map.showers(), self.light_rays.count);
-        for first in (0..count).step_by(BLOCK as usize) {
+        while self.shot < count {
             if let Some(reason) = run.stop() {
-                return Err(reason);
+                return Err(Ok(reason));
             }
+            let first = self.shot;
             let shower = self.light_rays.shoot(number, first..(first + BLOCK).min(count));
             self.map.deposit(&shower.landings);
             self.landings += shower.landings.len() as u64;
@@ -332,7 +391,13 @@ impl Maker<'_> {
             if run.report_is_due() {
                 run.report_progress();
             }
+            self.shot += BLOCK;
+            // The end of a shower is nothing that a checkpoint could be made of.
+            if self.shot < count {
+                run.keep_if_wanted(|parts| save(parts, Some(self), film)).map_err(Err)?;
+            }
         }
+        self.shot = 0;
         self.map.finish_shower();
         Ok(())
     }

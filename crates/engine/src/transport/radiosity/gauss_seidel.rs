@@ -2,6 +2,7 @@
 //! (Rogers §5-17: the matrix is strictly diagonally dominant, so it converges).
 
 use super::{Point, diffuse_stage, shot_from, solution};
+use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::device::{Device, DeviceError, Shooting, ShootingSettings, Tally, free_memory};
 use crate::hemicube::Shot;
 use crate::measurement::Measurement;
@@ -9,6 +10,7 @@ use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
 use crate::transport::Method;
+use crate::transport::kept::Past;
 use crate::transport::options::Settings;
 use crate::transport::run::Run;
 use crate::transport::stage::Asked;
@@ -43,6 +45,7 @@ impl Method for GaussSeidel {
     ) -> Result<Rendered, RenderError> {
         let settings = Settings::new(&request.options)?;
         let options = settings.radiosity()?;
+        let mut past = Past::of(request, self.name(), &settings)?;
         let asked = Asked { method: self.name(), reasons, request, settings: &settings };
         let stage = diffuse_stage(asked, device, observer)?;
         let mut run = stage.run(request, observer);
@@ -57,13 +60,24 @@ impl Method for GaussSeidel {
         let mut matrix = FormFactors::reserve(&scene)?;
         let mut shooter = device.begin(scene.clone(), &shooting)?;
         let points = options.points;
+        if let Some(past) = &mut past {
+            matrix.restore(&mut past.shared)?;
+        }
         let result = match matrix.fill(&scene, &shooting, points, &mut *shooter, &mut run)? {
             // Without all rows nothing can be solved: the emission is all there is to see.
             Some(reason) => {
+                run.keep_solution(|parts| matrix.save(&mut parts.shared))?;
                 let dark = vec![Rgb::ZERO; scene.patches.len()];
                 (measurement.picture(&solution(&dark)), reason)
             }
-            None => sweep(&scene, &matrix, &measurement, &mut run),
+            None => {
+                let emission = &scene.patches.emission;
+                let mut balance = Balance::new(&matrix, emission, &scene.patches.diffuse);
+                if let Some(past) = past {
+                    balance.restore(past.shared)?;
+                }
+                sweep(balance, &measurement, &mut run)?
+            }
         };
         let mut diagnostics = matrix.diagnostics(&scene);
         diagnostics.insert("matrix_bytes".into(), (4 * matrix.values.len()) as f64);
@@ -92,6 +106,20 @@ impl FormFactors {
             return Err(DeviceError::OutOfMemory { device, needed_bytes, available_bytes });
         }
         Ok(Self { count, rows: 0, values })
+    }
+
+    /// Writes the rows that there are.
+    fn save(&self, to: &mut Writer) -> Result<(), DeviceError> {
+        to.value(self.rows as u64);
+        to.slice(&self.values);
+        Ok(())
+    }
+
+    /// Takes what [`FormFactors::save`] wrote of the same scene.
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
+        self.rows = from.count(self.count as u64)? as usize;
+        self.values.extend(from.exactly::<f32>(self.rows * self.count)?);
+        Ok(())
     }
 
     /// Fills all rows, each the mean of `points` hemicubes on its patch. Why not, if it had to
@@ -139,6 +167,7 @@ impl FormFactors {
             if run.report_is_due() {
                 run.report_progress();
             }
+            run.keep_if_wanted(|parts| self.save(&mut parts.shared))?;
         }
         Ok(None)
     }
@@ -203,6 +232,23 @@ impl<'a> Balance<'a> {
         }
     }
 
+    /// Writes the matrix, and where the sweeps are.
+    fn save(&self, to: &mut Writer) -> Result<(), DeviceError> {
+        self.matrix.save(to)?;
+        to.slice(&self.radiance);
+        to.slice(&self.irradiance);
+        Ok(())
+    }
+
+    /// Goes on with sweeps behind a restored matrix, where there were any.
+    fn restore(&mut self, mut from: Reader<'_>) -> Result<(), CheckpointError> {
+        if !from.is_empty() {
+            from.replace(&mut self.radiance)?;
+            from.replace(&mut self.irradiance)?;
+        }
+        from.end()
+    }
+
     /// One sweep in place; whether nothing changes any more.
     fn sweep(&mut self) -> bool {
         let (mut change, mut largest) = (0f64, 0f64);
@@ -223,27 +269,30 @@ impl<'a> Balance<'a> {
 
 /// Sweeps until nothing changes any more.
 fn sweep(
-    scene: &PatchedScene,
-    matrix: &FormFactors,
+    mut balance: Balance<'_>,
     measurement: &Measurement,
     run: &mut Run<'_>,
-) -> (crate::image::Picture, StopReason) {
-    let mut balance = Balance::new(matrix, &scene.patches.emission, &scene.patches.diffuse);
+) -> Result<(crate::image::Picture, StopReason), DeviceError> {
     let stopped = loop {
+        // At least one, but none beyond the limit of a run that goes on.
+        if run.tally.iterations > 0
+            && let Some(reason) = run.stop()
+        {
+            break reason;
+        }
         let settled = balance.sweep();
         run.tally.iterations += 1;
         if settled {
             break StopReason::Converged;
         }
-        if let Some(reason) = run.stop() {
-            break reason;
-        }
         if run.report_is_due() {
             run.report(true, || measurement.picture(&solution(&balance.irradiance)));
         }
+        run.keep_if_wanted(|parts| balance.save(&mut parts.shared))?;
     };
     run.known_fraction = Some(1.0);
-    (measurement.picture(&solution(&balance.irradiance)), stopped)
+    run.keep_solution(|parts| balance.save(&mut parts.shared))?;
+    Ok((measurement.picture(&solution(&balance.irradiance)), stopped))
 }
 
 #[cfg(test)]

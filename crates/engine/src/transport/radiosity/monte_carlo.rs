@@ -6,9 +6,10 @@ use crate::device::{Device, DeviceError, Shooting, ShootingSettings, Sums, Tally
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::random::{Stream, uniform};
-use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
+use crate::render::{Begin, Observer, RenderError, RenderRequest, Rendered, StopReason};
 use crate::transport::Method;
 use crate::transport::batches::Batches;
+use crate::transport::kept::{Parts, Past};
 use crate::transport::options::Settings;
 use crate::transport::stage::Asked;
 use std::collections::BTreeMap;
@@ -42,6 +43,7 @@ impl Method for MonteCarlo {
     ) -> Result<Rendered, RenderError> {
         let settings = Settings::new(&request.options)?;
         let options = settings.radiosity()?;
+        let past = Past::of(request, self.name(), &settings)?;
         let asked = Asked { method: self.name(), reasons, request, settings: &settings };
         let stage = diffuse_stage(asked, device, observer)?;
         let mut run = stage.run(request, observer);
@@ -56,6 +58,25 @@ impl Method for MonteCarlo {
         let mut shooter = device.begin(scene.clone(), &shooting)?;
         let mut batches = Batches::new(0);
         let mut pass = Pass { scene: scene.clone(), settings: shooting, tally: Tally::default() };
+        if let Some(mut past) = past {
+            let [iterations, shots, light_shots] = past.shared.value()?;
+            pass.tally = Tally { iterations, shots, light_shots };
+            batches.restore(&mut past.shared, scene.patches.len())?;
+            past.shared.end()?;
+        }
+        // Another camera's passes are in the mean, but they are not this run's.
+        let earlier = match &request.begin {
+            Begin::View(_) => pass.tally,
+            Begin::Afresh | Begin::Continue(_) => Tally::default(),
+        };
+        let save = |parts: &mut Parts, tally: Tally, batches: &Batches| {
+            parts.shared.value([tally.iterations, tally.shots, tally.light_shots]);
+            batches.save(&mut parts.shared);
+            Ok(())
+        };
+        // A pass that is given up leaves its shots in the count: it is begun again from here.
+        let mut kept = pass.tally;
+        run.estimated_error = batches.relative_error(&measurement, &weights);
         let stopped = loop {
             if let Some(reason) = run.stop() {
                 break reason;
@@ -64,14 +85,21 @@ impl Method for MonteCarlo {
             let Some(irradiance) = irradiance else {
                 break run.stop_early().unwrap_or(StopReason::TimeBudget);
             };
-            run.tally = pass.tally;
+            run.tally = Tally {
+                iterations: pass.tally.iterations - earlier.iterations,
+                shots: pass.tally.shots - earlier.shots,
+                light_shots: pass.tally.light_shots - earlier.light_shots,
+            };
             batches.add(Sums { iterations: 1, irradiance, glossy: Vec::new() });
+            kept = pass.tally;
             if run.report_is_due() {
                 run.estimated_error = batches.relative_error(&measurement, &weights);
                 run.without_estimate = run.estimated_error.is_none() && batches.enough();
                 run.report(true, || measurement.picture(&batches.mean()));
             }
+            run.keep_if_wanted(|parts| save(parts, kept, &batches))?;
         };
+        run.keep_solution(|parts| save(parts, kept, &batches))?;
         run.estimated_error = batches.relative_error(&measurement, &weights);
         let picture = measurement.picture(&batches.mean());
         Ok(stage.rendered(run, (picture, stopped), BTreeMap::new()))

@@ -6,6 +6,7 @@ use crate::device::{Device, ShootingSettings, Tally};
 use crate::radiometry::{Rgb, importance};
 use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
 use crate::transport::Method;
+use crate::transport::kept::{Parts, Past};
 use crate::transport::options::Settings;
 use crate::transport::stage::Asked;
 use std::collections::BTreeMap;
@@ -36,6 +37,7 @@ impl Method for Progressive {
     ) -> Result<Rendered, RenderError> {
         let settings = Settings::new(&request.options)?;
         let options = settings.radiosity()?;
+        let past = Past::of(request, self.name(), &settings)?;
         let asked = Asked { method: self.name(), reasons, request, settings: &settings };
         let stage = diffuse_stage(asked, device, observer)?;
         let mut run = stage.run(request, observer);
@@ -55,6 +57,16 @@ impl Method for Progressive {
         let mut unshot = patches.emission.clone();
         let emitted: f64 = (0..patches.len()).map(|i| f64::from(power(&scene, i, unshot[i]))).sum();
         let mut gained = vec![Rgb::ZERO; patches.len()];
+        if let Some(mut past) = past {
+            past.shared.replace(&mut irradiance)?;
+            past.shared.replace(&mut unshot)?;
+            past.shared.end()?;
+        }
+        let save = |parts: &mut Parts, irradiance: &[Rgb], unshot: &[Rgb]| {
+            parts.shared.slice(irradiance);
+            parts.shared.slice(unshot);
+            Ok(())
+        };
         let (stopped, rest) = loop {
             let mut order: Vec<usize> = (0..patches.len()).collect();
             let powers: Vec<f32> = order.iter().map(|i| power(&scene, *i, unshot[*i])).collect();
@@ -93,7 +105,9 @@ impl Method for Progressive {
                 let shown = || with_ambient(&scene, &irradiance, &unshot, options.ambient);
                 run.report(true, || measurement.picture(&solution(&shown())));
             }
+            run.keep_if_wanted(|parts| save(parts, &irradiance, &unshot))?;
         };
+        run.keep_solution(|parts| save(parts, &irradiance, &unshot))?;
         let shown = with_ambient(&scene, &irradiance, &unshot, options.ambient);
         let picture = measurement.picture(&solution(&shown));
         let diagnostics = BTreeMap::from([("unshot_power".to_string(), rest)]);

@@ -1,13 +1,18 @@
 //! What passes over the picture add up to: means, and how far they may be off.
 
 use super::pixels::Pixels;
+use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::image::Picture;
 use crate::radiometry::Rgb;
+use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use std::ops::Range;
 
 /// Fewer passes, or turns of passes, give no estimate of the error.
 const FEWEST: u64 = 4;
+
+/// More than any run comes to.
+const MOST_PASSES: u64 = 1 << 48;
 
 /// Sums of passes.
 pub struct Film {
@@ -26,20 +31,21 @@ struct Row {
 }
 
 /// What a pixel adds up to.
-#[derive(Clone, Default)]
+#[derive(Clone, Copy, Default, Pod, Zeroable)]
+#[repr(C)]
 struct Sums {
-    /// Σ over passes.
-    sum: Rgb,
-    /// The same of the turn that is not complete.
-    open: Rgb,
     /// Σ over passes of the squared value.
     squares: f64,
     /// Σ over complete turns of the squared mean of the turn.
     turn_squares: f64,
+    /// Σ over passes.
+    sum: Rgb,
+    /// The same of the turn that is not complete.
+    open: Rgb,
     /// Σ over passes of [`super::pixels::Estimate::by_map`].
     by_map: Rgb,
-    /// Whether any sample saw an emitter: then it doesn't count for the error.
-    sees_emitter: bool,
+    /// Not 0 where any sample saw an emitter: then it doesn't count for the error.
+    sees_emitter: u32,
 }
 
 /// What error estimates sum over the pixels that count.
@@ -65,6 +71,37 @@ impl Film {
     pub fn needed_bytes(width: u32, height: u32) -> u64 {
         let pixel = size_of::<Sums>() + size_of::<Rgb>();
         u64::from(width) * u64::from(height) * pixel as u64
+    }
+
+    /// Writes it.
+    pub fn save(&self, to: &mut Writer) {
+        let counts = |row: &Row| [row.passes, row.rays, row.light_rays];
+        to.slice(&self.rows.iter().map(counts).collect::<Vec<_>>());
+        for row in &self.rows {
+            to.slice(&row.pixels);
+        }
+    }
+
+    /// Takes what [`Film::save`] wrote of the same size and period.
+    pub fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
+        let counts: Vec<[u64; 3]> = from.exactly(self.rows.len())?;
+        for (row, [passes, rays, light_rays]) in self.rows.iter_mut().zip(counts) {
+            (row.passes, row.rays, row.light_rays) = (passes, rays, light_rays);
+            from.replace(&mut row.pixels)?;
+        }
+        // Rows are traced from the top, none a second time before all were.
+        let (first, last) = (self.rows[0].passes, self.rows[self.rows.len() - 1].passes);
+        let falls = self.rows.windows(2).all(|two| two[0].passes >= two[1].passes);
+        match falls && first - last <= 1 && first <= MOST_PASSES {
+            true => Ok(()),
+            false => Err(CheckpointError::damaged("its rows were not traced in their order")),
+        }
+    }
+
+    /// The row that is traced next.
+    pub fn next_row(&self) -> u32 {
+        let passes = self.passes();
+        self.rows.iter().position(|row| row.passes == passes).unwrap_or(0) as u32
     }
 
     /// Rows.
@@ -145,7 +182,7 @@ impl Row {
             sums.sum += value;
             sums.by_map += estimate.by_map;
             sums.squares += square(value);
-            sums.sees_emitter |= walk.saw_emitter;
+            sums.sees_emitter |= u32::from(walk.saw_emitter);
             if period > 1 {
                 sums.open += value;
             }
@@ -160,7 +197,7 @@ impl Row {
     fn scatter(&self, period: u64) -> Scatter {
         let turns = (self.passes / period) as f64;
         let mut scatter = Scatter::default();
-        for pixel in self.pixels.iter().filter(|pixel| !pixel.sees_emitter) {
+        for pixel in self.pixels.iter().filter(|pixel| pixel.sees_emitter == 0) {
             let (squares, sum) = match period {
                 1 => (pixel.squares, pixel.sum),
                 _ => (pixel.turn_squares, (pixel.sum - pixel.open) / period as f32),

@@ -16,6 +16,7 @@ mod strata;
 pub(super) mod surface;
 
 use super::Method;
+use super::kept::{Parts, Past};
 use super::options::Settings;
 use super::run::Run;
 use super::stage::{Asked, Record};
@@ -65,6 +66,7 @@ impl Method for RayTraced {
     ) -> Result<Rendered, RenderError> {
         let settings = Settings::new(&request.options)?;
         let options = RayTracedSettings::new(&settings)?;
+        let past = Past::of(request, self.name(), &settings)?;
         check_memory(request)?;
         let asked = Asked { method: self.name(), reasons, request, settings: &settings };
         let mut record = Record::new(asked, format!("{} (rays)", CpuDevice::describe().name))?;
@@ -94,13 +96,19 @@ impl Method for RayTraced {
                     path_strata: options.spreads_paths(),
                     seed: request.seed,
                 };
-                solve(&mut run, &pixels, options.period())
+                let mut film = Film::new(pixels.size, options.period());
+                // What another camera saw is of no use to this one.
+                if let Some(mut bound) = past.and_then(|past| past.bound) {
+                    film.restore(&mut bound)?;
+                    bound.end()?;
+                }
+                solve(&mut run, &pixels, film)?
             }
             None => (record.black(), StopReason::NoLight),
         };
         let rays = run.tally.shots as f64;
         let diagnostics =
-            [("rays".into(), rays), ("rays_per_second".into(), rays / record.seconds())].into();
+            [("rays".into(), rays), ("rays_per_second".into(), rays / run.seconds())].into();
         Ok(record.rendered(run, result, diagnostics))
     }
 }
@@ -153,10 +161,17 @@ pub(super) fn warnings(
 }
 
 /// Traces passes until a limit is reached.
-fn solve(run: &mut Run<'_>, pixels: &Pixels<'_>, period: u32) -> (Picture, StopReason) {
-    let mut film = Film::new(pixels.size, period);
+fn solve(
+    run: &mut Run<'_>,
+    pixels: &Pixels<'_>,
+    mut film: Film,
+) -> Result<(Picture, StopReason), DeviceError> {
+    let save = |parts: &mut Parts, film: &Film| {
+        film.save(&mut parts.bound);
+        Ok(())
+    };
     let height = film.height();
-    let (mut row, mut step) = (0, height.min(4));
+    let (mut row, mut step) = (film.next_row(), height.min(4));
     let mut step_passes = 1;
     let (mut estimated, mut estimate_seconds) = (Instant::now(), 0.0);
     let stopped = loop {
@@ -166,7 +181,8 @@ fn solve(run: &mut Run<'_>, pixels: &Pixels<'_>, period: u32) -> (Picture, StopR
         let began = Instant::now();
         let rows = row..(row + step).min(height);
         // Whole passes at once only where a step has all rows.
-        let passes = if step == height { step_passes.min(run.iterations_left()) } else { 1 };
+        let passes =
+            if step == height && row == 0 { step_passes.min(run.iterations_left()) } else { 1 };
         let work = f64::from(rows.end - rows.start) * passes as f64;
         row = rows.end % height;
         film.advance(pixels, rows, passes);
@@ -191,7 +207,9 @@ fn solve(run: &mut Run<'_>, pixels: &Pixels<'_>, period: u32) -> (Picture, StopR
             }
             run.report(run.tally.iterations > 0, || film.picture());
         }
+        run.keep_if_wanted(|parts| save(parts, &film))?;
     };
+    run.keep_solution(|parts| save(parts, &film))?;
     run.estimated_error = film.relative_error();
-    (film.picture(), stopped)
+    Ok((film.picture(), stopped))
 }

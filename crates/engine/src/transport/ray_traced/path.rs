@@ -31,7 +31,8 @@ pub trait Caustics: Sync {
 }
 
 /// What a map of caustics says of a point.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
 pub struct Mapped {
     /// Irradiance.
     pub irradiance: Rgb,

@@ -1,0 +1,248 @@
+//! What the three tiers keep. The coarse solution and the records are for any camera; direct light
+//! and lobes are of the fragments that one camera sees.
+
+use super::Tiers;
+use super::gather::{Obstacle, Record, SECTORS};
+use super::links::{COVERED, Links, MOST_LINKS, Round};
+use super::shoot::Patched;
+use crate::checkpoint::{CheckpointError, Reader, Writer};
+use crate::device::{DeviceError, Sums};
+use crate::radiometry::Rgb;
+use crate::transport::kept::Parts;
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+
+/// Iterations and rays that no run comes to.
+const MOST_ITERATIONS: u64 = 1 << 40;
+const MOST_RAYS: u32 = 1 << 30;
+const MOST_RECORDS: u32 = 1 << 30;
+
+/// Direct light of a patch.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct KeptPatch {
+    irradiance: Rgb,
+    open: f32,
+    escaped: u32,
+}
+
+/// A record without what follows from its neighbours.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct KeptRecord {
+    point: Vec3,
+    normal: Vec3,
+    footprint: f32,
+    number: u32,
+    rays: u32,
+    sum: Rgb,
+    nearness: f32,
+    radius: f32,
+    horizon: [Obstacle; SECTORS],
+}
+
+/// Direct light of a fragment, but for what has no noise.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct KeptLight {
+    seen: Rgb,
+    cast: Rgb,
+    rays: u32,
+    blocked: u32,
+    disputed: u32,
+}
+
+impl Tiers<'_> {
+    /// Writes everything.
+    pub fn save(&mut self, parts: &mut Parts, iterations: u64) -> Result<(), DeviceError> {
+        let to = &mut parts.shared;
+        to.value([iterations.max(self.before), self.before]);
+        let direct: Vec<KeptPatch> = self.coarse.direct.iter().map(KeptPatch::from).collect();
+        to.slice(&direct);
+        save_links(&self.coarse.links, direct.len(), to);
+        let records: Vec<KeptRecord> = self.cache.records.iter().map(KeptRecord::from).collect();
+        to.value(self.cache.sequences);
+        to.slice(&records);
+        to.value(self.coarse.sums.iterations);
+        to.slice(&self.coarse.sums.irradiance);
+        if let Some(shooting) = &mut self.shooting {
+            shooting.save(to)?;
+        }
+        let to = &mut parts.bound;
+        let lit: Vec<KeptLight> = (self.direct.lit.iter())
+            .map(|lit| KeptLight {
+                seen: lit.seen,
+                cast: lit.cast,
+                rays: lit.rays,
+                blocked: lit.blocked,
+                disputed: u32::from(lit.disputed),
+            })
+            .collect();
+        to.value(self.direct.passes);
+        to.value(self.direct.rays);
+        to.slice(&lit);
+        to.value(self.gloss.passes);
+        let gloss = self.gloss.sums.iter().map(|(sum, squares)| [*sum, *squares]);
+        to.slice(&gloss.collect::<Vec<_>>());
+        Ok(())
+    }
+
+    /// Takes the part for any camera, behind the patches' direct light, which [`restore_direct`]
+    /// takes.
+    pub fn restore_shared(&mut self, mut from: Reader<'_>) -> Result<(), DeviceError> {
+        let patches = self.coarse.direct.len();
+        self.coarse.links = restore_links(patches, &mut from)?;
+        self.cache.sequences = from.value()?;
+        let records: Vec<KeptRecord> = from.slice()?;
+        if records.len() > MOST_RECORDS as usize || !records.iter().all(KeptRecord::is_sound) {
+            return Err(CheckpointError::damaged("there can't be such a record").into());
+        }
+        self.cache.records = records.iter().map(Record::from).collect();
+        let iterations = from.count(MOST_ITERATIONS)?;
+        let count = if iterations > 0 { patches } else { 0 };
+        let irradiance = from.exactly(count)?;
+        self.coarse.sums = Sums { iterations, irradiance, glossy: Vec::new() };
+        if let Some(shooting) = &mut self.shooting {
+            shooting.restore(&mut from)?;
+        }
+        from.end()?;
+        self.coarse.refresh();
+        Ok(())
+    }
+
+    /// Takes the part of the same camera.
+    pub fn restore_bound(&mut self, mut from: Reader<'_>) -> Result<(), CheckpointError> {
+        self.direct.passes = from.value()?;
+        self.direct.rays = from.value()?;
+        let lit: Vec<KeptLight> = from.exactly(self.direct.lit.len())?;
+        if lit.iter().any(|lit| lit.rays > MOST_RAYS || lit.blocked > lit.rays) {
+            return Err(CheckpointError::damaged("there can't be that many rays"));
+        }
+        for (place, lit) in self.direct.lit.iter_mut().zip(lit) {
+            (place.seen, place.cast) = (lit.seen, lit.cast);
+            (place.rays, place.blocked) = (lit.rays, lit.blocked);
+            place.disputed = lit.disputed != 0;
+        }
+        self.gloss.passes = from.value()?;
+        let gloss: Vec<[Rgb; 2]> = from.exactly(self.gloss.sums.len())?;
+        for (place, [sum, squares]) in self.gloss.sums.iter_mut().zip(gloss) {
+            *place = (sum, squares);
+        }
+        from.end()
+    }
+}
+
+/// Iterations that it took to find the solution, those of them that another camera's picture had
+/// done, and the direct light of all patches.
+pub fn restore_direct(
+    from: &mut Reader<'_>,
+    patches: usize,
+) -> Result<([u64; 2], Vec<Patched>), CheckpointError> {
+    let iterations = [from.count(MOST_ITERATIONS)?, from.count(MOST_ITERATIONS)?];
+    let direct: Vec<KeptPatch> = from.exactly(patches)?;
+    let patched = |kept: &KeptPatch| Patched {
+        irradiance: kept.irradiance,
+        open: kept.open,
+        escaped: kept.escaped != 0,
+    };
+    Ok((iterations, direct.iter().map(patched).collect()))
+}
+
+/// Links take most of the bytes: two each where that suffices.
+fn save_links(links: &Links, patches: usize, to: &mut Writer) {
+    to.slice(&links.bounced);
+    to.value(links.rounds.len() as u64);
+    for Round { start, links } in &links.rounds {
+        to.slice(start);
+        if patches < usize::from(u16::MAX) - 1 {
+            // The two marks are the largest numbers, in two bytes as in four.
+            to.slice(&links.iter().map(|link| *link as u16).collect::<Vec<_>>());
+        } else {
+            to.slice(links);
+        }
+    }
+}
+
+fn restore_links(patches: usize, from: &mut Reader<'_>) -> Result<Links, CheckpointError> {
+    let bounced: Vec<Rgb> = from.slice()?;
+    let mut rounds = Vec::new();
+    let mut all = 0;
+    for _ in 0..from.count(MOST_LINKS as u64)? {
+        let start: Vec<u32> = from.exactly(patches + 1)?;
+        if start[0] != 0 || !start.is_sorted() {
+            return Err(CheckpointError::damaged("its links are in no order"));
+        }
+        let count = start[patches] as usize;
+        let links: Vec<u32> = if patches < usize::from(u16::MAX) - 1 {
+            let widen = |link: u16| match link {
+                u16::MAX | 0xfffe => u32::from(link) | 0xffff_0000,
+                link => u32::from(link),
+            };
+            from.exactly::<u16>(count)?.into_iter().map(widen).collect()
+        } else {
+            from.exactly(count)?
+        };
+        if links.iter().any(|link| *link as usize >= patches && *link < COVERED) {
+            return Err(CheckpointError::damaged("a link leads nowhere"));
+        }
+        all += links.len();
+        rounds.push(Round { start, links });
+    }
+    let empty = bounced.is_empty() && all == 0;
+    if !empty && (bounced.len() != patches || all == 0) {
+        return Err(CheckpointError::damaged("its links are not of these patches"));
+    }
+    Ok(Links { rounds, bounced })
+}
+
+impl From<&Patched> for KeptPatch {
+    fn from(patched: &Patched) -> Self {
+        let Patched { irradiance, open, escaped } = *patched;
+        Self { irradiance, open, escaped: u32::from(escaped) }
+    }
+}
+
+impl From<&Record> for KeptRecord {
+    fn from(record: &Record) -> Self {
+        Self {
+            point: record.point,
+            normal: record.normal,
+            footprint: record.footprint,
+            number: record.number,
+            rays: record.rays,
+            sum: record.sum,
+            nearness: record.nearness,
+            radius: record.radius,
+            horizon: record.horizon,
+        }
+    }
+}
+
+impl From<&KeptRecord> for Record {
+    fn from(kept: &KeptRecord) -> Self {
+        Record {
+            rays: kept.rays,
+            sum: kept.sum,
+            nearness: kept.nearness,
+            radius: kept.radius,
+            horizon: kept.horizon,
+            ..Record::new(kept.point, kept.normal, kept.footprint, kept.number)
+        }
+    }
+}
+
+impl KeptRecord {
+    /// Whether it may be what gathering makes: numbers that are none have no place anywhere.
+    fn is_sound(&self) -> bool {
+        let numbers = [self.footprint, self.nearness, self.radius];
+        let positive = numbers.iter().all(|number| *number >= 0.0 && number.is_finite());
+        let unit = (self.normal.length_squared() - 1.0).abs() < 1e-2;
+        let obstacle = |one: &Obstacle| one.distance >= 0.0 && one.normal.is_finite();
+        positive
+            && unit
+            && self.point.is_finite()
+            && self.sum.is_finite()
+            && self.rays <= MOST_RAYS
+            && self.horizon.iter().all(obstacle)
+    }
+}

@@ -1,0 +1,144 @@
+//! What methods keep in checkpoints, and what they find there: whose it is, how far it was, what
+//! was decided.
+
+use super::options::Settings;
+use crate::checkpoint::{CheckpointError, Header, Reader, ViewKey, Writer, scene_hash};
+use crate::render::{Begin, Progress, RenderError, RenderRequest, choose_camera};
+use crate::scene::{Camera, Scene};
+use std::collections::BTreeMap;
+use std::str::FromStr;
+use std::sync::Arc;
+
+/// What a job begins with, checked to be of the same scene, method, settings and seed.
+pub struct Past<'a> {
+    header: &'a Header,
+    /// What any camera can use.
+    pub shared: Reader<'a>,
+    /// What only its own camera can; `None` for another camera or size.
+    pub bound: Option<Reader<'a>>,
+}
+
+impl<'a> Past<'a> {
+    /// The past of a request that `method` is to render.
+    ///
+    /// # Errors
+    /// [`CheckpointError::Foreign`] or [`CheckpointError::Version`].
+    pub fn of(
+        request: &'a RenderRequest,
+        method: &str,
+        settings: &Settings,
+    ) -> Result<Option<Self>, RenderError> {
+        let (checkpoint, same_view) = match &request.begin {
+            Begin::Afresh => return Ok(None),
+            Begin::Continue(checkpoint) => (checkpoint, true),
+            Begin::View(checkpoint) => (checkpoint, false),
+        };
+        let header = checkpoint.header();
+        let here = env!("CARGO_PKG_VERSION");
+        if header.engine != here {
+            let (found, here) = (header.engine.clone(), here.into());
+            return Err(CheckpointError::Version { found, here }.into());
+        }
+        let foreign = |what: String| Err(CheckpointError::foreign(what).into());
+        if header.method != method {
+            return foreign(format!("the method {:?}, not to {method:?}", header.method));
+        }
+        if header.seed != request.seed {
+            return foreign(format!("seed {}, not to {}", header.seed, request.seed));
+        }
+        if header.settings != *settings.values() {
+            let mut differing = settings.values().iter().filter_map(|(name, value)| {
+                let other = header.settings.get(name)?;
+                (other != value).then(|| format!("{name}={other}, not to {name}={value}"))
+            });
+            return foreign(differing.next().unwrap_or("other settings".into()));
+        }
+        if same_view {
+            let (camera, _) = choose_camera(&request.scene, &request.camera)?;
+            if header.view != ViewKey::new(&camera, request.width, request.height) {
+                return foreign("another camera or size of the picture".into());
+            }
+        }
+        if header.scene != scene_hash(&request.scene) {
+            return foreign("another scene".into());
+        }
+        let bound = same_view.then(|| checkpoint.bound());
+        Ok(Some(Self { header, shared: checkpoint.shared(), bound }))
+    }
+
+    /// What was decided then.
+    ///
+    /// # Errors
+    /// [`CheckpointError::Damaged`] where there is no such decision.
+    pub fn decided<T: FromStr>(&self, name: &str) -> Result<T, CheckpointError> {
+        let value = self.header.decided.get(name).and_then(|value| value.parse().ok());
+        value.ok_or_else(|| CheckpointError::damaged(format!("it does not say {name}")))
+    }
+}
+
+/// The two parts of a checkpoint in the making.
+pub struct Parts {
+    /// What any camera can use.
+    pub shared: Writer,
+    /// What only this one can.
+    pub bound: Writer,
+}
+
+/// Whose checkpoints a run makes.
+pub struct Owner {
+    scene: Arc<Scene>,
+    seed: u64,
+    method: String,
+    settings: BTreeMap<String, String>,
+    view: ViewKey,
+    /// Decisions by the limits or the picture.
+    pub decided: BTreeMap<String, String>,
+    /// The scene's hash, once it was asked for.
+    hash: Option<String>,
+}
+
+impl Owner {
+    /// The owner of a request's checkpoints.
+    pub fn new(
+        request: &RenderRequest,
+        method: &str,
+        settings: &BTreeMap<String, String>,
+        camera: &Camera,
+    ) -> Self {
+        Self {
+            scene: request.scene.clone(),
+            seed: request.seed,
+            method: method.into(),
+            settings: settings.clone(),
+            view: ViewKey::new(camera, request.width, request.height),
+            decided: BTreeMap::new(),
+            // It was found to be the same.
+            hash: match &request.begin {
+                Begin::Afresh => None,
+                Begin::Continue(past) | Begin::View(past) => Some(past.header().scene.clone()),
+            },
+        }
+    }
+
+    /// The header of a checkpoint at this moment.
+    pub fn header(&mut self, progress: &Progress, light_shots: u64) -> Header {
+        let scene = self.hash.get_or_insert_with(|| scene_hash(&self.scene));
+        Header {
+            engine: env!("CARGO_PKG_VERSION").into(),
+            method: self.method.clone(),
+            scene: scene.clone(),
+            settings: self.settings.clone(),
+            seed: self.seed,
+            decided: self.decided.clone(),
+            view: self.view.clone(),
+            iterations: progress.iterations,
+            shots: progress.shots,
+            light_shots,
+            seconds: progress.seconds,
+            estimated_error: progress.estimated_error,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

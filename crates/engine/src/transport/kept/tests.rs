@@ -1,0 +1,105 @@
+//! Checkpoints whose sums are right and whose contents are not.
+
+use crate::checkpoint::{Checkpoint, CheckpointError};
+use crate::device::cpu::CpuDevice;
+use crate::random::{Numbers, Stream};
+use crate::render::{
+    Begin, CameraChoice, Limits, Observer, Progress, RenderError, RenderRequest, render,
+};
+use crate::scene::gltf::{ImportLimits, Resources, import};
+use crate::scene::made;
+use std::sync::Arc;
+
+/// Takes the solution.
+#[derive(Default)]
+struct Taker(Option<Checkpoint>);
+
+impl Observer for Taker {
+    fn wants_solution(&mut self, _progress: &Progress) -> bool {
+        true
+    }
+
+    fn checkpoint(&mut self, checkpoint: Checkpoint) {
+        self.0 = Some(checkpoint);
+    }
+}
+
+fn request(method: &str, iterations: u64) -> RenderRequest {
+    let scene = match method {
+        "illumination-map" => made::ring(),
+        "stochastic" => made::phong_cornell(),
+        _ => made::cornell(),
+    };
+    let scene = import(&scene, &Resources::new(), &ImportLimits::default()).expect("valid");
+    let options = match method {
+        "ray-traced" => vec![],
+        "illumination-map" => vec![("map_texels", "500"), ("light_rays", "64")],
+        "hemilux" => vec![("coarse_patches", "60"), ("coarse_rays", "4"), ("gather_rays", "4")],
+        _ => vec![("patches", "60"), ("hemicube_resolution", "16")],
+    };
+    let options = options.into_iter().map(|(name, value)| (name.into(), value.into()));
+    RenderRequest {
+        scene: Arc::new(scene),
+        camera: CameraChoice::First,
+        width: 10,
+        height: 8,
+        method: method.into(),
+        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        seed: 1,
+        options: options.collect(),
+        begin: Begin::Afresh,
+    }
+}
+
+/// A job that begins with anything whatever ends with a picture or an error: no panic, no endless
+/// loop, no memory beyond that of an honest one.
+#[test]
+fn contents_that_lie_do_no_harm() {
+    let mut device = CpuDevice::new(Some(1)).expect("threads");
+    let mut numbers = Numbers::new(1, Stream::Gather, 0);
+    for method in super::super::METHODS.iter().filter(|method| **method != "auto") {
+        let mut taker = Taker::default();
+        render(&mut device, &request(method, 3), &mut taker).expect("renders");
+        let honest = taker.0.expect("a solution");
+        let (mut refused, mut rendered) = (0, 0);
+        for turn in 0..120 {
+            let mut parts = honest.clone().into_parts();
+            let part = if turn % 3 == 2 { &mut parts.2 } else { &mut parts.1 };
+            if part.is_empty() {
+                continue;
+            }
+            let at = (numbers.fine() * part.len() as f64) as usize;
+            match turn % 4 {
+                // Lengths and counts are at the front.
+                0 => part
+                    .iter_mut()
+                    .nth(at % 64)
+                    .into_iter()
+                    .for_each(|byte| *byte ^= 1 << (turn % 8)),
+                1 => part.truncate(at),
+                2 => part[at] ^= 0xff,
+                _ => {
+                    let end = part.len().min(at + 4);
+                    part[at..end].fill(0xff);
+                }
+            }
+            let changed = Arc::new(Checkpoint::new(parts.0, parts.1, parts.2));
+            let begin = match turn % 2 {
+                0 => Begin::Continue(changed),
+                _ => Begin::View(changed),
+            };
+            match render(
+                &mut device,
+                &RenderRequest { begin, ..request(method, 4) },
+                &mut Taker(None),
+            ) {
+                Err(RenderError::Checkpoint(CheckpointError::Damaged { .. })) => refused += 1,
+                Err(RenderError::Checkpoint(CheckpointError::Foreign { .. })) => refused += 1,
+                Err(other) => panic!("{method}: {other}"),
+                Ok(_) => rendered += 1,
+            }
+        }
+        println!("{method}: {refused} refused, {rendered} rendered");
+        assert!(refused > 5, "{method}: {refused} of {}", refused + rendered);
+    }
+}
