@@ -125,14 +125,14 @@ fn verify(message: &Message) {
     let header = message.header("hemilux-webhook-signature");
     let (time, sum) = header.split_once(',').unwrap();
     let (time, sum) = (time.strip_prefix("t=").unwrap(), sum.strip_prefix("v1=").unwrap());
-    let age = jiff_now() - time.parse::<i64>().unwrap();
+    let age = now_s() - time.parse::<i64>().unwrap();
     assert!((0..60).contains(&age), "{age}");
     let expected =
         hemilux::webhooks::send::signature(SECRET, time.parse().unwrap(), message.body.as_bytes());
     assert_eq!(expected, format!("t={time},v1={sum}"));
 }
 
-fn jiff_now() -> i64 {
+fn now_s() -> i64 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap();
     i64::try_from(now.as_secs()).unwrap()
 }
@@ -227,4 +227,40 @@ fn a_redirect_is_no_delivery_and_is_not_followed() {
     messages.recv_timeout(PATIENCE).unwrap();
     delivery(&server, &job, |one| one["state"] == "given_up" && one["attempts"] == 2);
     assert!(knocks.try_recv().is_err(), "the redirect was followed");
+}
+
+#[test]
+fn a_key_may_have_a_webhook_for_all_its_jobs() {
+    let (url, messages) = receiver(&["200 OK"]);
+    let (other_url, other_messages) = receiver(&["200 OK"]);
+    let folder = TempDir::new().unwrap();
+    let secret = folder.path().join("secret");
+    std::fs::write(&secret, format!("{SECRET}\n")).unwrap();
+    let data = folder.path().join("data");
+    let made = std::process::Command::new(hemilux_tests::server::program())
+        .args(["keys", "add", "told", "--webhook", &url, "--webhook-secret-file"])
+        .arg(&secret)
+        .arg("--data-dir")
+        .arg(&data)
+        .output()
+        .unwrap();
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let bearer = format!("Bearer {}", String::from_utf8(made.stdout).unwrap().trim());
+    let server = Server::start_in(&data, &ALLOW);
+    let submit = |wish: &Value| {
+        let headers = [("content-type", "application/json"), ("authorization", bearer.as_str())];
+        let answer = server.send("POST", "/v1/jobs", &headers, wish.to_string().as_bytes());
+        assert_eq!(answer.status, 202, "{}", answer.text());
+        answer.json()["id"].clone()
+    };
+    let mut plain = wish(&Value::Null);
+    plain.as_object_mut().unwrap().remove("webhook");
+    let job = submit(&plain);
+    let message = messages.recv_timeout(PATIENCE).unwrap();
+    assert_eq!(message.json()["job"], job);
+    verify(&message);
+    // A job's own webhook goes first.
+    let job = submit(&wish(&json!({"url": other_url})));
+    assert_eq!(other_messages.recv_timeout(PATIENCE).unwrap().json()["job"], job);
+    assert!(messages.try_recv().is_err());
 }

@@ -55,7 +55,28 @@ pub struct Problem {
     errors: Vec<FieldError>,
     retry_after_s: Option<u32>,
     limit: Option<&'static str>,
-    challenge: Option<&'static str>,
+    challenge: Challenge,
+}
+
+/// What a refused caller is told about keys (RFC 6750).
+#[derive(Clone, Copy, Debug)]
+enum Challenge {
+    None,
+    KeyNeeded,
+    WrongKey,
+    ScopeNeeded,
+}
+
+impl Challenge {
+    fn header(self) -> Option<HeaderValue> {
+        let text = match self {
+            Self::None => return None,
+            Self::KeyNeeded => "Bearer realm=\"hemilux\"",
+            Self::WrongKey => "Bearer realm=\"hemilux\", error=\"invalid_token\"",
+            Self::ScopeNeeded => "Bearer realm=\"hemilux\", error=\"insufficient_scope\"",
+        };
+        Some(HeaderValue::from_static(text))
+    }
 }
 
 impl Problem {
@@ -73,7 +94,7 @@ impl Problem {
             errors: Vec::new(),
             retry_after_s: None,
             limit: None,
-            challenge: None,
+            challenge: Challenge::None,
         }
     }
 
@@ -84,14 +105,9 @@ impl Problem {
 
     /// 401: without a key, or with a wrong one.
     pub fn unauthenticated(detail: impl Into<String>, wrong_key: bool) -> Self {
-        let challenge = if wrong_key {
-            "Bearer realm=\"hemilux\", error=\"invalid_token\""
-        } else {
-            "Bearer realm=\"hemilux\""
-        };
         let title = "An API key is needed";
         Self {
-            challenge: Some(challenge),
+            challenge: if wrong_key { Challenge::WrongKey } else { Challenge::KeyNeeded },
             ..Self::new(StatusCode::UNAUTHORIZED, "unauthenticated", title, detail)
         }
     }
@@ -100,7 +116,7 @@ impl Problem {
     pub fn insufficient_scope(detail: impl Into<String>) -> Self {
         let title = "The API key does not allow this";
         Self {
-            challenge: Some("Bearer realm=\"hemilux\", error=\"insufficient_scope\""),
+            challenge: Challenge::ScopeNeeded,
             ..Self::new(StatusCode::FORBIDDEN, "insufficient-scope", title, detail)
         }
     }
@@ -257,9 +273,8 @@ impl IntoResponse for Problem {
         if let Some(seconds) = self.retry_after_s {
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
         }
-        if let Some(challenge) = self.challenge {
-            let value = HeaderValue::from_static(challenge);
-            response.headers_mut().insert(header::WWW_AUTHENTICATE, value);
+        if let Some(challenge) = self.challenge.header() {
+            response.headers_mut().insert(header::WWW_AUTHENTICATE, challenge);
         }
         response.extensions_mut().insert(self);
         response
