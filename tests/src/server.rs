@@ -18,7 +18,10 @@ pub fn program() -> &'static Path {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     PROGRAM.get_or_init(|| {
         let test = std::env::current_exe().expect("a test has a path");
-        let folder = test.ancestors().nth(2).expect("tests lie in <profile>/deps").to_owned();
+        // Tests lie in <profile>/deps, programs that use these helpers in <profile>.
+        let folder = test.parent().expect("a program lies in a folder");
+        let outer = folder.parent().filter(|_| folder.ends_with("deps"));
+        let folder = outer.unwrap_or(folder).to_owned();
         let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
         let mut build = Command::new(cargo);
         build.args(["build", "--quiet", "--package", "hemilux", "--bin", "hemilux"]);
