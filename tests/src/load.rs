@@ -90,7 +90,7 @@ pub fn run(server: Server, max_queued: usize, load: Load) -> Report {
     for _ in 0..max_queued {
         jobs.push(server.submit(&endless));
     }
-    let before = resident_mib(server.id());
+    let before = resident_mib(server.pid());
     let tally = Arc::new(Tally::default());
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
@@ -118,7 +118,7 @@ pub fn run(server: Server, max_queued: usize, load: Load) -> Report {
         let mut peak = before;
         while Instant::now() < end {
             tokio::time::sleep(Duration::from_millis(200)).await;
-            peak = peak.max(resident_mib(server.id()));
+            peak = peak.max(resident_mib(server.pid()));
         }
         tally.over.store(true, Ordering::Relaxed);
         others.join_all().await;

@@ -99,7 +99,7 @@ fn open(server: &Server, path: &str) -> TcpStream {
 
 /// Resident memory of a process in bytes.
 fn resident_bytes(server: &Server) -> u64 {
-    let text = std::fs::read_to_string(format!("/proc/{}/status", server.id())).unwrap();
+    let text = std::fs::read_to_string(format!("/proc/{}/status", server.pid())).unwrap();
     let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
     line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() << 10
 }

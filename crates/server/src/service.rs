@@ -8,10 +8,11 @@ use crate::disk::Disk;
 use crate::events::Bell;
 use crate::http;
 use crate::http::rate::RateLimiter;
+use crate::leases::{self, Leases};
 use crate::memory;
 use crate::metrics::Metrics;
 use crate::queue::Queue;
-use crate::retention::{self, Keeper, Removed, RetentionError};
+use crate::retention::{self, Keeper, Removed};
 use crate::store::sqlite::SqliteStore;
 use crate::store::{Store, StoreError};
 use crate::webhooks;
@@ -44,6 +45,8 @@ pub struct Service {
     pub bell: Bell,
     /// Jobs for workers.
     pub queue: Queue,
+    /// Claims that workers hold.
+    pub leases: Arc<Leases>,
     /// Counters.
     pub metrics: Metrics,
     /// The devices.
@@ -88,12 +91,17 @@ pub enum ServeError {
     /// Another process uses the data folder.
     #[error("the data folder {} is in use by another hemilux process; stop it, or give another --data-dir", .0.display())]
     InUse(PathBuf),
-    /// The store cannot be opened.
-    #[error("cannot open the database: {0}")]
+    /// The database cannot be opened or read.
+    #[error("cannot use the database {}: {source}", path.display())]
+    Database {
+        /// Its file.
+        path: PathBuf,
+        /// What is wrong.
+        source: StoreError,
+    },
+    /// The store failed at the end.
+    #[error("{0}")]
     Store(#[from] StoreError),
-    /// Files that nothing names could not be looked for.
-    #[error("cannot look through the data folder: {0}")]
-    Sweep(#[from] RetentionError),
     /// A device of --devices is not there.
     #[error("{0}")]
     Devices(String),
@@ -116,13 +124,15 @@ pub async fn serve(
     let folder_trouble = |source| ServeError::DataFolder { path: config.data_dir.clone(), source };
     std::fs::create_dir_all(config.data_dir.join("tmp")).map_err(folder_trouble)?;
     let artifacts = Artifacts::local(&config.data_dir.join("artifacts")).map_err(folder_trouble)?;
-    let store: Arc<dyn Store> =
-        Arc::new(SqliteStore::open(&config.data_dir.join("hemilux.sqlite")).await?);
-    let is_closed = config.guard.require_keys || store.any_keys().await?;
+    let database = config.data_dir.join("hemilux.sqlite");
+    let trouble = |source| ServeError::Database { path: database.clone(), source };
+    let store: Arc<dyn Store> = Arc::new(SqliteStore::open(&database).await.map_err(trouble)?);
+    let is_closed = config.guard.require_keys || store.any_keys().await.map_err(trouble)?;
     if !config.listen.ip().is_loopback() && !is_closed && !config.allow_remote {
         return Err(ServeError::Remote(config.listen));
     }
-    for job in store.recover().await? {
+    // The lock proves that whoever holds leases here is gone; nothing needs to run out.
+    for job in store.recover().await.map_err(trouble)? {
         tracing::warn!(%job, "an earlier process left this job running");
     }
     let listener = TcpListener::bind(config.listen)
@@ -132,13 +142,18 @@ pub async fn serve(
 
     let bell = Bell::default();
     let keeper = Keeper::new(store.clone(), artifacts.clone(), bell.clone());
-    let orphans = keeper.sweep().await?;
+    // What cannot be looked through now can be at the next start; it is in nobody's way.
+    let orphans = keeper.sweep().await.unwrap_or_else(|error| {
+        tracing::error!(%error, "cannot look for files that nothing names");
+        0
+    });
     let service = Arc::new(Service {
         queue: Queue::new(store.clone(), bell.clone()),
         store,
         artifacts,
         keeper,
         bell,
+        leases: Arc::default(),
         metrics: Metrics::default(),
         pool: Pool::new(&devices),
         vocabulary: worker::vocabulary(),
@@ -150,6 +165,11 @@ pub async fn serve(
         shutdown: stop.clone(),
         config,
     });
+    let (news, of_expiry) = (service.bell.clone(), (leases::BEAT, leases::LEASE));
+    let (store, held) = (service.store.clone(), service.leases.clone());
+    leases::supervise(store, held, stop.clone(), of_expiry, move |lease| {
+        news.ring(lease.claim.job);
+    })?;
     let workers = worker::start(&service)?;
     retention::report(&service, Removed { orphans, ..Removed::default() });
     let purge = tokio::spawn(retention::keep_order(service.clone()));

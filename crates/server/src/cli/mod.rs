@@ -37,6 +37,18 @@ enum Command {
     Keys(keys::Arguments),
     /// Print the API's description (OpenAPI, YAML).
     Openapi,
+    /// Run jobs on a device for the server that started this and holds its pipes.
+    #[command(hide = true)]
+    DeviceWorker {
+        /// The device's id.
+        device: String,
+        /// Most memory, MiB of address space.
+        #[arg(long)]
+        memory_mb: Option<u64>,
+        /// How the log is written.
+        #[arg(long, value_enum, default_value_t)]
+        log_format: LogFormat,
+    },
 }
 
 /// Runs the program. Exit codes: 0 done, 1 failed, 2 wrong usage.
@@ -44,6 +56,8 @@ pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let (format, default) = match &arguments.command {
         Command::Serve(config) => (config.log_format, "info"),
+        // It writes to the log of the server that started it.
+        Command::DeviceWorker { log_format, .. } => (*log_format, "info"),
         _ => (LogFormat::Text, "warn"),
     };
     let _telemetry = telemetry::start(format, default);
@@ -55,6 +69,9 @@ pub fn main() -> ExitCode {
         Command::Health(arguments) => health::run(&arguments),
         Command::Keys(arguments) => keys::run(arguments),
         Command::Openapi => print(&crate::http::openapi::yaml()),
+        Command::DeviceWorker { device, memory_mb, .. } => {
+            crate::worker::child::run(&device, memory_mb).map_err(Failure::failed)
+        }
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -19,6 +19,7 @@ use axum::extract::{Request, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use std::time::Duration;
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
@@ -108,7 +109,9 @@ pub async fn create_job(
     check_memory(&app, &job, &scene)?;
     job.scene = Some(scene.id.clone());
     let webhook = job.webhook.clone().or_else(|| caller.key().and_then(|key| key.webhook.clone()));
-    let canonical = serde_json::to_vec(&job).map_err(|e| Problem::internal(e.to_string()))?;
+    let unserialisable = |error: serde_json::Error| Problem::internal(error.to_string());
+    let canonical = serde_json::to_vec(&job).map_err(unserialisable)?;
+    let render_key = render_key(caller.owner(), &job).map_err(unserialisable)?;
     let new = NewJob {
         id: Uuid::now_v7(),
         scene_id: scene.id,
@@ -123,6 +126,7 @@ pub async fn create_job(
             webhook,
             trace_parent,
         },
+        render_key,
     };
     match app.store.accept(new, app.config.max_queued).await? {
         Accepted::New(job) => {
@@ -146,6 +150,21 @@ pub async fn create_job(
         }
         Accepted::SceneGone => Err(Problem::not_found("the scene was removed; send it again")),
     }
+}
+
+/// Hash of all that a job's picture depends on, where that determines it: only jobs that end by
+/// their iterations, since a time budget makes the picture depend on what else the machine does,
+/// and that ask for no snapshots, since who does wants to see it happen. Nobody shares the jobs of
+/// another owner: the event that says so names them.
+fn render_key(owner: &str, job: &JobRequest) -> Result<Option<String>, serde_json::Error> {
+    let determined = job.max_iterations.is_some() && job.time_budget_s.is_none();
+    if job.fresh || !determined || job.snapshots.is_some() {
+        return Ok(None);
+    }
+    // Without what travels with the job but does not show in the picture.
+    let shown = JobRequest { priority: 0, labels: BTreeMap::new(), webhook: None, ..job.clone() };
+    let whole = serde_json::to_vec(&(env!("CARGO_PKG_VERSION"), owner, shown))?;
+    Ok(Some(sha256_hex(&whole)))
 }
 
 fn accepted(job: Job, again: bool) -> Response {

@@ -135,7 +135,7 @@ pub async fn scene_from_body(
     if spooled.size == 0 {
         return Err(Problem::bad_scene("the body is empty; send a .glb or .gltf file"));
     }
-    if let Some(scene) = stored_scene(app, caller, &spooled.sha256).await? {
+    if let Some(scene) = stored_scene(app, caller, &spooled.sha256, true).await? {
         return Ok((scene, false));
     }
     let id = spooled.sha256.clone();
@@ -263,6 +263,25 @@ async fn import_turn(app: &App) -> Result<OwnedSemaphorePermit, Problem> {
     turn.await.map_err(|error| Problem::internal(error.to_string()))
 }
 
+/// The scene of that id, unless its file is lost or damaged, so that sending it again mends it.
+/// Damage is looked for where the look is to be `thorough`.
+async fn kept(app: &App, id: &str, thorough: bool) -> Result<Option<Scene>, Problem> {
+    let Some(scene) = app.store.scene(id).await? else { return Ok(None) };
+    let sound = if thorough {
+        match app.artifacts.scene(id).await {
+            Ok(_) => true,
+            Err(error) if error.is_lasting() => false,
+            Err(error) => return Err(error.into()),
+        }
+    } else {
+        app.artifacts.has_scene(id, scene.size).await?
+    };
+    if !sound {
+        tracing::warn!(scene = id, "the file is lost or damaged and is stored again");
+    }
+    Ok(sound.then_some(scene))
+}
+
 /// Checks a scene by importing it, then keeps it; whether it is new. What cannot be imported is
 /// not kept. Without a `turn` it waits for one where there is something to import.
 pub async fn store_scene(
@@ -273,7 +292,8 @@ pub async fn store_scene(
     bytes: Bytes,
     turn: Option<OwnedSemaphorePermit>,
 ) -> Result<(Scene, bool), Problem> {
-    if let Some(scene) = stored_scene(app, caller, &id).await? {
+    // Built-in scenes, which come without a turn, are asked for with every job.
+    if let Some(scene) = stored_scene(app, caller, &id, turn.is_some()).await? {
         return Ok((scene, false));
     }
     check_quota(app, caller, bytes.len() as u64).await?;
@@ -294,9 +314,14 @@ pub async fn store_scene(
     Ok((scene, is_new))
 }
 
-/// The scene of that id, if it is there already; it is the caller's too from now on.
-async fn stored_scene(app: &App, caller: &Caller, id: &str) -> Result<Option<Scene>, Problem> {
-    let Some(scene) = app.store.scene(id).await? else { return Ok(None) };
+/// The scene of that id, if it is there already and sound; it is the caller's too from now on.
+async fn stored_scene(
+    app: &App,
+    caller: &Caller,
+    id: &str,
+    thorough: bool,
+) -> Result<Option<Scene>, Problem> {
+    let Some(scene) = kept(app, id, thorough).await? else { return Ok(None) };
     if !app.store.holds_scene(id, caller.billed_to()).await? {
         check_quota(app, caller, scene.size).await?;
         app.store.hold_scene(id, caller.billed_to()).await?;

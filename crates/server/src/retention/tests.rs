@@ -65,6 +65,7 @@ impl World {
             idempotency_key: None,
             request_hash: String::new(),
             submitter: Submitter::default(),
+            render_key: None,
         };
         match self.store.accept(job, 1_000_000).await.unwrap() {
             Accepted::New(job) => {
@@ -87,13 +88,8 @@ impl World {
         }
         let bytes = job.id.as_bytes().to_vec();
         let picture = self.artifacts.put_picture(job.id, PictureFormat::Png, (1, 1), bytes).await;
-        let outcome = Outcome {
-            state: JobState::Succeeded,
-            stats: None,
-            pictures: vec![picture.unwrap()],
-            error: None,
-            progress: None,
-        };
+        let pictures = vec![picture.unwrap()];
+        let outcome = Outcome { pictures, ..Outcome::of(JobState::Succeeded) };
         match self.store.finish(claim, outcome).await {
             // It was deleted meanwhile; the worker removes what it wrote.
             Err(StoreError::ClaimLost(_)) => self.artifacts.remove_job(job.id).await.unwrap(),
