@@ -10,6 +10,7 @@
 mod cell;
 mod form_factors;
 mod growth;
+mod load;
 mod methods;
 mod page;
 mod paper;
@@ -43,6 +44,8 @@ enum Benchmark {
     /// One point of `growth`, in a process of its own.
     #[command(hide = true)]
     GrowthPoint(growth::PointArguments),
+    /// The service under load: streams, posts against a full queue, memory, end.
+    Load(load::Arguments),
     /// Error against rays for every way to sample a pixel, with page and charts.
     Pixels(pixels::Arguments),
     /// How good the three-tier method is and why: ablation, calibration, growth, planning.
@@ -57,6 +60,7 @@ fn main() -> Result<(), results::Failure> {
         Benchmark::FormFactors(arguments) => form_factors::run(&arguments),
         Benchmark::Growth(arguments) => growth::run(&arguments),
         Benchmark::GrowthPoint(arguments) => growth::point(&arguments),
+        Benchmark::Load(arguments) => load::run(&arguments),
         Benchmark::Pixels(arguments) => pixels::run(&arguments),
         Benchmark::Tiers(arguments) => tiers::run(&arguments),
     }

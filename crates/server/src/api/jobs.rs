@@ -2,6 +2,7 @@
 
 use super::Warning;
 use super::scenes::CameraName;
+use super::webhooks::WebhookTarget;
 use crate::job_state::JobState;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -73,6 +74,10 @@ pub struct JobRequest {
     #[serde(default)]
     #[schema(schema_with = labels_schema)]
     pub labels: BTreeMap<String, String>,
+    /// Who is told when the job ends.
+    #[serde(default)]
+    #[schema(nullable = false)]
+    pub webhook: Option<WebhookTarget>,
 }
 
 fn default_method() -> String {
@@ -373,6 +378,8 @@ pub struct Job {
     /// When it ended.
     #[schema(required, value_type = Option<String>, format = DateTime)]
     pub finished_at: Option<Timestamp>,
+    /// Whether it stays until it is deleted, however old it gets.
+    pub pinned: bool,
     /// Counted attempts; a worker that died makes another one necessary.
     pub attempts: u32,
     /// Whether a cancel is on its way to the worker.

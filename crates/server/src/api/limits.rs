@@ -102,6 +102,9 @@ impl JobRequest {
         if !(-100..=100).contains(&self.priority) {
             wrong("priority", format!("must be between -100 and 100, is {}", self.priority));
         }
+        for error in self.webhook.iter().flat_map(|webhook| webhook.problems("webhook")) {
+            wrong(&error.field, error.detail);
+        }
         self.label_problems(&mut wrong);
         self.option_problems(limits, vocabulary, &mut wrong);
         self.camera_shape_problems(&mut wrong);

@@ -3,8 +3,10 @@
 
 pub mod events;
 pub mod jobs;
+pub mod keys;
 pub mod limits;
 pub mod scenes;
+pub mod webhooks;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
