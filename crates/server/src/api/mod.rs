@@ -5,6 +5,7 @@ pub mod events;
 pub mod jobs;
 pub mod limits;
 pub mod scenes;
+pub mod solutions;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -118,7 +118,8 @@ pub async fn create_job(State(app): State<App>, request: Request) -> Result<Resp
     }
 }
 
-fn accepted(job: Job, again: bool) -> Response {
+/// The answer to a job that is accepted.
+pub fn accepted(job: Job, again: bool) -> Response {
     let location = [(header::LOCATION, format!("/v1/jobs/{}", job.id))];
     let mut response = (StatusCode::ACCEPTED, location, Json(job)).into_response();
     if again {
@@ -128,7 +129,8 @@ fn accepted(job: Job, again: bool) -> Response {
     response
 }
 
-fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
+/// The key under which repeating a request is safe.
+pub fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     let Some(key) = headers.get("idempotency-key") else { return Ok(None) };
     let key = key.to_str().unwrap_or("");
     if key.is_empty() || key.len() > 255 || !key.bytes().all(|byte| byte.is_ascii_graphic()) {
@@ -139,7 +141,8 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     Ok(Some(key.to_owned()))
 }
 
-fn check(app: &App, job: &JobRequest) -> Result<(), Problem> {
+/// Refuses what the server or the engine would not do.
+pub fn check(app: &App, job: &JobRequest) -> Result<(), Problem> {
     let mut errors = job.problems(&app.config.job_limits(), &app.vocabulary);
     if errors.is_empty() {
         errors.extend(worker::setting_problem(&job.options));

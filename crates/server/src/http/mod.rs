@@ -12,6 +12,7 @@ mod probes;
 pub mod problem;
 mod read;
 mod scenes;
+mod solutions;
 mod traces;
 mod upload;
 
@@ -37,6 +38,10 @@ fn api() -> OpenApiRouter<App> {
         .routes(routes!(jobs::create_job, jobs::list_jobs))
         .routes(routes!(jobs::get_job, jobs::delete_job))
         .routes(routes!(jobs::cancel_job))
+        .routes(routes!(solutions::extend_job))
+        .routes(routes!(solutions::create_view))
+        .routes(routes!(solutions::manifest))
+        .routes(routes!(solutions::solution_glb))
         .routes(routes!(events::stream_events))
         .routes(routes!(images::newest_image))
         .routes(routes!(images::newest_png))

@@ -1,6 +1,7 @@
 //! Where scenes, jobs and events are kept. One interface; the embedded implementation is
 //! [`sqlite`]. Everything that a client was promised is on disk when a call returns.
 
+pub mod solutions;
 pub mod sqlite;
 
 use crate::api::Warning;
@@ -119,7 +120,7 @@ pub struct JobCounts {
 
 /// The store of one service.
 #[async_trait]
-pub trait Store: Send + Sync {
+pub trait Store: solutions::Solutions + Send + Sync {
     /// Stores a scene; false where it was there already.
     async fn put_scene(&self, scene: &Scene) -> Result<bool, StoreError>;
     /// The scene of that id.

@@ -1,7 +1,7 @@
 //! One attempt at one job.
 
-use super::scenes;
 use super::watch::{Stop, Watcher, keep_picture};
+use super::{checkpoints, scenes};
 use crate::api;
 use crate::api::jobs::{CameraRequest, Job, JobError, PictureFormat};
 use crate::artifacts::ArtifactError;
@@ -11,8 +11,8 @@ use crate::store::{Claim, Outcome, StoreError};
 use hemilux_engine::device::{Device, DeviceError};
 use hemilux_engine::image;
 use hemilux_engine::render::{
-    CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest, Rendered, Stats, StopReason,
-    render,
+    Begin, CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest, Rendered, Stats,
+    StopReason, render,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -54,6 +54,7 @@ pub fn run(
                 let failure = Failure::new("panic", format!("an unexpected fault: {text}"));
                 Err(Failure { device_is_sound: false, ..failure })
             });
+    watcher.hand_over();
     let (stop, latest) = (watcher.stop(), watcher.latest());
     drop(watcher);
     runtime.block_on(async {
@@ -76,6 +77,7 @@ pub fn run(
         Err(failure) => Ending::Failed(failure),
     };
     record(service, runtime, claim, ending, latest, started);
+    runtime.block_on(checkpoints::settle(service, claim.job));
     device_is_sound
 }
 
@@ -105,7 +107,9 @@ fn attempt(
     let scene = scenes::load(format, &bytes, service.config.max_triangles)
         .map_err(|refusal| Failure::new("scene", refusal.to_string()))?;
     drop(bytes);
-    let request = RenderRequest {
+    let (begin, trouble) = runtime.block_on(checkpoints::begin(service, job));
+    watcher.beginning = trouble.map(begins_afresh);
+    let mut request = RenderRequest {
         scene: Arc::new(scene),
         camera: camera(job.request.camera.as_ref()),
         width: job.request.width,
@@ -114,9 +118,16 @@ fn attempt(
         limits: limits(job, service.config.max_seconds),
         seed: job.request.seed,
         options: job.request.options.iter().map(|(k, v)| (k.clone(), v.to_string())).collect(),
-        begin: Default::default(),
+        begin,
     };
-    render(device, &request, watcher).map_err(|error| match error {
+    let mut rendered = render(device, &request, watcher);
+    if let Err(RenderError::Checkpoint(error)) = &rendered {
+        tracing::warn!(job = %job.id, %error, "begins afresh");
+        watcher.beginning = Some(begins_afresh(error.to_string()));
+        request.begin = Begin::Afresh;
+        rendered = render(device, &request, watcher);
+    }
+    rendered.map_err(|error| match error {
         RenderError::Parameter { parameter, what } => {
             Failure::new("parameter", format!("{parameter}: {what}"))
         }
@@ -127,6 +138,12 @@ fn attempt(
         }
         RenderError::Checkpoint(error) => Failure::new("checkpoint", error.to_string()),
     })
+}
+
+/// Says that a job does not begin with what it should.
+fn begins_afresh(why: String) -> api::Warning {
+    let what = format!("what was kept of it cannot be used, so the job began afresh: {why}");
+    api::Warning { at: "job".into(), what }
 }
 
 fn camera(request: Option<&CameraRequest>) -> CameraChoice {

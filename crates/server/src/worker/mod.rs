@@ -1,6 +1,7 @@
 //! The pool: one operating-system thread per device, each drawing jobs from the queue. This is
 //! where the service meets the engine.
 
+mod checkpoints;
 pub mod devices;
 mod job;
 pub mod scenes;

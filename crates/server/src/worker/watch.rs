@@ -1,13 +1,16 @@
 //! Watching a render: an observer on the rendering thread that only counts and sends, and a task
 //! beside it that encodes, stores and listens for a cancel, so that rendering never waits.
 
+use super::checkpoints::{self, Costs, Ending, Pacing};
 use crate::api;
 use crate::api::jobs::{Job, Picture, PictureFormat, SnapshotRequest};
 use crate::service::Service;
 use crate::store::{Claim, Report, StoreError};
+use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::image::{self, Exposure, ImageError};
 use hemilux_engine::render::{Observer, Plan, Progress};
 use hemilux_engine::scene::Warning;
+use hemilux_engine::scene::gltf::BakedMesh;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::time::{Duration, Instant};
@@ -60,6 +63,7 @@ enum Message {
     Planned(api::jobs::Plan, Vec<api::Warning>),
     Progress(api::jobs::Progress),
     Snapshot(image::Picture, api::jobs::Progress),
+    Checkpoint(Box<Checkpoint>, Option<BakedMesh>),
 }
 
 /// The observer of one render.
@@ -72,6 +76,11 @@ pub struct Watcher {
     snapshots: Option<SnapshotRequest>,
     taken: u32,
     next_snapshot_s: f64,
+    pacing: Pacing,
+    /// What is known at the end.
+    ending: Option<Ending>,
+    /// A warning about what the job begins with.
+    pub beginning: Option<api::Warning>,
 }
 
 impl Watcher {
@@ -85,9 +94,11 @@ impl Watcher {
         let (messages, receiver) = mpsc::channel(64);
         let signals = Arc::new(Signals::default());
         let snapshots = job.request.snapshots.clone();
+        let pacing = Pacing::new(&service.config);
         let scribe = Scribe {
             service: service.clone(),
             claim,
+            costs: pacing.costs.clone(),
             signals: signals.clone(),
             formats: snapshots.as_ref().map(|s| s.formats.clone()).unwrap_or_default(),
             pending: Report::default(),
@@ -102,6 +113,9 @@ impl Watcher {
             next_snapshot_s: snapshots.as_ref().map_or(0.0, |s| s.every_s),
             snapshots,
             taken: 0,
+            pacing,
+            ending: None,
+            beginning: None,
         };
         (watcher, runtime.spawn(scribe.run(receiver)))
     }
@@ -109,6 +123,14 @@ impl Watcher {
     /// Why the render was asked to stop, if it was.
     pub fn stop(&self) -> Stop {
         self.signals.stop()
+    }
+
+    /// Hands over what is known at the end of the attempt, to be kept.
+    pub fn hand_over(&mut self) {
+        if let Some(Ending { checkpoint, baked }) = self.ending.take() {
+            let message = Message::Checkpoint(Box::new(checkpoint), baked);
+            let _ = self.messages.blocking_send(message);
+        }
     }
 
     /// The latest figures.
@@ -119,7 +141,8 @@ impl Watcher {
 
 impl Observer for Watcher {
     fn planned(&mut self, plan: &Plan, warnings: &[Warning]) {
-        let warnings = warnings.iter().map(super::scenes::warning).collect();
+        let warnings = warnings.iter().map(super::scenes::warning);
+        let warnings = warnings.chain(self.beginning.clone()).collect();
         // The task only goes away together with the job.
         let _ = self.messages.blocking_send(Message::Planned(to_plan(plan), warnings));
     }
@@ -150,6 +173,42 @@ impl Observer for Watcher {
         let _ = self.messages.blocking_send(message);
     }
 
+    fn wants_checkpoint(&mut self, _progress: &Progress) -> bool {
+        self.pacing.is_due()
+    }
+
+    fn wants_solution(&mut self, _progress: &Progress) -> bool {
+        match self.stop() {
+            Stop::ClaimLost => false,
+            // Where the server shuts down, the next attempt goes on from here.
+            Stop::No if self.shutdown.is_cancelled() => true,
+            Stop::No | Stop::Cancel => self.pacing.keeps_solutions,
+        }
+    }
+
+    fn most_checkpoint_bytes(&self) -> u64 {
+        self.pacing.most_bytes
+    }
+
+    fn checkpoint(&mut self, checkpoint: Checkpoint) {
+        if self.pacing.made() {
+            let message = Message::Checkpoint(Box::new(checkpoint), None);
+            let _ = self.messages.blocking_send(message);
+        } else {
+            self.ending = Some(Ending { checkpoint, baked: None });
+        }
+    }
+
+    fn wants_baked(&self) -> bool {
+        self.ending.is_some() && !self.shutdown.is_cancelled()
+    }
+
+    fn baked(&mut self, mesh: BakedMesh) {
+        if let Some(ending) = &mut self.ending {
+            ending.baked = Some(mesh);
+        }
+    }
+
     fn cancelled(&self) -> bool {
         self.stop() != Stop::No || self.shutdown.is_cancelled()
     }
@@ -159,6 +218,7 @@ impl Observer for Watcher {
 struct Scribe {
     service: Arc<Service>,
     claim: Claim,
+    costs: Arc<Costs>,
     signals: Arc<Signals>,
     formats: Vec<PictureFormat>,
     pending: Report,
@@ -190,6 +250,17 @@ impl Scribe {
         match message {
             Message::Planned(plan, warnings) => self.pending.plan = Some((plan, warnings)),
             Message::Progress(progress) => self.pending.progress.push(progress),
+            Message::Checkpoint(checkpoint, baked) => {
+                let (service, claim) = (self.service.clone(), self.claim);
+                let costs = self.costs.clone();
+                self.snapshots.spawn(async move {
+                    if let Err(error) =
+                        checkpoints::keep(&service, claim, *checkpoint, baked, &costs).await
+                    {
+                        tracing::warn!(job = %claim.job, %error, "a checkpoint was lost");
+                    }
+                });
+            }
             Message::Snapshot(picture, progress) => {
                 let (service, claim) = (self.service.clone(), self.claim);
                 let (signals, formats) = (self.signals.clone(), self.formats.clone());

@@ -298,6 +298,7 @@ impl Tiers<'_> {
         };
         let done = run.tally.iterations;
         run.keep_solution(|parts| self.save(parts, done))?;
+        run.bake(&self.coarse.scene, || self.coarse.irradiances().to_vec());
         let (picture, error) = self.picture();
         run.estimated_error = error;
         Ok((picture, stopped))

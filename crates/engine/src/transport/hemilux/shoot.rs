@@ -146,6 +146,11 @@ impl<'a> Coarse<'a> {
         self.refresh();
     }
 
+    /// Irradiance of each patch, direct and indirect.
+    pub fn irradiances(&self) -> &[Rgb] {
+        &self.both.patches
+    }
+
     /// Links so far.
     pub fn links(&self) -> usize {
         self.links.count()

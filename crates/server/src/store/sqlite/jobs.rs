@@ -46,12 +46,7 @@ pub async fn accept(
             return Ok(Accepted::Again(Box::new(expect(connection, id).await?)));
         }
     }
-    let waiting = sqlx::query(
-        "SELECT count(*) AS waiting FROM jobs WHERE state = 'queued' AND deleted_ms IS NULL",
-    )
-    .fetch_one(&mut *connection)
-    .await?;
-    if waiting.get::<i64, _>("waiting").unsigned_abs() >= max_queued {
+    if waiting(connection).await? >= max_queued {
         return Ok(Accepted::QueueFull);
     }
     sqlx::query(
@@ -78,6 +73,16 @@ pub async fn accept(
     }
     append_state(connection, job.id, JobState::Queued, 0, None).await?;
     Ok(Accepted::New(Box::new(expect(connection, job.id).await?)))
+}
+
+/// How many jobs wait.
+pub async fn waiting(connection: &mut SqliteConnection) -> Result<u64, StoreError> {
+    let row = sqlx::query(
+        "SELECT count(*) AS waiting FROM jobs WHERE state = 'queued' AND deleted_ms IS NULL",
+    )
+    .fetch_one(connection)
+    .await?;
+    Ok(row.get::<i64, _>("waiting").unsigned_abs())
 }
 
 /// Jobs, newest first.

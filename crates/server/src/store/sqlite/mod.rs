@@ -6,6 +6,7 @@
 mod events;
 mod jobs;
 mod rows;
+mod solutions;
 #[cfg(test)]
 mod tests;
 
