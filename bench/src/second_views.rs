@@ -2,10 +2,10 @@
 //! it takes by itself in the given time, and what the checkpoint in between takes.
 
 use crate::results::{self, Failure};
-use hemilux_charts::accuracy::relative_rmse;
 use hemilux_charts::table::Table;
 use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::device::cpu::CpuDevice;
+use hemilux_engine::image::Picture;
 use hemilux_engine::render::{
     Begin, CameraChoice, ExplicitCamera, Limits, Observer, Progress, RenderRequest, Rendered,
     render,
@@ -66,7 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         scenes.push((name, std::fs::read(path)?));
     }
-    let mut views = Table::new([
+    let mut views = Table::new(&[
         "scene",
         "error alone",
         "seconds alone",
@@ -74,7 +74,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         "seconds of the view",
         "share",
     ]);
-    let mut checkpoints = Table::new([
+    let mut checkpoints = Table::new(&[
         "scene",
         "MB",
         "of them for any camera",
@@ -94,7 +94,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let began = Instant::now();
         let checkpoint = Checkpoint::from_bytes(&bytes)?;
         let reading = began.elapsed().as_secs_f64();
-        checkpoints.add([
+        checkpoints.add(vec![
             name.clone(),
             format!("{:.1}", bytes.len() as f64 / 1e6),
             format!("{:.1}", checkpoint.shared_size() as f64 / 1e6),
@@ -113,7 +113,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let reference = work(&reference, &mut Taker::default())?.picture;
         let bright = EMITTER * f64::from(reference.mean());
         let counts = |pixel: usize| f64::from(reference.pixels[pixel].max_element()) < bright;
-        let error = |rendered: &Rendered| relative_rmse(&rendered.picture, &reference, counts);
+        let error = |rendered: &Rendered| relative_error(&rendered.picture, &reference, counts);
         let alone = work(&other, &mut Taker::default())?;
         let goal = error(&alone);
         let checkpoint = Arc::new(checkpoint);
@@ -141,7 +141,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             println!("    {what} {value:.3}");
         }
         let by_itself = alone.stats.seconds_solve;
-        views.add([
+        views.add(vec![
             name,
             format!("{:.2} %", 100.0 * goal),
             format!("{by_itself:.2}"),
@@ -175,6 +175,20 @@ fn request(
 
 fn work(request: &RenderRequest, taker: &mut Taker) -> Result<Rendered, Failure> {
     Ok(render(&mut CpuDevice::new(None)?, request, taker)?)
+}
+
+/// rRMSE over the pixels that count. Both pictures are of the same method, so what it neglects is
+/// in neither error.
+fn relative_error(picture: &Picture, reference: &Picture, counts: impl Fn(usize) -> bool) -> f64 {
+    let (mut squares, mut sum, mut values) = (0.0, 0.0, 0.0);
+    for (index, (a, b)) in picture.pixels.iter().zip(&reference.pixels).enumerate() {
+        if counts(index) {
+            squares += f64::from((*a - *b).length_squared());
+            sum += f64::from(b.element_sum());
+            values += 3.0;
+        }
+    }
+    (squares / f64::max(values, 1.0)).sqrt() / (sum / f64::max(values, 1.0))
 }
 
 /// Beside the first camera by a fifth of the way to the middle of the scene, looking there.

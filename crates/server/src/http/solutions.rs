@@ -7,7 +7,7 @@ use super::problem::{Problem, documented};
 use super::read::{self, JobId, MAX_JSON_BYTES, is_held, media_type};
 use super::upload;
 use crate::api::FieldError;
-use crate::api::jobs::Job;
+use crate::api::jobs::{Job, JobRequest};
 use crate::api::solutions::{Begins, ExtendRequest, Manifest, Solution, ViewRequest};
 use crate::artifacts::sha256_hex;
 use crate::store::solutions::Extended;
@@ -51,8 +51,9 @@ pub async fn extend_job(
     let job = find(&app, id).await?;
     let solution = kept(&app, &job).await?;
     let request = extension.apply(&job.request);
-    check(&app, &request)?;
-    refuse_less(&extension, &solution)?;
+    // Only requests from outside may not say what they are a view of.
+    check(&app, &JobRequest { view_of: None, ..request.clone() })?;
+    refuse_less(&extension, &solution, job.estimated_error)?;
     match app.store.extend(id, &request, app.config.max_queued).await? {
         Extended::Queued(job) => {
             app.queue.wake();
@@ -234,7 +235,11 @@ async fn share(app: &App, job: &Job, to: Uuid) -> Result<Solution, Problem> {
 }
 
 /// Refuses limits that the job is beyond already.
-fn refuse_less(extension: &ExtendRequest, solution: &Solution) -> Result<(), Problem> {
+fn refuse_less(
+    extension: &ExtendRequest,
+    solution: &Solution,
+    estimated_error: Option<f64>,
+) -> Result<(), Problem> {
     let ExtendRequest { target_error, time_budget_s, max_iterations } = *extension;
     let mut errors = Vec::new();
     if target_error.is_none() && time_budget_s.is_none() && max_iterations.is_none() {
@@ -255,7 +260,7 @@ fn refuse_less(extension: &ExtendRequest, solution: &Solution) -> Result<(), Pro
         let detail = format!("must be above the {done} iterations that are done, is {iterations}");
         errors.push(FieldError::new("max_iterations", detail));
     }
-    if let (Some(target), Some(error)) = (target_error, solution.estimated_error)
+    if let (Some(target), Some(error)) = (target_error, estimated_error)
         && target >= error
     {
         let detail = format!("must be below the {error:.5} that is reached, is {target}");
