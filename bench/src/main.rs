@@ -18,6 +18,7 @@ mod pixels;
 mod results;
 mod second_views;
 mod shots;
+mod tiers;
 mod views;
 
 use clap::{Parser, Subcommand};
@@ -48,6 +49,8 @@ enum Benchmark {
     Views(second_views::Arguments),
     /// Error against rays for every way to sample a pixel, with page and charts.
     Pixels(pixels::Arguments),
+    /// How good the three-tier method is and why: ablation, calibration, growth, planning.
+    Tiers(tiers::Arguments),
 }
 
 fn main() -> Result<(), results::Failure> {
@@ -60,5 +63,6 @@ fn main() -> Result<(), results::Failure> {
         Benchmark::GrowthPoint(arguments) => growth::point(&arguments),
         Benchmark::Views(arguments) => second_views::run(&arguments),
         Benchmark::Pixels(arguments) => pixels::run(&arguments),
+        Benchmark::Tiers(arguments) => tiers::run(&arguments),
     }
 }

@@ -45,7 +45,7 @@ pub const OPTIONS: &[OptionSpec] = &[
     },
     OptionSpec {
         name: "coarse_rays",
-        default: "64",
+        default: "16",
         meaning: "hemilux, coarse_solver links: rays of a patch in each iteration, 4 to 4096",
     },
     OptionSpec {

@@ -111,7 +111,7 @@ impl Record {
                 let normal = if away > 0.0 { -normal } else { normal };
                 *nearest = Obstacle { distance: along, normal, offset: away.abs() };
             }
-            self.sum += coarse.reflected(&hit, afresh.then(|| sequence.triple()));
+            self.sum += coarse.reflected(&hit, afresh.then(|| sequence.afresh()));
         }
         self.rays += rays;
     }

@@ -94,7 +94,7 @@ fn lobe(
         && let Some(hit) = world.rays.closest(Eye::Light, start, scattered.direction)
         && let Some(met) = world.surface(&hit)
     {
-        let mut radiance = coarse.reflected(&hit, Some(at.triple()));
+        let mut radiance = coarse.reflected(&hit, Some(at.afresh()));
         if met.emission != Rgb::ZERO {
             let other = lights.density(&unoccluded, &hit, met.normal, scattered.direction);
             radiance += met.emission * heuristic(scattered.density, other);

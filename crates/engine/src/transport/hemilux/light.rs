@@ -12,7 +12,7 @@ use rayon::prelude::*;
 /// Rays of every fragment at first, interleaved over tiles of 4 × 4 pixels.
 const FIRST_RAYS: u32 = 1;
 /// Rays of fragments where rays disagree, each pass.
-const MORE_RAYS: u32 = 4;
+const MORE_RAYS: u32 = 6;
 /// Pixels of a picture of ordinary size; in smaller ones that is up to four times as many.
 const ORDINARY_PIXELS: u32 = 250_000;
 /// Every so many passes a fragment where they agree gets another ray.

@@ -5,7 +5,7 @@ use crate::patches::{cell_index, cells};
 use crate::radiometry::{Rgb, importance};
 use crate::rays::{Hit, Rays, Spot};
 use crate::scene::Scene;
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 use std::collections::HashMap;
 
 /// With at most so many polygons the closed form of each is evaluated; with more, the light
@@ -26,6 +26,8 @@ const IN_PLANE: f32 = 1e-5;
 /// An emissive polygon, triangle or convex quadrilateral, in ray units.
 struct Light {
     corners: [Vec3; 4],
+    /// The same by coordinates, and the edges that begin there.
+    edges: Edges,
     /// 3 or 4.
     count: usize,
     center: Vec3,
@@ -265,6 +267,7 @@ impl Light {
         let first_share = first / area;
         Some(Self {
             corners: all,
+            edges: Edges::new(&all),
             count,
             center,
             normal,
@@ -282,6 +285,7 @@ impl Light {
         let corners = [Vec3::ZERO, Vec3::X, Vec3::Z, Vec3::ZERO];
         Self {
             corners,
+            edges: Edges::new(&corners),
             count: 3,
             center: Vec3::ZERO,
             normal: Vec3::Y,
@@ -307,15 +311,17 @@ impl Light {
         if height.abs() <= IN_PLANE * square.sqrt() || (height < 0.0 && !self.two_sided) {
             return 0.0;
         }
-        let heights: [f32; 4] =
-            std::array::from_fn(|k| normal.dot(self.corners[k.min(self.count - 1)] - point));
-        let lowest = heights[0].min(heights[1]).min(heights[2]).min(heights[3]);
-        let highest = heights[0].max(heights[1]).max(heights[2]).max(heights[3]);
+        let corners = self.edges.corners.map_from(point);
+        let heights = corners.dot(&Vec3x4::splat(normal));
+        let (lowest, highest) = (heights.min_element(), heights.max_element());
         if highest <= 0.0 {
             return 0.0;
         }
         if square > FAR * FAR * self.diameter_squared && lowest > 0.0 {
             return self.area * height.abs() * normal.dot(to_center) / (square * square);
+        }
+        if lowest > 0.0 {
+            return self.edges.projected(&corners, normal);
         }
         let mut seen = [Vec3::ZERO; 6];
         let mut count = 0;
@@ -339,7 +345,8 @@ impl Light {
             let cross = a.cross(b - a);
             let sine = cross.length();
             if sine > 0.0 {
-                sum += angle(sine, a.dot(b)) * cross.dot(normal) / sine;
+                let angle = angle(Vec4::splat(sine), Vec4::splat(a.dot(b))).x;
+                sum += angle * cross.dot(normal) / sine;
             }
         }
         0.5 * sum.abs()
@@ -358,23 +365,96 @@ impl Light {
     }
 }
 
+/// Four vectors by coordinates.
+struct Vec3x4 {
+    x: Vec4,
+    y: Vec4,
+    z: Vec4,
+}
+
+impl Vec3x4 {
+    fn new(all: &[Vec3; 4]) -> Self {
+        let by = |axis: usize| Vec4::from_array(all.map(|v| v[axis]));
+        Self { x: by(0), y: by(1), z: by(2) }
+    }
+
+    #[inline]
+    fn splat(v: Vec3) -> Self {
+        Self { x: Vec4::splat(v.x), y: Vec4::splat(v.y), z: Vec4::splat(v.z) }
+    }
+
+    /// The vectors from `origin`.
+    #[inline]
+    fn map_from(&self, origin: Vec3) -> Self {
+        let origin = Self::splat(origin);
+        Self { x: self.x - origin.x, y: self.y - origin.y, z: self.z - origin.z }
+    }
+
+    #[inline]
+    fn dot(&self, other: &Self) -> Vec4 {
+        self.x * other.x + self.y * other.y + self.z * other.z
+    }
+
+    #[inline]
+    fn cross(&self, other: &Self) -> Self {
+        Self {
+            x: self.y * other.z - self.z * other.y,
+            y: self.z * other.x - self.x * other.z,
+            z: self.x * other.y - self.y * other.x,
+        }
+    }
+}
+
+/// The edges of a polygon, four at a time; a triangle's fourth has no length.
+struct Edges {
+    corners: Vec3x4,
+    edges: Vec3x4,
+}
+
+impl Edges {
+    fn new(corners: &[Vec3; 4]) -> Self {
+        let edge = |k: usize| corners[(k + 1) % 4] - corners[k];
+        let edges = Vec3x4::new(&std::array::from_fn(edge));
+        Self { corners: Vec3x4::new(corners), edges }
+    }
+
+    /// Lambert's formula, ½ |Σ Γ (a × b)·n / |a × b||, for corners `a` that are all above the
+    /// horizon, as seen from the surface.
+    #[inline]
+    fn projected(&self, a: &Vec3x4, normal: Vec3) -> f32 {
+        // a × b = a × (b − a), which cancels less.
+        let cross = a.cross(&self.edges);
+        let square = cross.dot(&cross);
+        let sine = Vec4::from_array(square.to_array().map(f32::sqrt));
+        let cosine = a.dot(a) + a.dot(&self.edges);
+        let along = cross.dot(&Vec3x4::splat(normal)) / sine;
+        let each = angle(sine, cosine) * along;
+        let each = Vec4::select(sine.cmpgt(Vec4::ZERO), each, Vec4::ZERO);
+        0.5 * each.element_sum().abs()
+    }
+}
+
 /// atan2(sine, cosine) for sine ≥ 0, to 10⁻⁶ (Abramowitz and Stegun 4.4.49 for the inner range).
 #[inline]
-fn angle(sine: f32, cosine: f32) -> f32 {
+fn angle(sine: Vec4, cosine: Vec4) -> Vec4 {
+    const SERIES: [f32; 7] = [
+        -0.016_165_737,
+        0.042_909_614,
+        -0.075_289_64,
+        0.106_562_64,
+        -0.142_089,
+        0.199_935_51,
+        -0.333_331_45,
+    ];
     let (low, high) = (sine.min(cosine.abs()), sine.max(cosine.abs()));
     let x = low / high;
     let s = x * x;
-    let series = 0.002_866_225_7f32;
-    let series = series * s - 0.016_165_737;
-    let series = series * s + 0.042_909_614;
-    let series = series * s - 0.075_289_64;
-    let series = series * s + 0.106_562_64;
-    let series = series * s - 0.142_089;
-    let series = series * s + 0.199_935_51;
-    let series = series * s - 0.333_331_45;
+    let series = SERIES.iter().fold(Vec4::splat(0.002_866_225_7), |sum, c| sum * s + *c);
     let inner = x + x * s * series;
-    let first = if sine > cosine.abs() { std::f32::consts::FRAC_PI_2 - inner } else { inner };
-    if cosine < 0.0 { std::f32::consts::PI - first } else { first }
+    let outer = Vec4::splat(std::f32::consts::FRAC_PI_2) - inner;
+    let first = Vec4::select(sine.cmpgt(cosine.abs()), outer, inner);
+    let obtuse = cosine.cmplt(Vec4::ZERO);
+    Vec4::select(obtuse, Vec4::splat(std::f32::consts::PI) - first, first)
 }
 
 /// Polygons from emissive triangles: pairs with a common edge in one plane become one where that
@@ -466,7 +546,8 @@ mod tests {
     fn angles_are_those_of_atan2() {
         for step in 0..=1000 {
             let at = step as f32 / 1000.0 * std::f32::consts::PI;
-            assert!((angle(at.sin().max(0.0), at.cos()) - at).abs() < 3e-6, "{at}");
+            let found = angle(Vec4::splat(at.sin().max(0.0)), Vec4::splat(at.cos())).x;
+            assert!((found - at).abs() < 3e-6, "{at}");
         }
     }
 }

@@ -16,7 +16,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// "Met nothing that reflects."
-pub(super) const DARK: u32 = u32::MAX;
+const DARK: u32 = u32::MAX;
 /// "Started inside a body."
 pub(super) const COVERED: u32 = u32::MAX - 1;
 /// Most links of all patches together: 4 bytes each.
@@ -29,51 +29,71 @@ const SETTLED: f32 = 2e-4;
 /// Patches of a task.
 const CHUNK: usize = 256;
 
+/// Least rays of a patch in a round, however small it is.
+const LEAST_RAYS: f32 = 4.0;
+
 /// The links of all patches.
 #[derive(Default)]
 pub struct Links {
-    /// Links of each patch per round, one round after the other.
-    pub(super) rounds: Vec<(u32, Vec<u32>)>,
+    pub(super) rounds: Vec<Round>,
     /// Irradiance that has bounced.
     pub bounced: Vec<Rgb>,
+}
+
+/// Links that were traced together: those of patch p are `links[start[p]..start[p + 1]]`.
+pub(super) struct Round {
+    pub start: Vec<u32>,
+    pub links: Vec<u32>,
+}
+
+impl Round {
+    fn of(&self, patch: usize) -> &[u32] {
+        &self.links[self.start[patch] as usize..self.start[patch + 1] as usize]
+    }
 }
 
 impl Links {
     /// Number of links.
     pub fn count(&self) -> usize {
-        self.rounds.iter().map(|(_, links)| links.len()).sum()
+        self.rounds.iter().map(|round| round.links.len()).sum()
     }
 
-    /// Traces `rays` more rays from each patch, as long as there is room for them.
+    /// Traces `rays` more rays from each patch of ordinary size, fewer from smaller ones, which
+    /// fewer rays meet; as long as there is room for them.
     pub fn trace(&mut self, world: &World, coarse: &Coarse<'_>, seed: u64, rays: u32) {
-        let patches = coarse.scene.patches.len();
+        let area = &coarse.scene.patches.area;
+        let patches = area.len();
         // Meshes of very many triangles have very many patches; the picture must not wait.
-        let rays = rays.min((MOST_AT_ONCE / patches.max(1)) as u32).max(4);
-        if self.count() + patches * rays as usize > MOST_LINKS && !self.rounds.is_empty() {
+        let rays = (rays as f32).min(MOST_AT_ONCE as f32 / patches.max(1) as f32);
+        let all: f32 = area.iter().sum();
+        let ordinary = area.iter().map(|area| area * (area / all)).sum::<f32>();
+        let mut start = Vec::with_capacity(patches + 1);
+        let mut end = 0;
+        for area in area {
+            start.push(end);
+            end += (rays * (area / ordinary).min(1.0)).max(LEAST_RAYS).round() as u32;
+        }
+        start.push(end);
+        if self.count() + end as usize > MOST_LINKS && !self.rounds.is_empty() {
             return;
         }
-        let done: u32 = self.rounds.iter().map(|(rays, _)| rays).sum();
-        let mut links = vec![DARK; patches * rays as usize];
-        links.par_chunks_mut(rays as usize).enumerate().with_max_len(64).for_each(
-            |(patch, links)| {
-                let points = PatchPoints::new(world, &coarse.scene, patch as u32);
-                let mut sequence = Shifted::new(seed, Stream::PatchLight, patch as u64).at(done);
-                for link in links {
-                    let xi = sequence.next_pair();
-                    let (start, normal) = points.point(sequence.second_pair());
-                    let direction = cosine_direction(normal, xi);
-                    let Some(hit) = world.rays.closest(Eye::Light, start, direction) else {
-                        continue;
-                    };
-                    if hit.back && !world.is_two_sided(hit.triangle) {
-                        *link = COVERED;
-                    } else {
-                        *link = coarse.patch_at(&hit).unwrap_or(DARK);
-                    }
+        let links = (0..patches).into_par_iter().with_max_len(64).flat_map_iter(|patch| {
+            let points = PatchPoints::new(world, &coarse.scene, patch as u32);
+            let done = self.rounds.iter().map(|round| round.of(patch).len() as u32).sum();
+            let mut sequence = Shifted::new(seed, Stream::PatchLight, patch as u64).at(done);
+            (start[patch]..start[patch + 1]).map(move |_| {
+                let xi = sequence.next_pair();
+                let (from, normal) = points.point(sequence.second_pair());
+                let direction = cosine_direction(normal, xi);
+                match world.rays.closest(Eye::Light, from, direction) {
+                    None => DARK,
+                    Some(hit) if hit.back && !world.is_two_sided(hit.triangle) => COVERED,
+                    Some(hit) => coarse.patch_at(&hit).unwrap_or(DARK),
                 }
-            },
-        );
-        self.rounds.push((rays, links));
+            })
+        });
+        let links = links.collect();
+        self.rounds.push(Round { start, links });
     }
 
     /// Solves the balance B = kd (E_direct + Σ B_link/N) over the links so far.
@@ -114,10 +134,7 @@ impl Links {
     }
 
     fn of(&self, patch: usize) -> impl Iterator<Item = u32> {
-        self.rounds.iter().flat_map(move |(rays, links)| {
-            let rays = *rays as usize;
-            links[patch * rays..(patch + 1) * rays].iter().copied()
-        })
+        self.rounds.iter().flat_map(move |round| round.of(patch).iter().copied())
     }
 }
 

@@ -51,12 +51,10 @@ const SAMPLES: &str = "pixel_samples";
 /// Iterations before which more records are made, each nearer to its neighbours by [`DENSER`].
 const REFILLS: [u64; 4] = [2, 6, 14, 30];
 const DENSER: f32 = 0.75;
-/// Rays of new records in the first iteration, in times of those of later ones.
-const FIRST_GATHER: u32 = 2;
 /// Most rays of a patch at a time, in times of those of the first iteration.
 const MOST_ROUNDS: u32 = 64;
 /// Points of a patch whose direct light is found.
-const PATCH_POINTS: u32 = 8;
+const PATCH_POINTS: u32 = 2;
 /// The same of records made later, at most.
 const MOST_GATHER: u32 = 8;
 /// What a picture takes, in shares of the first iteration, before one was made.
@@ -204,11 +202,11 @@ fn worth_by_limits(limits: &Limits) -> (u32, usize) {
     let (seconds, error) = (limits.seconds.unwrap_or(0.0), limits.target_error.unwrap_or(1.0));
     let iterations = limits.iterations.unwrap_or(0);
     if seconds >= 4.0 || error <= 0.012 || iterations >= 32 {
-        (64, 16_000)
+        (64, 30_000)
     } else if seconds >= 1.0 || error <= 0.025 || iterations >= 8 {
-        (32, 6_000)
+        (32, 16_000)
     } else {
-        (16, 4_000)
+        (16, 10_000)
     }
 }
 
@@ -335,7 +333,7 @@ impl Tiers<'_> {
         if options.gather {
             // New records catch up with those that are there.
             let so_far = number.max(self.before);
-            let more = (FIRST_GATHER + so_far as u32).min(MOST_GATHER);
+            let more = (1 + so_far as u32).min(MOST_GATHER);
             let gathering = Gathering {
                 seed: self.seed,
                 rays: options.gather_rays,

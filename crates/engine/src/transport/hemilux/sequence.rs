@@ -3,13 +3,15 @@
 //! is spread and its mean unbiased.
 
 use crate::hemicube::frame;
-use crate::random::{Numbers, Stream};
+use crate::random::{Numbers, Stream, pcg};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{FRAC_PI_4, PI};
 
 /// Steps of the recurrence in two dimensions (plastic number) and in three.
 const TWO: [u32; 2] = [3_242_174_889, 2_447_445_414];
 const THREE: [u32; 3] = [3_518_319_155, 2_882_110_345, 2_360_945_575];
+/// Two of those in five dimensions.
+const FIVE: [u32; 2] = [3_785_032_107, 3_335_640_777];
 
 /// The fraction of `shift` + `index`·step, exact however large the index.
 #[inline]
@@ -17,10 +19,39 @@ fn fraction(shift: u32, step: u32, index: u32) -> f32 {
     (shift.wrapping_add(step.wrapping_mul(index)) >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
+/// Random numbers to find light out afresh with.
+#[derive(Clone, Copy)]
+pub struct Afresh {
+    /// A point on a light.
+    pub light: Vec3,
+    /// A direction.
+    pub bounce: [f32; 2],
+    /// Those of the next bounce; the last one has none.
+    pub next: Option<Next>,
+}
+
+/// Seed of the numbers of a next bounce: plain random ones, points of so many dimensions would not
+/// be well spread.
+#[derive(Clone, Copy)]
+pub struct Next(u32);
+
+impl Next {
+    /// The numbers.
+    pub fn afresh(self) -> Afresh {
+        let mut state = self.0;
+        let mut number = || {
+            state = pcg(state);
+            (state >> 8) as f32 * (1.0 / 16_777_216.0)
+        };
+        let light = Vec3::new(number(), number(), number());
+        Afresh { light, bounce: [number(), number()], next: None }
+    }
+}
+
 /// A shifted sequence.
 #[derive(Clone, Copy)]
 pub struct Shifted {
-    shift: [u32; 5],
+    shift: [u32; 7],
     index: u32,
 }
 
@@ -57,6 +88,13 @@ impl Shifted {
             fraction(self.shift[3], THREE[1], self.index),
             fraction(self.shift[4], THREE[2], self.index),
         ]
+    }
+
+    /// Numbers to find light out afresh with, at the same place.
+    #[inline]
+    pub fn afresh(&self) -> Afresh {
+        let bounce = [0, 1].map(|k| fraction(self.shift[5 + k], FIVE[k], self.index));
+        Afresh { light: self.triple(), bounce, next: Some(Next(pcg(self.shift[5] ^ self.index))) }
     }
 
     /// A point of the cube at the same place.

@@ -4,22 +4,25 @@
 
 use super::lights::Lights;
 use super::links::{Links, PatchPoints};
-use super::sequence::{Shifted, cosine_direction};
+use super::sequence::{Afresh, Shifted, cosine_direction};
 use crate::device::{KnownLight, Shooting, ShootingSettings, Sums};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
-use crate::patches::{PatchedScene, cell_index};
+use crate::patches::{Facet, PatchedScene, cell_index};
 use crate::radiometry::{LobeAlbedo, Rgb};
 use crate::random::Stream;
 use crate::rays::{Eye, Hit};
 use crate::transport::known::{albedo, equilibrium};
 use crate::transport::ray_traced::surface::World;
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::sync::Arc;
 
 /// Most points of all patches whose direct light is found, unless one a patch is more.
 const MOST_POINTS: usize = 1 << 20;
+
+/// Nearer than so many sides of a patch its mean does not do: light there varies within it.
+const NEAR_FIELD: f32 = 2.0;
 
 /// Smoothing changes a patch's value by this factor at most.
 const MOST_CHANGE: f32 = 2.5;
@@ -33,6 +36,8 @@ pub struct Coarse<'a> {
     reconstruction: Reconstruction,
     /// Facets of scene triangle t: `pieces[t]..pieces[t + 1]`.
     pieces: Vec<u32>,
+    /// Distance within which a facet's patches are too large to be seen from, ray units.
+    near: Vec<f32>,
     pub(super) direct: Vec<Patched>,
     /// Whether no ray of all patches left the scene.
     pub closed: bool,
@@ -86,6 +91,11 @@ impl<'a> Coarse<'a> {
         for triangle in 0..triangles {
             pieces[triangle + 1] += pieces[triangle];
         }
+        let near = |facet: &Facet| {
+            let [a, b, c] = facet.corners.map(|c| world.rays.place(scene.positions[c as usize]));
+            NEAR_FIELD * (b - a).cross(c - a).length().sqrt() / facet.divisions as f32
+        };
+        let near = scene.facets.iter().map(near).collect();
         let patches = scene.patches.len() as u32;
         let points = points.min((MOST_POINTS / patches.max(1) as usize) as u32).max(1);
         let lit = |patch| light_patch(world, lights, &scene, patch, points, seed);
@@ -101,6 +111,7 @@ impl<'a> Coarse<'a> {
             scene,
             reconstruction,
             pieces,
+            near,
             direct,
             closed,
             known,
@@ -246,9 +257,10 @@ impl<'a> Coarse<'a> {
         self.on_facet(&self.both, facet, back, at) - self.on_facet(&self.indirect, facet, back, at)
     }
 
-    /// Radiance that a hit reflects, as if all of it were diffuse. With a point of the unit cube
-    /// the direct light there is found out afresh, else it is as the patches have it.
-    pub fn reflected(&self, hit: &Hit, afresh: Option<Vec3>) -> Rgb {
+    /// Radiance that a hit reflects, as if all of it were diffuse. With random numbers the light
+    /// there is found out afresh: the emitters' by a shadow ray, and, where the patch is so near
+    /// that its mean will not do, what has bounced by another ray.
+    pub fn reflected(&self, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
         let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
         let mut albedo = surface.reflectance.diffuse;
         if surface.reflectance.is_glossy() {
@@ -258,11 +270,19 @@ impl<'a> Coarse<'a> {
         if albedo == Rgb::ZERO {
             return Rgb::ZERO;
         }
-        let Some(xi) = afresh else { return albedo * self.irradiance(hit, false) / PI };
+        let Some(afresh) = afresh else { return albedo * self.irradiance(hit, false) / PI };
         let (start, normal) = (surface.start(), surface.normal);
-        let direct = self.lights.once(&self.world.rays, start, normal, xi);
-        let irradiance = self.irradiance(hit, true) + direct;
-        albedo * irradiance / PI
+        let direct = self.lights.once(&self.world.rays, start, normal, afresh.light);
+        let near = self.facet_at(hit).is_some_and(|(facet, _)| hit.distance < self.near[facet]);
+        let bounced = match afresh.next {
+            Some(next) if near => {
+                let direction = cosine_direction(normal, afresh.bounce);
+                let hit = self.world.rays.closest(Eye::Light, start, direction);
+                hit.map_or(Rgb::ZERO, |hit| PI * self.reflected(&hit, Some(next.afresh())))
+            }
+            _ => self.irradiance(hit, true),
+        };
+        albedo * (bounced + direct) / PI
     }
 }
 

@@ -1,0 +1,74 @@
+//! Each part of the method switched off in turn: error at equal time.
+
+use super::Study;
+use crate::page::percent;
+use crate::results::Failure;
+use hemilux_charts::statistics::median;
+use hemilux_charts::table::Table;
+use hemilux_engine::render::{Limits, Unobserved, render};
+
+/// Seconds of a render.
+const SECONDS: f64 = 2.0;
+const SEEDS: u64 = 3;
+
+/// What is switched off, and how.
+const VARIANTS: [(&str, &[(&str, &str)]); 12] = [
+    ("nothing", &[]),
+    ("tier 2: indirect light as the coarse mesh has it", &[("gather", "false")]),
+    ("tier 3: direct light as the coarse mesh has it", &[("light", "false")]),
+    ("links: tier 1 by hemicube shots", &[("coarse_solver", "shots")]),
+    ("fine patches: a quarter of them", &[("coarse_patches", "4000")]),
+    ("fresh direct light where gather rays end", &[("gather_direct", "false")]),
+    ("the near field: hits close by take the patch's mean", &[("near_field", "false")]),
+    ("records hear their neighbours", &[("gather_fit", "false")]),
+    ("pixels share shadow rays", &[("shadow_filter", "false")]),
+    ("well-spread points: plain random numbers", &[("well_spread", "false")]),
+    ("adaptivity: records evenly, shadow rays everywhere", &[("adaptive", "false")]),
+    ("sub-pixel samples: 4 instead of 32", &[("pixel_samples", "4")]),
+];
+
+pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
+    let mut views = study.views();
+    views.truncate(5);
+    let mut header = vec!["switched off".to_string()];
+    header.extend(views.iter().map(|view| view.name.clone()));
+    let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    let mut csv = Table::new(&["view", "switched_off", "seed", "error", "seconds_solve"]);
+    let mut rows: Vec<Vec<String>> =
+        VARIANTS.iter().map(|(name, _)| vec![(*name).into()]).collect();
+    for view in &views {
+        eprintln!("ablation: {}", view.name);
+        let truth = study.truth(view)?;
+        let mut errors = vec![Vec::new(); VARIANTS.len()];
+        // In turn, so that a disturbance hits all alike.
+        for seed in 1..=SEEDS {
+            for ((name, options), errors) in VARIANTS.iter().zip(&mut errors) {
+                let limits = Limits { seconds: Some(SECONDS), ..Limits::default() };
+                let request = view.request("hemilux", limits, seed, options);
+                let rendered = render(study.device.as_mut(), &request, &mut Unobserved)?;
+                let error = truth.error(&rendered);
+                errors.push(error);
+                let seconds = rendered.stats.seconds_solve;
+                csv.add(vec![
+                    view.name.clone(),
+                    (*name).into(),
+                    seed.to_string(),
+                    format!("{error:.5}"),
+                    format!("{seconds:.3}"),
+                ]);
+            }
+        }
+        let whole = median(errors[0].clone());
+        for ((at, row), errors) in rows.iter_mut().enumerate().zip(errors) {
+            let error = median(errors);
+            row.push(match at {
+                0 => percent(error),
+                _ => format!("{} (× {:.2})", percent(error), error / whole),
+            });
+        }
+    }
+    rows.into_iter().for_each(|row| table.add(row));
+    std::fs::write(study.out.join("ablation.csv"), csv.csv())?;
+    let text = format!("Median of {SEEDS} seeds, {SECONDS} s each.\n\n{}", table.markdown());
+    Ok(vec![("ablation".into(), text)])
+}

@@ -1,0 +1,115 @@
+//! `tiers`: how good `hemilux` is and why. Every part switched off in turn ([`ablation`]), predicted
+//! against actual errors ([`calibration`]), time against what a scene has more of ([`growth`]),
+//! and what `auto` picks against what the best hand would ([`planning`]); on [`views`] that differ
+//! in what makes light hard.
+
+mod ablation;
+mod calibration;
+mod growth;
+mod planning;
+mod views;
+
+use crate::results::{self, Failure};
+use hemilux_engine::device;
+use std::path::PathBuf;
+
+/// Width and height of pictures, pixels.
+const SIDE: u32 = 200;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Device: `cpu`, `auto` or an id of `hemilux devices`.
+    #[arg(long, default_value = "cpu")]
+    device: String,
+    /// Only these parts; all by default.
+    #[arg(long, value_delimiter = ',')]
+    parts: Vec<Part>,
+    /// Few views and seconds; writes to out/tiers.
+    #[arg(long)]
+    quick: bool,
+    /// Folder for tables and charts; `docs/tiers`, with --quick `out/tiers`.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Page whose generated parts are rewritten; `docs/tiers.md`, none with --quick.
+    #[arg(long)]
+    page: Option<PathBuf>,
+    /// Folder where references are kept.
+    #[arg(long, default_value = "out/tiers/references")]
+    references: PathBuf,
+    /// Seconds of path tracing for each half of a reference; 60 by default.
+    #[arg(long)]
+    reference_seconds: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Part {
+    /// Only makes the references.
+    References,
+    Ablation,
+    Calibration,
+    Growth,
+    Planning,
+}
+
+/// What all parts share.
+struct Study {
+    device: Box<dyn device::Device>,
+    out: PathBuf,
+    references: PathBuf,
+    reference_seconds: f64,
+    quick: bool,
+}
+
+impl Study {
+    /// A view's reference.
+    fn truth(&mut self, view: &views::View) -> Result<views::Truth, Failure> {
+        view.truth(self.device.as_mut(), &self.references, self.reference_seconds)
+    }
+
+    /// The views that are looked at.
+    fn views(&self) -> Vec<views::View> {
+        let mut all = views::ten(SIDE);
+        if self.quick {
+            all.truncate(2);
+        }
+        all
+    }
+}
+
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let default_out = if arguments.quick { "out/tiers" } else { "docs/tiers" };
+    let out = arguments.out.clone().unwrap_or_else(|| default_out.into());
+    let default_page = (!arguments.quick).then(|| PathBuf::from("docs/tiers.md"));
+    let page = arguments.page.clone().or(default_page);
+    results::prepare(&out, page.as_deref())?;
+    std::fs::create_dir_all(&arguments.references)?;
+    let seconds = if arguments.quick { 10.0 } else { 60.0 };
+    let mut study = Study {
+        device: device::open(&arguments.device)?,
+        out,
+        references: arguments.references.clone(),
+        reference_seconds: arguments.reference_seconds.unwrap_or(seconds),
+        quick: arguments.quick,
+    };
+    let wanted = |part| arguments.parts.is_empty() || arguments.parts.contains(&part);
+    let mut parts = Vec::new();
+    if arguments.parts.contains(&Part::References) {
+        for view in study.views().into_iter().chain(growth::views(study.quick)) {
+            let own = study.truth(&view)?.own_error();
+            eprintln!("{} {}: the reference's own error is {own:.4}", view.name, view.side);
+        }
+    }
+    if wanted(Part::Calibration) {
+        parts.extend(calibration::run(&mut study)?);
+    }
+    if wanted(Part::Ablation) {
+        parts.extend(ablation::run(&mut study)?);
+    }
+    if wanted(Part::Growth) {
+        parts.extend(growth::run(&mut study)?);
+    }
+    if wanted(Part::Planning) {
+        parts.extend(planning::run(&mut study)?);
+    }
+    results::publish(page.as_deref(), &parts)
+}
