@@ -17,7 +17,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// Iterations of a view that are looked at, until one is good enough.
-const ITERATIONS: [u64; 12] = [1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32];
+const ITERATIONS: [u64; 14] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 24, 32];
 /// Pixels brighter than this, in times of the mean, see an emitter and don't count.
 const EMITTER: f64 = 8.0;
 
@@ -111,8 +111,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             ..other.clone()
         };
         let reference = work(&reference, &mut Taker::default())?.picture;
-        let bright = EMITTER * f64::from(reference.mean());
-        let counts = |pixel: usize| f64::from(reference.pixels[pixel].max_element()) < bright;
+        let counted = away_from_emitters(&reference);
+        let counts = |pixel: usize| counted[pixel];
         let error = |rendered: &Rendered| relative_error(&rendered.picture, &reference, counts);
         let alone = work(&other, &mut Taker::default())?;
         let goal = error(&alone);
@@ -175,6 +175,24 @@ fn request(
 
 fn work(request: &RenderRequest, taker: &mut Taker) -> Result<Rendered, Failure> {
     Ok(render(&mut CpuDevice::new(None)?, request, taker)?)
+}
+
+/// Pixels that see no emitter, and are next to none that does: how well edges are sampled is not
+/// what a view is about.
+fn away_from_emitters(picture: &Picture) -> Vec<bool> {
+    const AROUND: i64 = 2;
+    let (width, height) = (i64::from(picture.width), i64::from(picture.height));
+    let bright = (EMITTER * picture.mean()) as f32;
+    let shines = |column: i64, row: i64| {
+        let inside = (0..width).contains(&column) && (0..height).contains(&row);
+        inside && picture.pixels[(row * width + column) as usize].max_element() >= bright
+    };
+    let near = |pixel: i64| {
+        let (column, row) = (pixel % width, pixel / width);
+        let mut around = (-AROUND..=AROUND).flat_map(|x| (-AROUND..=AROUND).map(move |y| (x, y)));
+        around.any(|(x, y)| shines(column + x, row + y))
+    };
+    (0..width * height).map(|pixel| !near(pixel)).collect()
 }
 
 /// rRMSE over the pixels that count. Both pictures are of the same method, so what it neglects is

@@ -382,6 +382,7 @@ impl Tiers<'_> {
         let mut figures: BTreeMap<String, f64> =
             self.clock.spent.iter().map(|(name, value)| ((*name).into(), *value)).collect();
         figures.insert("records".into(), self.cache.len() as f64);
+        figures.insert("records_reused".into(), self.cache.reused as f64);
         figures.insert("gather_rays".into(), self.cache.rays() as f64);
         figures.insert("shadow_rays".into(), self.direct.rays as f64);
         figures.insert("closed".into(), f64::from(u8::from(self.coarse.closed)));
