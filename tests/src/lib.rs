@@ -3,6 +3,7 @@
 pub mod comparison;
 pub mod devices;
 pub mod iterations;
+pub mod kill_loop;
 pub mod malformed;
 pub mod oracle;
 pub mod replicas;

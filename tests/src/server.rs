@@ -2,7 +2,7 @@
 //! socket, one connection a request.
 
 use serde_json::Value;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{self, BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -65,7 +65,21 @@ impl Server {
 
     /// A server on that data folder.
     pub fn start_in(folder: &Path, arguments: &[&str]) -> Self {
-        let mut child = serve_command(folder, arguments)
+        Self::start_with_environment(folder, arguments, &[])
+    }
+
+    /// A server on that data folder with further arguments and environment variables.
+    pub fn start_with_environment(
+        folder: &Path,
+        arguments: &[&str],
+        environment: &[(&str, &str)],
+    ) -> Self {
+        Self::spawn(serve_command(folder, arguments).envs(environment.iter().copied()))
+    }
+
+    /// A server that `command` starts; it must print where it listens, as `hemilux serve` does.
+    pub fn spawn(command: &mut Command) -> Self {
+        let mut child = command
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
@@ -91,6 +105,35 @@ impl Server {
         let status = self.child.wait().expect("it ends");
         assert!(status.success(), "{status}");
         began.elapsed()
+    }
+
+    /// Waits until it can run jobs; it takes them before that.
+    pub fn until_ready(self) -> Self {
+        let deadline = Instant::now() + PATIENCE;
+        while self.get("/readyz").status != 200 {
+            assert!(Instant::now() < deadline, "the server is never ready");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        self
+    }
+
+    /// The processes that it started and that still run.
+    pub fn children(&self) -> Vec<u32> {
+        let server = self.child.id();
+        let threads = std::fs::read_dir(format!("/proc/{server}/task"));
+        threads
+            .into_iter()
+            .flatten()
+            .filter_map(|thread| std::fs::read_to_string(thread.ok()?.path().join("children")).ok())
+            .flat_map(|pids| {
+                pids.split_whitespace().filter_map(|p| p.parse().ok()).collect::<Vec<_>>()
+            })
+            .collect()
+    }
+
+    /// Its process id.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
     }
 
     /// Whether the process still runs.
@@ -159,28 +202,64 @@ impl Server {
         Events { lines: BufReader::new(body) }
     }
 
-    fn open(
-        &self,
-        method: &str,
-        path: &str,
-        headers: &[(&str, &str)],
-        body: &[u8],
-    ) -> (u16, Vec<(String, String)>, Body) {
-        let mut stream = TcpStream::connect(&self.address).expect("the server listens");
-        stream.set_read_timeout(Some(PATIENCE)).expect("timeouts can be set");
-        let mut request = format!("{method} {path} HTTP/1.1\r\nconnection: close\r\n");
-        if !headers.iter().any(|(name, _)| name.eq_ignore_ascii_case("host")) {
-            request += &format!("host: {}\r\n", self.address);
-        }
-        for (name, value) in headers {
-            request += &format!("{name}: {value}\r\n");
-        }
-        request += &format!("content-length: {}\r\n\r\n", body.len());
-        stream.write_all(request.as_bytes()).expect("the head can be sent");
-        // The server may answer, and close, before a refused body is all sent.
-        let _ = stream.write_all(body);
-        read_head(BufReader::new(stream))
+    fn open(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> Head {
+        request(&self.address, method, path, headers, body).expect("the server answers")
     }
+}
+
+/// Sends a request to a server that may go away at any time.
+///
+/// # Errors
+/// Where it does.
+pub fn try_send(
+    address: &str,
+    (method, path): (&str, &str),
+    headers: &[(&str, &str)],
+    body: &[u8],
+) -> io::Result<Answer> {
+    let (status, headers, mut body) = request(address, method, path, headers, body)?;
+    let mut bytes = Vec::new();
+    body.read_to_end(&mut bytes)?;
+    Ok(Answer { status, headers, body: bytes })
+}
+
+/// Opens an event stream of a server that may go away at any time; what it answers if there is
+/// no stream.
+///
+/// # Errors
+/// Where it does.
+pub fn try_events(
+    address: &str,
+    path: &str,
+    headers: &[(&str, &str)],
+) -> io::Result<Result<Events, u16>> {
+    let (status, _, body) = request(address, "GET", path, headers, b"")?;
+    Ok(if status == 200 { Ok(Events { lines: BufReader::new(body) }) } else { Err(status) })
+}
+
+type Head = (u16, Vec<(String, String)>, Body);
+
+fn request(
+    address: &str,
+    method: &str,
+    path: &str,
+    headers: &[(&str, &str)],
+    body: &[u8],
+) -> io::Result<Head> {
+    let mut stream = TcpStream::connect(address)?;
+    stream.set_read_timeout(Some(PATIENCE))?;
+    let mut request = format!("{method} {path} HTTP/1.1\r\nconnection: close\r\n");
+    if !headers.iter().any(|(name, _)| name.eq_ignore_ascii_case("host")) {
+        request += &format!("host: {address}\r\n");
+    }
+    for (name, value) in headers {
+        request += &format!("{name}: {value}\r\n");
+    }
+    request += &format!("content-length: {}\r\n\r\n", body.len());
+    stream.write_all(request.as_bytes())?;
+    // The server may answer, and close, before a refused body is all sent.
+    let _ = stream.write_all(body);
+    read_head(BufReader::new(stream))
 }
 
 impl Drop for Server {
@@ -195,7 +274,8 @@ pub fn serve_and_fail(folder: &Path, arguments: &[&str]) -> Output {
     serve_command(folder, arguments).output().expect("the program runs")
 }
 
-fn serve_command(folder: &Path, arguments: &[&str]) -> Command {
+/// The command that starts a server on a free port with the CPU device.
+pub fn serve_command(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(program());
     command.arg("serve").arg("--data-dir").arg(folder).args(["--devices", "cpu"]);
     if !arguments.contains(&"--listen") {
@@ -312,14 +392,15 @@ impl Read for Body {
     }
 }
 
-fn read_head(mut stream: BufReader<TcpStream>) -> (u16, Vec<(String, String)>, Body) {
+fn read_head(mut stream: BufReader<TcpStream>) -> io::Result<Head> {
     let mut line = String::new();
-    stream.read_line(&mut line).expect("a status line");
+    stream.read_line(&mut line)?;
     let status = line.split(' ').nth(1).and_then(|code| code.parse().ok());
+    let status = status.ok_or_else(|| io::Error::other(format!("no status in {line:?}")))?;
     let mut headers = Vec::new();
     loop {
         let mut line = String::new();
-        stream.read_line(&mut line).expect("a header");
+        stream.read_line(&mut line)?;
         match line.trim_end().split_once(':') {
             Some((name, value)) => headers.push((name.to_ascii_lowercase(), value.trim().into())),
             None => break,
@@ -328,6 +409,5 @@ fn read_head(mut stream: BufReader<TcpStream>) -> (u16, Vec<(String, String)>, B
     let header = |name| headers.iter().find(|(n, _)| n == name).map(|(_, v): &(_, String)| v);
     let chunked = header("transfer-encoding").is_some_and(|value| value == "chunked");
     let left = header("content-length").and_then(|value| value.parse().ok()).unwrap_or(0);
-    let status = status.unwrap_or_else(|| panic!("no status in {line:?}"));
-    (status, headers, Body { stream, chunked, left })
+    Ok((status, headers, Body { stream, chunked, left }))
 }

@@ -23,7 +23,7 @@ fn the_committed_description_is_the_programs() {
 
 #[test]
 fn pages_and_probes_answer() {
-    let server = Server::start();
+    let server = Server::start().until_ready();
     for path in
         ["/", "/assets/app.js", "/assets/style.css", "/docs/", "/livez", "/readyz", "/metrics"]
     {

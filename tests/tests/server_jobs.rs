@@ -98,8 +98,10 @@ fn a_job_goes_from_scene_to_picture() {
 #[test]
 fn the_same_seed_and_iterations_give_the_same_bits() {
     let server = Server::start();
+    let mut fresh = quick();
+    fresh["fresh"] = json!(true);
     let hashes: Vec<Value> = (0..2)
-        .map(|_| server.wait(&server.submit(&quick()))["result"][1]["sha256"].clone())
+        .map(|_| server.wait(&server.submit(&fresh))["result"][1]["sha256"].clone())
         .collect();
     assert!(hashes[0].is_string());
     assert_eq!(hashes[0], hashes[1]);

@@ -12,7 +12,7 @@ use tempfile::TempDir;
 fn job(iterations: u64) -> Value {
     json!({
         "scene": "cornell", "method": "stochastic", "width": 48, "height": 48,
-        "max_iterations": iterations, "seed": 7,
+        "max_iterations": iterations, "seed": 7, "fresh": true,
         "options": { "patches": 1500, "hemicube_resolution": 64 },
     })
 }

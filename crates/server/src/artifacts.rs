@@ -4,6 +4,7 @@
 mod kept;
 
 use crate::api::jobs::{Picture, PictureFormat};
+use crate::failpoints;
 use bytes::Bytes;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as Key;
@@ -15,13 +16,27 @@ use uuid::Uuid;
 
 /// Why a file could not be kept or found.
 #[derive(Debug, thiserror::Error)]
-#[error("artifacts: {0}")]
-pub struct ArtifactError(#[from] object_store::Error);
+pub enum ArtifactError {
+    /// The storage refused or is unreachable.
+    #[error("artifacts: {0}")]
+    Storage(#[from] object_store::Error),
+    /// The file is there, but its content is not what was stored.
+    #[error("artifacts: {file} is damaged; restore it from a backup")]
+    Damaged {
+        /// Where it lies, relative to the folder of files.
+        file: String,
+    },
+}
 
 impl ArtifactError {
     /// Whether there simply is no such file.
     pub fn is_not_found(&self) -> bool {
-        matches!(self.0, object_store::Error::NotFound { .. })
+        matches!(self, Self::Storage(object_store::Error::NotFound { .. }))
+    }
+
+    /// Whether trying again cannot help: the file is lost or damaged.
+    pub fn is_lasting(&self) -> bool {
+        self.is_not_found() || matches!(self, Self::Damaged { .. })
     }
 }
 
@@ -58,13 +73,39 @@ impl Artifacts {
 
     /// Keeps a scene's bytes under its id.
     pub async fn put_scene(&self, id: &str, bytes: Bytes) -> Result<(), ArtifactError> {
-        self.store.put(&scene_key(id), bytes.into()).await?;
-        Ok(())
+        self.put(&scene_key(id), bytes).await
     }
 
-    /// A scene's bytes.
+    /// A scene's bytes, checked against its id.
     pub async fn scene(&self, id: &str) -> Result<Bytes, ArtifactError> {
-        Ok(self.store.get(&scene_key(id)).await?.bytes().await?)
+        self.get(&scene_key(id), id).await
+    }
+
+    /// Whether a scene's file is there with that many bytes; says nothing about their content.
+    pub async fn has_scene(&self, id: &str, size: u64) -> Result<bool, ArtifactError> {
+        match self.store.head(&scene_key(id)).await {
+            Ok(file) => Ok(file.size == size),
+            Err(object_store::Error::NotFound { .. }) => Ok(false),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    async fn put(&self, key: &Key, bytes: Bytes) -> Result<(), ArtifactError> {
+        failpoint("artifact", key)?;
+        self.store.put(key, bytes.into()).await?;
+        failpoint("artifact-kept", key)
+    }
+
+    /// Content whose hash is known; hashing is work for another thread.
+    async fn get(&self, key: &Key, sha256: &str) -> Result<Bytes, ArtifactError> {
+        let bytes = self.store.get(key).await?.bytes().await?;
+        let content = bytes.clone();
+        let hash = tokio::task::spawn_blocking(move || sha256_hex(&content)).await;
+        if hash.is_ok_and(|hash| hash == sha256) {
+            return Ok(bytes);
+        }
+        tracing::error!(file = %key, "a stored file is damaged");
+        Err(ArtifactError::Damaged { file: key.to_string() })
     }
 
     /// Keeps a picture of `job` and says where.
@@ -77,19 +118,34 @@ impl Artifacts {
     ) -> Result<Picture, ArtifactError> {
         let sha256 = sha256_hex(&bytes);
         let size = bytes.len() as u64;
-        self.store.put(&picture_key(job, &sha256, format), bytes.into()).await?;
-        let url = format!("/v1/jobs/{job}/snapshots/{sha256}.{}", format.suffix());
+        self.put(&picture_key(job, &sha256, format), bytes.into()).await?;
+        let url = picture_url(job, &sha256, format);
         Ok(Picture { format, url, sha256, size, width, height, base64: None })
     }
 
-    /// A picture's bytes.
+    /// Keeps a picture of one job for another one too, and says where. Each can be removed
+    /// without the other; a local folder holds the content once.
+    pub async fn share_picture(
+        &self,
+        from: Uuid,
+        to: Uuid,
+        picture: &Picture,
+    ) -> Result<Picture, ArtifactError> {
+        let Picture { sha256, format, .. } = picture;
+        let source = picture_key(from, sha256, *format);
+        self.get(&source, sha256).await?;
+        self.store.copy(&source, &picture_key(to, sha256, *format)).await?;
+        Ok(Picture { url: picture_url(to, sha256, *format), ..picture.clone() })
+    }
+
+    /// A picture's bytes, checked against their hash.
     pub async fn picture(
         &self,
         job: Uuid,
         sha256: &str,
         format: PictureFormat,
     ) -> Result<Bytes, ArtifactError> {
-        Ok(self.store.get(&picture_key(job, sha256, format)).await?.bytes().await?)
+        self.get(&picture_key(job, sha256, format), sha256).await
     }
 
     /// Removes all pictures of a job; none being there is fine.
@@ -104,6 +160,17 @@ impl Artifacts {
         }
         Ok(())
     }
+}
+
+/// Where a test may make the storage fail or the program die.
+fn failpoint(point: &'static str, key: &Key) -> Result<(), ArtifactError> {
+    failpoints::pass(point, || key.to_string()).map_err(|injected| {
+        object_store::Error::Generic { store: "failpoint", source: Box::new(injected) }.into()
+    })
+}
+
+fn picture_url(job: Uuid, sha256: &str, format: PictureFormat) -> String {
+    format!("/v1/jobs/{job}/snapshots/{sha256}.{}", format.suffix())
 }
 
 fn scene_key(id: &str) -> Key {
@@ -138,5 +205,25 @@ mod tests {
         artifacts.remove_job(job).await.unwrap();
         let gone = artifacts.picture(job, &kept.sha256, PictureFormat::Png).await;
         assert!(gone.unwrap_err().is_not_found());
+    }
+
+    #[tokio::test]
+    async fn shared_pictures_outlive_each_other_and_damage_is_seen() {
+        let folder = tempfile::tempdir().unwrap();
+        let artifacts = Artifacts::local(folder.path()).unwrap();
+        let (first, second) = (Uuid::now_v7(), Uuid::now_v7());
+        let png = PictureFormat::Png;
+        let kept = artifacts.put_picture(first, png, (2, 1), b"png".to_vec()).await.unwrap();
+        let shared = artifacts.share_picture(first, second, &kept).await.unwrap();
+        assert!(shared.url.contains(&second.to_string()) && shared.sha256 == kept.sha256);
+        artifacts.remove_job(first).await.unwrap();
+        let bytes = artifacts.picture(second, &shared.sha256, png).await.unwrap();
+        assert_eq!(&bytes[..], b"png");
+        let file = folder.path().join(format!("jobs/{second}/{}.png", shared.sha256));
+        std::fs::write(&file, b"pnf").unwrap();
+        let damaged = artifacts.picture(second, &shared.sha256, png).await.unwrap_err();
+        assert!(damaged.is_lasting() && !damaged.is_not_found(), "{damaged}");
+        assert!(damaged.to_string().contains(&shared.sha256), "{damaged}");
+        assert!(artifacts.share_picture(second, first, &shared).await.is_err());
     }
 }

@@ -1,7 +1,7 @@
 //! What an operator can set.
 
 use crate::api::limits::{HARD_MAX_PIXELS, HARD_MAX_SIDE, JobLimits};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
@@ -50,6 +50,31 @@ pub struct Config {
     /// extend it or to take other views; 0 keeps none beyond the end.
     #[arg(long, env = "HEMILUX_KEEP_SOLUTIONS_MB", default_value_t = 256, value_parser = clap::value_parser!(u64).range(0..=65_536))]
     pub keep_solutions_mb: u64,
+    /// Where jobs run: in a process per device, so that nothing that a job does can end the
+    /// server, or in threads of the server.
+    #[arg(long, env = "HEMILUX_ISOLATION", value_enum, default_value_t = Isolation::Process)]
+    pub isolation: Isolation,
+    /// Most memory of a device's process, MiB of address space; without it, unlimited. Drivers of
+    /// GPUs reserve much more address space than they use.
+    #[arg(long, env = "HEMILUX_JOB_MEMORY_MB", value_parser = clap::value_parser!(u64).range(64..=67_108_864))]
+    pub job_memory_mb: Option<u64>,
+    /// Seconds of silence after which a job's device is started again and the attempt counts as
+    /// failed; more than any honest iteration takes.
+    #[arg(long, env = "HEMILUX_NO_PROGRESS_S", default_value_t = 600.0, value_parser = parse_seconds)]
+    pub no_progress_s: f64,
+    /// Seconds that a cancelled job gets to hand over its picture so far before its process is
+    /// ended.
+    #[arg(long, env = "HEMILUX_CANCEL_GRACE_S", default_value_t = 20.0, value_parser = parse_seconds)]
+    pub cancel_grace_s: f64,
+}
+
+/// Where jobs run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Isolation {
+    /// In a process per device.
+    Process,
+    /// In threads of the server.
+    Thread,
 }
 
 fn parse_pause(text: &str) -> Result<f64, String> {

@@ -5,6 +5,7 @@ use crate::artifacts::Artifacts;
 use crate::config::Config;
 use crate::events::Bell;
 use crate::http;
+use crate::leases::{self, Leases};
 use crate::metrics::Metrics;
 use crate::queue::Queue;
 use crate::store::sqlite::SqliteStore;
@@ -38,6 +39,8 @@ pub struct Service {
     pub bell: Bell,
     /// Jobs for workers.
     pub queue: Queue,
+    /// Claims that workers hold.
+    pub leases: Arc<Leases>,
     /// Counters.
     pub metrics: Metrics,
     /// The devices.
@@ -72,8 +75,16 @@ pub enum ServeError {
     /// Another process uses the data folder.
     #[error("the data folder {} is in use by another hemilux process; stop it, or give another --data-dir", .0.display())]
     InUse(PathBuf),
-    /// The store cannot be opened.
-    #[error("cannot open the database: {0}")]
+    /// The database cannot be opened or read.
+    #[error("cannot use the database {}: {source}", path.display())]
+    Database {
+        /// Its file.
+        path: PathBuf,
+        /// What is wrong.
+        source: StoreError,
+    },
+    /// The store failed at the end.
+    #[error("{0}")]
     Store(#[from] StoreError),
     /// A device of --devices is not there.
     #[error("{0}")]
@@ -100,9 +111,11 @@ pub async fn serve(
     let folder_trouble = |source| ServeError::DataFolder { path: config.data_dir.clone(), source };
     std::fs::create_dir_all(config.data_dir.join("tmp")).map_err(folder_trouble)?;
     let artifacts = Artifacts::local(&config.data_dir.join("artifacts")).map_err(folder_trouble)?;
-    let store: Arc<dyn Store> =
-        Arc::new(SqliteStore::open(&config.data_dir.join("hemilux.sqlite")).await?);
-    for job in store.recover().await? {
+    let database = config.data_dir.join("hemilux.sqlite");
+    let trouble = |source| ServeError::Database { path: database.clone(), source };
+    let store: Arc<dyn Store> = Arc::new(SqliteStore::open(&database).await.map_err(trouble)?);
+    // The lock proves that whoever holds leases here is gone; nothing needs to run out.
+    for job in store.recover().await.map_err(trouble)? {
         tracing::warn!(%job, "an earlier process left this job running");
     }
     let listener = TcpListener::bind(config.listen)
@@ -116,6 +129,7 @@ pub async fn serve(
         store,
         artifacts,
         bell,
+        leases: Arc::default(),
         metrics: Metrics::default(),
         pool: Pool::new(&devices),
         vocabulary: worker::vocabulary(),
@@ -123,6 +137,11 @@ pub async fn serve(
         shutdown: stop.clone(),
         config,
     });
+    let (news, of_expiry) = (service.bell.clone(), (leases::BEAT, leases::LEASE));
+    let (store, held) = (service.store.clone(), service.leases.clone());
+    leases::supervise(store, held, stop.clone(), of_expiry, move |lease| {
+        news.ring(lease.claim.job);
+    })?;
     let workers = worker::start(&service)?;
     let purge = tokio::spawn(purge_deleted(service.clone()));
     tracing::info!(%address, data = %service.config.data_dir.display(), "listening");

@@ -65,6 +65,10 @@ pub struct JobRequest {
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100, default = 0)]
     pub priority: i32,
+    /// Render it even where the result of an identical job could be shared.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    #[schema(default = false)]
+    pub fresh: bool,
     /// The client's own notes; `GET /v1/jobs?label=key:value` finds them.
     #[serde(default)]
     #[schema(schema_with = labels_schema)]
@@ -406,6 +410,9 @@ pub struct Job {
     /// The final picture, one file a format; of a cancelled job the picture so far.
     #[schema(required)]
     pub result: Option<Vec<Picture>>,
+    /// The identical job whose result this is; `null` where it was rendered for this job.
+    #[schema(required)]
+    pub result_of: Option<Uuid>,
     /// Where the time went.
     pub timings: Timings,
 }

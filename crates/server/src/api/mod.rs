@@ -62,6 +62,11 @@ pub struct DeviceView {
     /// Why it cannot be used, if so.
     #[schema(required)]
     pub error: Option<String>,
+    /// How often a job broke it, so that it had to be opened again, since the server started.
+    pub restarts: u32,
+    /// Why the last time; `null` where it never was.
+    #[schema(required)]
+    pub last_fault: Option<String>,
 }
 
 /// What the worker of a device does.

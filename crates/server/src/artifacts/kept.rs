@@ -18,8 +18,7 @@ impl Artifacts {
         file: &str,
         bytes: Vec<u8>,
     ) -> Result<(), ArtifactError> {
-        self.store.put(&key(job, file), bytes.into()).await?;
-        Ok(())
+        self.put(&key(job, file), bytes.into()).await
     }
 
     /// A kept file.

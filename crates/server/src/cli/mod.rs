@@ -34,12 +34,22 @@ enum Command {
     Health(health::Arguments),
     /// Print the API's description (OpenAPI, YAML).
     Openapi,
+    /// Run jobs on a device for the server that started this and holds its pipes.
+    #[command(hide = true)]
+    DeviceWorker {
+        /// The device's id.
+        device: String,
+        /// Most memory, MiB of address space.
+        #[arg(long)]
+        memory_mb: Option<u64>,
+    },
 }
 
 /// Runs the program. Exit codes: 0 done, 1 failed, 2 wrong usage.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let default = if matches!(arguments.command, Command::Serve(_)) { "info" } else { "warn" };
+    let serves = matches!(arguments.command, Command::Serve(_) | Command::DeviceWorker { .. });
+    let default = if serves { "info" } else { "warn" };
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
@@ -53,6 +63,9 @@ pub fn main() -> ExitCode {
         Command::Devices => devices::run(),
         Command::Health(arguments) => health::run(&arguments),
         Command::Openapi => print(&crate::http::openapi::yaml()),
+        Command::DeviceWorker { device, memory_mb } => {
+            crate::worker::child::run(&device, memory_mb).map_err(Failure::failed)
+        }
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

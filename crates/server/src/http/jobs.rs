@@ -17,6 +17,7 @@ use axum::extract::{Request, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use std::time::Duration;
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
@@ -96,13 +97,16 @@ pub async fn create_job(State(app): State<App>, request: Request) -> Result<Resp
         return Err(Problem::invalid(vec![FieldError::new("camera", detail)]));
     }
     job.scene = Some(scene.id.clone());
-    let canonical = serde_json::to_vec(&job).map_err(|e| Problem::internal(e.to_string()))?;
+    let unserialisable = |error: serde_json::Error| Problem::internal(error.to_string());
+    let canonical = serde_json::to_vec(&job).map_err(unserialisable)?;
+    let render_key = render_key(&job).map_err(unserialisable)?;
     let new = NewJob {
         id: Uuid::now_v7(),
         scene_id: scene.id,
         request: job,
         idempotency_key,
         request_hash: sha256_hex(&canonical),
+        render_key,
     };
     match app.store.accept(new, app.config.max_queued).await? {
         Accepted::New(job) => {
@@ -116,6 +120,20 @@ pub async fn create_job(State(app): State<App>, request: Request) -> Result<Resp
         )),
         Accepted::QueueFull => Err(Problem::queue_full(5)),
     }
+}
+
+/// Hash of all that a job's picture depends on, where that determines it: only jobs that end by
+/// their iterations, since a time budget makes the picture depend on what else the machine does,
+/// and that ask for no snapshots, since who does wants to see it happen.
+fn render_key(job: &JobRequest) -> Result<Option<String>, serde_json::Error> {
+    let determined = job.max_iterations.is_some() && job.time_budget_s.is_none();
+    if job.fresh || !determined || job.snapshots.is_some() {
+        return Ok(None);
+    }
+    // Without what travels with the job but does not show in the picture.
+    let shown = JobRequest { priority: 0, labels: BTreeMap::new(), ..job.clone() };
+    let whole = serde_json::to_vec(&(env!("CARGO_PKG_VERSION"), shown))?;
+    Ok(Some(sha256_hex(&whole)))
 }
 
 /// The answer to a job that is accepted.

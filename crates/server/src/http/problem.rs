@@ -196,6 +196,9 @@ impl From<StoreError> for Problem {
         tracing::error!(%error, "store");
         match error {
             StoreError::Database(_) => Self::unavailable("the database does not answer"),
+            StoreError::Sick { what, remedy, .. } => {
+                Self::unavailable(format!("the database: {what}; an operator can {remedy}"))
+            }
             _ => Self::internal("the database holds something unexpected; see the server's log"),
         }
     }
@@ -205,6 +208,9 @@ impl From<ArtifactError> for Problem {
     fn from(error: ArtifactError) -> Self {
         if error.is_not_found() {
             return Self::not_found("the file is not there any more");
+        }
+        if let ArtifactError::Damaged { .. } = error {
+            return Self::internal(error.to_string());
         }
         tracing::error!(%error, "artifacts");
         Self::unavailable("the file storage does not answer")

@@ -115,6 +115,8 @@ pub async fn create_view(
         request,
         idempotency_key,
         request_hash: sha256_hex(&canonical),
+        // What it shows depends on what it begins with.
+        render_key: None,
     };
     let new_id = new.id;
     let solution = share(&app, &job, new_id).await?;
@@ -211,6 +213,11 @@ async fn body<T: DeserializeOwned>(request: Request) -> Result<T, Problem> {
 /// A job's own solution.
 async fn kept(app: &App, job: &Job) -> Result<Solution, Problem> {
     let solution = app.store.solution(job.id).await?;
+    if let (None, Some(twin)) = (&solution, job.result_of) {
+        let detail =
+            format!("the job shares the result of the identical job {twin}; name that one");
+        return Err(Problem::not_now(detail));
+    }
     solution.filter(|solution| solution.begins == Begins::Continue).ok_or_else(|| {
         Problem::not_now(format!(
             "nothing is kept of this job to go on from: it is {}, and solutions are kept of jobs that did some work, up to {} MiB (--keep-solutions-mb)",

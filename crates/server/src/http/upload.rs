@@ -130,7 +130,7 @@ pub async fn scene_from_body(app: &App, body: Body) -> Result<(Scene, bool), Pro
     if spooled.size == 0 {
         return Err(Problem::bad_scene("the body is empty; send a .glb or .gltf file"));
     }
-    if let Some(scene) = app.store.scene(&spooled.sha256).await? {
+    if let Some(scene) = kept(app, &spooled.sha256, true).await? {
         return Ok((scene, false));
     }
     let id = spooled.sha256.clone();
@@ -258,6 +258,25 @@ async fn import_turn(app: &App) -> Result<OwnedSemaphorePermit, Problem> {
     turn.await.map_err(|error| Problem::internal(error.to_string()))
 }
 
+/// The scene of that id, unless its file is lost or damaged, so that sending it again mends it.
+/// Damage is looked for where the look is to be `thorough`.
+async fn kept(app: &App, id: &str, thorough: bool) -> Result<Option<Scene>, Problem> {
+    let Some(scene) = app.store.scene(id).await? else { return Ok(None) };
+    let sound = if thorough {
+        match app.artifacts.scene(id).await {
+            Ok(_) => true,
+            Err(error) if error.is_lasting() => false,
+            Err(error) => return Err(error.into()),
+        }
+    } else {
+        app.artifacts.has_scene(id, scene.size).await?
+    };
+    if !sound {
+        tracing::warn!(scene = id, "the file is lost or damaged and is stored again");
+    }
+    Ok(sound.then_some(scene))
+}
+
 /// Checks a scene by importing it, then keeps it; whether it is new. What cannot be imported is
 /// not kept. Without a `turn` it waits for one where there is something to import.
 pub async fn store_scene(
@@ -267,7 +286,8 @@ pub async fn store_scene(
     bytes: Bytes,
     turn: Option<OwnedSemaphorePermit>,
 ) -> Result<(Scene, bool), Problem> {
-    if let Some(scene) = app.store.scene(&id).await? {
+    // Built-in scenes, which come without a turn, are asked for with every job.
+    if let Some(scene) = kept(app, &id, turn.is_some()).await? {
         return Ok((scene, false));
     }
     let turn = match turn {

@@ -1,6 +1,8 @@
 //! Where scenes, jobs and events are kept. One interface; the embedded implementation is
 //! [`sqlite`]. Everything that a client was promised is on disk when a call returns.
 
+#[cfg(test)]
+mod conformance;
 pub mod solutions;
 pub mod sqlite;
 
@@ -8,19 +10,32 @@ use crate::api::Warning;
 use crate::api::events::{Event, EventData};
 use crate::api::jobs::{Job, JobError, JobRequest, Picture, PictureFormat, Plan, Progress, Stats};
 use crate::api::scenes::Scene;
-use crate::job_state::JobState;
+use crate::job_state::{JobState, Refusal};
 use async_trait::async_trait;
 use uuid::Uuid;
+
+/// Progress events that a job may keep; beyond it every second one of the older half goes.
+pub const MAX_PROGRESS_EVENTS: i64 = 2048;
 
 /// Why the store could not do it.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The database refused or is unreachable.
     #[error("database: {0}")]
-    Database(#[from] sqlx::Error),
+    Database(sqlx::Error),
+    /// The database, or what lies under it, is out of order: what, and what to do about it.
+    #[error("database: {what}; {remedy} ({source})")]
+    Sick {
+        /// What is wrong.
+        what: &'static str,
+        /// What an operator can do.
+        remedy: &'static str,
+        /// What the database said.
+        source: sqlx::Error,
+    },
     /// The database could not be brought to this version's tables.
     #[error("database migration: {0}")]
-    Migration(#[from] sqlx::migrate::MigrateError),
+    Migration(sqlx::migrate::MigrateError),
     /// A stored record does not read back.
     #[error("stored {what} does not read back: {reason}")]
     Corrupt {
@@ -32,6 +47,33 @@ pub enum StoreError {
     /// The writer's claim on the job is over: it was deleted, or another worker has it.
     #[error("the claim on job {0} is over")]
     ClaimLost(Uuid),
+    /// The state machine forbids it; a fault of the caller.
+    #[error("job {job}: {refusal}")]
+    Illegal {
+        /// The job.
+        job: Uuid,
+        /// Why not.
+        refusal: Refusal,
+    },
+}
+
+impl From<sqlx::Error> for StoreError {
+    /// Names the troubles that an operator can mend.
+    fn from(source: sqlx::Error) -> Self {
+        match sqlite::diagnose(&source) {
+            Some((what, remedy)) => Self::Sick { what, remedy, source },
+            None => Self::Database(source),
+        }
+    }
+}
+
+impl From<sqlx::migrate::MigrateError> for StoreError {
+    fn from(error: sqlx::migrate::MigrateError) -> Self {
+        match error {
+            sqlx::migrate::MigrateError::Execute(source) => source.into(),
+            other => Self::Migration(other),
+        }
+    }
 }
 
 /// A job to be accepted.
@@ -47,6 +89,9 @@ pub struct NewJob {
     pub idempotency_key: Option<String>,
     /// Hash of the request, to tell a repetition from another request under the same key.
     pub request_hash: String,
+    /// Hash of everything that the picture depends on, where that determines it: jobs of the
+    /// same key can share one result.
+    pub render_key: Option<String>,
 }
 
 /// What became of a [`NewJob`].
@@ -64,12 +109,24 @@ pub enum Accepted {
 
 /// A worker's claim on a job. Writes under an outdated claim fail with
 /// [`StoreError::ClaimLost`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Claim {
     /// The job.
     pub job: Uuid,
     /// The fencing token: grows with every claim of the job.
     pub fence: u64,
+}
+
+/// A claim as the store keeps it, with its holder's signs of life.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Lease {
+    /// The claim.
+    pub claim: Claim,
+    /// The random boot id of the process that holds it.
+    pub owner: String,
+    /// Signs of life so far. Who sweeps measures on its own monotonic clock for how long this
+    /// has not moved; no two clocks are ever compared.
+    pub beat: u64,
 }
 
 /// What a running worker has to say. All of it is optional.
@@ -96,6 +153,16 @@ pub struct Outcome {
     pub error: Option<JobError>,
     /// Last figures.
     pub progress: Option<Progress>,
+    /// The identical job whose result this is.
+    pub result_of: Option<Uuid>,
+}
+
+impl Outcome {
+    /// An end with nothing to show.
+    pub fn of(state: JobState) -> Self {
+        let pictures = Vec::new();
+        Self { state, stats: None, pictures, error: None, progress: None, result_of: None }
+    }
 }
 
 /// Which jobs a list holds.
@@ -153,8 +220,18 @@ pub trait Store: solutions::Solutions + Send + Sync {
     async fn release(&self, claim: Claim, counted: bool, reason: &str) -> Result<(), StoreError>;
     /// Puts back every job that this process still holds, uncounted; how many there were.
     async fn release_all(&self) -> Result<u64, StoreError>;
-    /// Puts back, or gives up, the jobs of workers that died with an earlier process.
+    /// Puts back, or gives up, the jobs of every other process. Only for callers who know that
+    /// there is none any more.
     async fn recover(&self) -> Result<Vec<Uuid>, StoreError>;
+    /// Gives signs of life for claims; returns those that do not hold any more.
+    async fn renew(&self, claims: &[Claim]) -> Result<Vec<Claim>, StoreError>;
+    /// Every lease there is.
+    async fn leases(&self) -> Result<Vec<Lease>, StoreError>;
+    /// Puts back, or gives up, the job of a lease that showed no life; whether it did: not where
+    /// there was a sign of life after `lease` was read.
+    async fn expire(&self, lease: &Lease, reason: &str) -> Result<bool, StoreError>;
+    /// A succeeded job of the same render key, the newest; its pictures can be shared.
+    async fn twin(&self, claim: Claim) -> Result<Option<Job>, StoreError>;
 
     /// Events of a job with numbers above `after`, oldest first.
     async fn events(&self, job: Uuid, after: u64, limit: u32) -> Result<Vec<Event>, StoreError>;

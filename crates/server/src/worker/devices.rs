@@ -16,6 +16,8 @@ pub fn list() -> Vec<DeviceView> {
             status: None,
             job: None,
             error: None,
+            restarts: 0,
+            last_fault: None,
         })
         .collect()
 }

@@ -1,17 +1,28 @@
-//! The pool: one operating-system thread per device, each drawing jobs from the queue. This is
-//! where the service meets the engine.
+//! The pool: one worker per device, each drawing jobs from the queue. This is where the service
+//! meets the engine.
+//!
+//! Two sides, and a line between them. The server's: [`job`] takes an attempt from claim to record,
+//! [`watch`] follows it. The engine's: [`perform`] runs tasks on a device, in a thread or, by way of
+//! [`process`] and [`child`], in a process of the device's own. [`wire`] is what they say;
+//! [`executor`] hides which of the two it is.
 
 mod checkpoints;
+pub mod child;
 pub mod devices;
+mod executor;
 mod job;
+mod pacing;
+mod perform;
+mod process;
 pub mod scenes;
 mod watch;
+mod wire;
 
 use crate::api::jobs::OptionValue;
 use crate::api::limits::{OptionWord, Vocabulary};
 use crate::api::{DeviceStatus, DeviceView, FieldError};
 use crate::service::Service;
-use hemilux_engine::device::Device;
+use executor::Executor;
 use hemilux_engine::render::RenderError;
 use hemilux_engine::transport::options::Settings;
 use hemilux_engine::transport::{METHODS, OPTIONS};
@@ -76,6 +87,15 @@ impl Pool {
             device.error = error;
         }
     }
+
+    /// The device had to be opened again.
+    fn restarted(&self, id: &str, fault: &str) {
+        let mut devices = self.devices.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(device) = devices.iter_mut().find(|device| device.id == id) {
+            device.restarts += 1;
+            device.last_fault = Some(fault.to_owned());
+        }
+    }
 }
 
 /// The threads of a pool.
@@ -104,7 +124,7 @@ pub fn start(service: &Arc<Service>) -> std::io::Result<Workers> {
         let (service, runtime) = (service.clone(), runtime.clone());
         let (on_end, end) = tokio::sync::oneshot::channel();
         std::thread::Builder::new().name(format!("device {}", device.id)).spawn(move || {
-            work(&service, &runtime, &device.id);
+            runtime.block_on(work(&service, &device.id));
             let _ = on_end.send(());
         })?;
         ended.push(end);
@@ -113,52 +133,71 @@ pub fn start(service: &Arc<Service>) -> std::io::Result<Workers> {
 }
 
 /// A worker's life: open the device, run jobs on it, open it again where a job broke it.
-fn work(service: &Arc<Service>, runtime: &tokio::runtime::Handle, id: &str) {
+async fn work(service: &Arc<Service>, id: &str) {
     let mut backoff = Duration::from_secs(1);
     while !service.shutdown.is_cancelled() {
         service.pool.set(id, DeviceStatus::Opening, None, None);
-        match devices::open(id) {
-            Ok(mut device) => {
+        match open(service, id).await {
+            Ok(mut executor) => {
                 backoff = Duration::from_secs(1);
-                run_jobs(service, runtime, id, device.as_mut());
+                if let Err(fault) = run_jobs(service, id, &mut executor).await {
+                    tracing::warn!(device = id, fault, "opens the device again");
+                    service.pool.restarted(id, &fault);
+                }
             }
             Err(error) => {
                 tracing::error!(device = id, %error, "cannot open the device");
                 service.pool.set(id, DeviceStatus::Failed, None, Some(error));
-                runtime.block_on(async {
-                    tokio::select! {
-                        () = tokio::time::sleep(backoff) => {}
-                        () = service.shutdown.cancelled() => {}
-                    }
-                });
+                tokio::select! {
+                    () = tokio::time::sleep(backoff) => {}
+                    () = service.shutdown.cancelled() => {}
+                }
                 backoff = (2 * backoff).min(MAX_BACKOFF);
             }
         }
     }
 }
 
-/// Runs jobs until shutdown, or until the device must be opened again.
-fn run_jobs(
-    service: &Arc<Service>,
-    runtime: &tokio::runtime::Handle,
-    id: &str,
-    device: &mut dyn Device,
-) {
+/// Starts an executor and waits until its device is open.
+async fn open(service: &Service, id: &str) -> Result<Executor, String> {
+    let mut executor =
+        Executor::start(id, &service.config).map_err(|error| format!("no executor: {error}"))?;
+    let patience = Duration::from_secs_f64(service.config.no_progress_s);
+    let said = tokio::select! {
+        said = executor.hear() => said,
+        () = tokio::time::sleep(patience) => {
+            executor.kill();
+            return Err(format!("it did not open within {} s", patience.as_secs_f64()));
+        }
+        () = service.shutdown.cancelled() => return Err("the server shuts down".into()),
+    };
+    match said.map(|message| message.header) {
+        Some(wire::Said::Ready) => Ok(executor),
+        Some(wire::Said::NoDevice { error }) => Err(error),
+        Some(other) => Err(format!("it said {other:?} before it was ready")),
+        None => Err(executor.epitaph()),
+    }
+}
+
+/// Runs jobs until shutdown, or until the device must be opened again: why.
+async fn run_jobs(service: &Arc<Service>, id: &str, executor: &mut Executor) -> Result<(), String> {
     loop {
         service.pool.set(id, DeviceStatus::Idle, None, None);
-        let next = runtime.block_on(async {
-            tokio::select! {
-                biased;
-                () = service.shutdown.cancelled() => None,
-                next = service.queue.next(id) => Some(next),
-            }
-        });
-        let Some((claim, job)) = next else { return };
-        service.pool.set(id, DeviceStatus::Busy, Some(job.id), None);
-        let device_is_sound = job::run(service, runtime, device, claim, &job);
-        service.bell.ring(job.id);
-        if !device_is_sound {
-            return;
+        let next = tokio::select! {
+            biased;
+            () = service.shutdown.cancelled() => return Ok(()),
+            next = service.queue.next(id) => next,
+        };
+        let (claim, job) = next;
+        if executor.is_gone() {
+            // It ended while it had nothing to do: not this job's fault.
+            let fault = executor.epitaph();
+            service.store.release(claim, false, &fault).await.map_err(|e| e.to_string())?;
+            return Err(fault);
         }
+        service.pool.set(id, DeviceStatus::Busy, Some(job.id), None);
+        let ran = job::run(service, executor, claim, &job).await;
+        service.bell.ring(job.id);
+        ran?;
     }
 }

@@ -1,279 +1,217 @@
-//! Watching a render: an observer on the rendering thread that only counts and sends, and a task
-//! beside it that encodes, stores and listens for a cancel, so that rendering never waits.
+//! Following a run: stores what its executor says, passes on a cancel or a shutdown, and ends an
+//! executor that says nothing or does not obey.
 
-use super::checkpoints::{self, Costs, Ending, Pacing};
-use crate::api;
-use crate::api::jobs::{Job, Picture, PictureFormat, SnapshotRequest};
+use super::checkpoints;
+use super::executor::Executor;
+use super::perform::from_bytes;
+use super::wire::{Failure, Message, Order, Said};
+use crate::api::jobs::{Job, Picture, PictureFormat, Progress, Stats};
 use crate::service::Service;
 use crate::store::{Claim, Report, StoreError};
-use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::image::{self, Exposure, ImageError};
-use hemilux_engine::render::{Observer, Plan, Progress};
-use hemilux_engine::scene::Warning;
-use hemilux_engine::scene::gltf::BakedMesh;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::time::{Duration, Instant};
-use tokio::runtime::Handle;
-use tokio::sync::mpsc;
-use tokio::task::{JoinHandle, JoinSet};
-use tokio_util::sync::CancellationToken;
+use tokio::sync::Mutex;
+use tokio::task::JoinSet;
 
-/// Shortest time between two progress events.
-const PROGRESS_INTERVAL: Duration = Duration::from_millis(120);
 /// How often events are written.
 const FLUSH_INTERVAL: Duration = Duration::from_millis(200);
-/// Snapshots after which the interval doubles.
-const SNAPSHOTS_PER_OCTAVE: u32 = 100;
+/// Longest time between two looks at the job's record.
+const RECHECK: Duration = Duration::from_secs(1);
+/// How long an executor may take to stop where the server shuts down.
+const SHUTDOWN_GRACE: Duration = Duration::from_secs(4);
 
-/// Why a render was asked to stop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Why a run was asked to stop; later ones outrank earlier ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stop {
     /// It was not.
     No,
+    /// The server shuts down.
+    Shutdown,
     /// The client cancelled.
     Cancel,
     /// The job was deleted, or another worker has it.
     ClaimLost,
 }
 
-/// Shared between the rendering thread and the task beside it.
-#[derive(Default)]
-struct Signals {
-    stop: AtomicU8,
-    encoding: AtomicBool,
+/// How a run ended.
+pub enum Ended {
+    /// With a picture.
+    Rendered(Box<Stats>, image::Picture),
+    /// With a reason.
+    Failed(Failure),
+    /// Without a word, or it had to be ended: why. The executor is of no more use.
+    Lost(String),
 }
 
-impl Signals {
-    fn stop(&self) -> Stop {
-        match self.stop.load(Ordering::Relaxed) {
-            0 => Stop::No,
-            1 => Stop::Cancel,
-            _ => Stop::ClaimLost,
-        }
-    }
-
-    fn ask_to_stop(&self, stop: Stop) {
-        // A lost claim outranks a cancel.
-        self.stop.fetch_max(stop as u8, Ordering::Relaxed);
-    }
-}
-
-enum Message {
-    Planned(api::jobs::Plan, Vec<api::Warning>),
-    Progress(api::jobs::Progress),
-    Snapshot(image::Picture, api::jobs::Progress),
-    Checkpoint(Box<Checkpoint>, Option<BakedMesh>),
-}
-
-/// The observer of one render.
-pub struct Watcher {
-    messages: mpsc::Sender<Message>,
-    signals: Arc<Signals>,
-    shutdown: CancellationToken,
-    last_progress: Option<Instant>,
-    latest: Option<api::jobs::Progress>,
-    snapshots: Option<SnapshotRequest>,
-    taken: u32,
-    next_snapshot_s: f64,
-    pacing: Pacing,
-    /// What is known at the end.
-    ending: Option<Ending>,
-    /// A warning about what the job begins with.
-    pub beginning: Option<api::Warning>,
-}
-
-impl Watcher {
-    /// Begins to watch; the task ends, with everything stored, after the watcher is dropped.
-    pub fn start(
-        service: &Arc<Service>,
-        runtime: &Handle,
-        claim: Claim,
-        job: &Job,
-    ) -> (Self, JoinHandle<()>) {
-        let (messages, receiver) = mpsc::channel(64);
-        let signals = Arc::new(Signals::default());
-        let snapshots = job.request.snapshots.clone();
-        let pacing = Pacing::new(&service.config);
-        let scribe = Scribe {
-            service: service.clone(),
-            claim,
-            costs: pacing.costs.clone(),
-            signals: signals.clone(),
-            formats: snapshots.as_ref().map(|s| s.formats.clone()).unwrap_or_default(),
-            pending: Report::default(),
-            snapshots: JoinSet::new(),
-        };
-        let watcher = Self {
-            messages,
-            signals,
-            shutdown: service.shutdown.clone(),
-            last_progress: None,
-            latest: None,
-            next_snapshot_s: snapshots.as_ref().map_or(0.0, |s| s.every_s),
-            snapshots,
-            taken: 0,
-            pacing,
-            ending: None,
-            beginning: None,
-        };
-        (watcher, runtime.spawn(scribe.run(receiver)))
-    }
-
-    /// Why the render was asked to stop, if it was.
-    pub fn stop(&self) -> Stop {
-        self.signals.stop()
-    }
-
-    /// Hands over what is known at the end of the attempt, to be kept.
-    pub fn hand_over(&mut self) {
-        if let Some(Ending { checkpoint, baked }) = self.ending.take() {
-            let message = Message::Checkpoint(Box::new(checkpoint), baked);
-            let _ = self.messages.blocking_send(message);
-        }
-    }
-
+/// A run that is over.
+pub struct Followed {
+    /// How.
+    pub ended: Ended,
+    /// Whether it was asked to stop.
+    pub stop: Stop,
     /// The latest figures.
-    pub fn latest(&self) -> Option<api::jobs::Progress> {
-        self.latest.clone()
-    }
+    pub latest: Option<Progress>,
 }
 
-impl Observer for Watcher {
-    fn planned(&mut self, plan: &Plan, warnings: &[Warning]) {
-        let warnings = warnings.iter().map(super::scenes::warning);
-        let warnings = warnings.chain(self.beginning.clone()).collect();
-        // The task only goes away together with the job.
-        let _ = self.messages.blocking_send(Message::Planned(to_plan(plan), warnings));
-    }
-
-    fn progress(&mut self, progress: &Progress) {
-        let progress = to_progress(progress);
-        self.latest = Some(progress.clone());
-        if self.last_progress.is_none_or(|at| at.elapsed() >= PROGRESS_INTERVAL) {
-            self.last_progress = Some(Instant::now());
-            // A full channel means that the store is slow; the next event says more.
-            let _ = self.messages.try_send(Message::Progress(progress));
-        }
-    }
-
-    fn wants_snapshot(&mut self, progress: &Progress) -> bool {
-        self.snapshots.is_some()
-            && progress.seconds >= self.next_snapshot_s
-            && !self.signals.encoding.load(Ordering::Acquire)
-    }
-
-    fn snapshot(&mut self, picture: &image::Picture, progress: &Progress) {
-        let Some(snapshots) = &self.snapshots else { return };
-        self.taken += 1;
-        let octave = (self.taken / SNAPSHOTS_PER_OCTAVE).min(32) as i32;
-        self.next_snapshot_s = progress.seconds + snapshots.every_s * 2f64.powi(octave);
-        self.signals.encoding.store(true, Ordering::Release);
-        let message = Message::Snapshot(picture.clone(), to_progress(progress));
-        let _ = self.messages.blocking_send(message);
-    }
-
-    fn wants_checkpoint(&mut self, _progress: &Progress) -> bool {
-        self.pacing.is_due()
-    }
-
-    fn wants_solution(&mut self, _progress: &Progress) -> bool {
-        match self.stop() {
-            Stop::ClaimLost => false,
-            // Where the server shuts down, the next attempt goes on from here.
-            Stop::No if self.shutdown.is_cancelled() => true,
-            Stop::No | Stop::Cancel => self.pacing.keeps_solutions,
-        }
-    }
-
-    fn most_checkpoint_bytes(&self) -> u64 {
-        self.pacing.most_bytes
-    }
-
-    fn checkpoint(&mut self, checkpoint: Checkpoint) {
-        if self.pacing.made() {
-            let message = Message::Checkpoint(Box::new(checkpoint), None);
-            let _ = self.messages.blocking_send(message);
-        } else {
-            self.ending = Some(Ending { checkpoint, baked: None });
-        }
-    }
-
-    fn wants_baked(&self) -> bool {
-        self.ending.is_some() && !self.shutdown.is_cancelled()
-    }
-
-    fn baked(&mut self, mesh: BakedMesh) {
-        if let Some(ending) = &mut self.ending {
-            ending.baked = Some(mesh);
-        }
-    }
-
-    fn cancelled(&self) -> bool {
-        self.stop() != Stop::No || self.shutdown.is_cancelled()
-    }
+/// Follows a run to its end, with everything that it said stored.
+pub async fn follow(
+    service: &Arc<Service>,
+    executor: &mut Executor,
+    run: u64,
+    claim: Claim,
+    job: &Job,
+) -> Followed {
+    let formats = job.request.snapshots.as_ref().map(|s| s.formats.clone()).unwrap_or_default();
+    let mut scribe = Scribe {
+        service: service.clone(),
+        claim,
+        formats,
+        stop: Stop::No,
+        latest: None,
+        pending: Report::default(),
+        snapshots: JoinSet::new(),
+        checkpoints: JoinSet::new(),
+        turn: Arc::default(),
+    };
+    let ended = scribe.follow(executor, run).await;
+    scribe.flush().await;
+    while scribe.snapshots.join_next().await.is_some() {}
+    while scribe.checkpoints.join_next().await.is_some() {}
+    Followed { ended, stop: scribe.stop, latest: scribe.latest }
 }
 
-/// Writes down what a watcher sends.
+/// Writes down what a run says.
 struct Scribe {
     service: Arc<Service>,
     claim: Claim,
-    costs: Arc<Costs>,
-    signals: Arc<Signals>,
     formats: Vec<PictureFormat>,
+    stop: Stop,
+    latest: Option<Progress>,
     pending: Report,
     snapshots: JoinSet<()>,
+    /// How long each takes to store.
+    checkpoints: JoinSet<Duration>,
+    /// Whose turn it is to be stored.
+    turn: Arc<Mutex<()>>,
 }
 
 impl Scribe {
-    async fn run(mut self, mut messages: mpsc::Receiver<Message>) {
-        let mut bell = self.service.bell.listen();
+    async fn follow(&mut self, executor: &mut Executor, run: u64) -> Ended {
+        let service = self.service.clone();
+        let mut bell = service.bell.listen();
         let mut flush = tokio::time::interval(FLUSH_INTERVAL);
         flush.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-        let mut recheck = tokio::time::interval(Duration::from_secs(1));
+        let mut recheck = tokio::time::interval(RECHECK);
+        recheck.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+        let (mut heard, mut told) = (Instant::now(), None);
         loop {
             tokio::select! {
-                message = messages.recv() => match message {
-                    Some(message) => self.take(message),
-                    None => break,
-                },
-                _ = flush.tick() => self.flush().await,
+                // What was said is heard before its silence is judged.
+                biased;
+                message = executor.hear() => {
+                    heard = Instant::now();
+                    let Some(message) = message else { return Ended::Lost(executor.epitaph()) };
+                    if let Some(ended) = self.take(message) {
+                        return ended;
+                    }
+                }
+                () = service.shutdown.cancelled(), if self.stop < Stop::Shutdown => {
+                    self.stop = Stop::Shutdown;
+                }
+                Some(_) = self.snapshots.join_next(), if !self.snapshots.is_empty() => {
+                    executor.order(Order::SnapshotKept { run }.into());
+                }
+                Some(took) = self.checkpoints.join_next(), if !self.checkpoints.is_empty() => {
+                    let micros = took.unwrap_or_default().as_micros() as u64;
+                    executor.order(Order::CheckpointKept { run, micros }.into());
+                }
+                _ = flush.tick() => {
+                    self.flush().await;
+                    if let Some(why) = self.out_of_patience(heard, told) {
+                        executor.kill();
+                        tracing::warn!(job = %self.claim.job, why, "ended the executor");
+                        return Ended::Lost(why);
+                    }
+                }
                 () = bell.news_of(self.claim.job) => self.look_for_cancel().await,
                 _ = recheck.tick() => self.look_for_cancel().await,
             }
+            if self.stop > Stop::No && told.is_none() {
+                told = Some(Instant::now());
+                executor.order(Order::Stop { run }.into());
+            }
         }
-        self.flush().await;
-        while self.snapshots.join_next().await.is_some() {}
     }
 
-    fn take(&mut self, message: Message) {
-        match message {
-            Message::Planned(plan, warnings) => self.pending.plan = Some((plan, warnings)),
-            Message::Progress(progress) => self.pending.progress.push(progress),
-            Message::Checkpoint(checkpoint, baked) => {
-                let (service, claim) = (self.service.clone(), self.claim);
-                let costs = self.costs.clone();
-                self.snapshots.spawn(async move {
-                    if let Err(error) =
-                        checkpoints::keep(&service, claim, *checkpoint, baked, &costs).await
-                    {
-                        tracing::warn!(job = %claim.job, %error, "a checkpoint was lost");
-                    }
-                });
-            }
-            Message::Snapshot(picture, progress) => {
-                let (service, claim) = (self.service.clone(), self.claim);
-                let (signals, formats) = (self.signals.clone(), self.formats.clone());
-                self.snapshots.spawn(async move {
-                    if let Err(error) =
-                        keep_snapshot(&service, claim, picture, progress, formats).await
-                    {
-                        tracing::warn!(job = %claim.job, %error, "a snapshot was lost");
-                    }
-                    signals.encoding.store(false, Ordering::Release);
-                });
-            }
+    /// Why the executor must be ended, if so: it was last heard at one time, and told to stop at
+    /// the other.
+    fn out_of_patience(&self, heard: Instant, told: Option<Instant>) -> Option<String> {
+        let config = &self.service.config;
+        let grace = match self.stop {
+            Stop::Shutdown => SHUTDOWN_GRACE,
+            _ => Duration::from_secs_f64(config.cancel_grace_s),
+        };
+        let patience = Duration::from_secs_f64(config.no_progress_s);
+        if told.is_some_and(|told| told.elapsed() > grace) {
+            Some(format!("it did not stop within {} s", grace.as_secs_f64()))
+        } else if heard.elapsed() > patience {
+            Some(format!("it made no progress for {} s", patience.as_secs_f64()))
+        } else {
+            None
         }
+    }
+
+    fn take(&mut self, message: Message<Said>) -> Option<Ended> {
+        let picture = |size| from_bytes(size, message.parts.first()?);
+        let torn = || Failure {
+            retry: true,
+            device_is_sound: false,
+            ..Failure::new("device", "the picture does not have the size that it should")
+        };
+        match message.header {
+            Said::Ready | Said::Began => None,
+            Said::NoDevice { error } => Some(Ended::Lost(error)),
+            Said::Planned(plan, warnings) => {
+                self.pending.plan = Some((plan, warnings));
+                None
+            }
+            Said::Progress(progress) => {
+                self.latest = Some(progress.clone());
+                self.pending.progress.push(progress);
+                None
+            }
+            Said::Checkpoint(facts) => {
+                let (service, claim, turn) = (self.service.clone(), self.claim, self.turn.clone());
+                self.checkpoints.spawn(async move {
+                    checkpoints::keep(&service, claim, facts, message.parts, &turn).await
+                });
+                None
+            }
+            Said::Snapshot(progress, size) => match picture(size) {
+                Some(picture) => {
+                    let (service, claim) = (self.service.clone(), self.claim);
+                    let formats = self.formats.clone();
+                    self.snapshots.spawn(async move {
+                        let kept = keep_snapshot(&service, claim, picture, progress, formats);
+                        if let Err(error) = kept.await {
+                            tracing::warn!(job = %claim.job, %error, "a snapshot was lost");
+                        }
+                    });
+                    None
+                }
+                None => Some(Ended::Failed(torn())),
+            },
+            Said::Rendered(stats, size) => Some(match picture(size) {
+                Some(picture) => Ended::Rendered(stats, picture),
+                None => Ended::Failed(torn()),
+            }),
+            Said::Failed(failure) => Some(Ended::Failed(failure)),
+        }
+    }
+
+    fn ask_to_stop(&mut self, stop: Stop) {
+        self.stop = self.stop.max(stop);
     }
 
     async fn flush(&mut self) {
@@ -284,19 +222,19 @@ impl Scribe {
         match self.service.store.report(self.claim, report).await {
             Ok(cancel) => {
                 if cancel {
-                    self.signals.ask_to_stop(Stop::Cancel);
+                    self.ask_to_stop(Stop::Cancel);
                 }
                 self.service.bell.ring(self.claim.job);
             }
-            Err(StoreError::ClaimLost(_)) => self.signals.ask_to_stop(Stop::ClaimLost),
+            Err(StoreError::ClaimLost(_)) => self.ask_to_stop(Stop::ClaimLost),
             Err(error) => tracing::error!(job = %self.claim.job, %error, "progress was lost"),
         }
     }
 
     async fn look_for_cancel(&mut self) {
         match self.service.store.job(self.claim.job).await {
-            Ok(Some(job)) if job.cancel_requested => self.signals.ask_to_stop(Stop::Cancel),
-            Ok(None) => self.signals.ask_to_stop(Stop::ClaimLost),
+            Ok(Some(job)) if job.cancel_requested => self.ask_to_stop(Stop::Cancel),
+            Ok(None) => self.ask_to_stop(Stop::ClaimLost),
             Ok(Some(_)) => {}
             Err(error) => tracing::error!(job = %self.claim.job, %error, "cannot read the job"),
         }
@@ -307,7 +245,7 @@ async fn keep_snapshot(
     service: &Service,
     claim: Claim,
     picture: image::Picture,
-    progress: api::jobs::Progress,
+    progress: Progress,
     formats: Vec<PictureFormat>,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let pictures = keep_picture(service, claim, Arc::new(picture), formats).await?;
@@ -340,32 +278,4 @@ pub async fn keep_picture(
         pictures.push(service.artifacts.put_picture(claim.job, format, size, bytes).await?);
     }
     Ok(pictures)
-}
-
-/// JSON has no NaN; a figure that is none reads 0.
-fn finite(x: f64) -> f64 {
-    if x.is_finite() { x } else { 0.0 }
-}
-
-/// The engine's progress in the API's words.
-pub fn to_progress(progress: &Progress) -> api::jobs::Progress {
-    api::jobs::Progress {
-        iterations: progress.iterations,
-        shots: progress.shots,
-        light_source_selection_ratio: finite(progress.light_source_selection_ratio),
-        estimated_error: progress.estimated_error.filter(|error| error.is_finite()),
-        seconds: finite(progress.seconds),
-        seconds_remaining: progress.seconds_remaining.filter(|seconds| seconds.is_finite()),
-        fraction: finite(progress.fraction),
-    }
-}
-
-fn to_plan(plan: &Plan) -> api::jobs::Plan {
-    api::jobs::Plan {
-        method: plan.method.clone(),
-        reasons: plan.reasons.clone(),
-        settings: plan.settings.clone(),
-        patches: plan.patches,
-        triangles: plan.triangles,
-    }
 }

@@ -3,13 +3,10 @@
 use super::{now_ms, rows};
 use crate::api::events::{Event, EventData, ProgressEvent};
 use crate::api::jobs::Progress;
-use crate::store::StoreError;
+use crate::store::{MAX_PROGRESS_EVENTS, StoreError};
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqlitePool};
 use uuid::Uuid;
-
-/// Progress events that a job may keep; beyond it every second one of the older half goes.
-pub const MAX_PROGRESS_EVENTS: i64 = 2048;
 
 /// Adds an event; its number.
 pub async fn append(

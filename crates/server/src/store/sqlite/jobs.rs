@@ -2,10 +2,13 @@
 
 use super::{events, now_ms, rows};
 use crate::api::events::{EventData, ProgressEvent, SnapshotEvent, StateEvent};
-use crate::api::jobs::{Job, JobError, Picture};
-use crate::job_state::{JobState, MAX_ATTEMPTS, after_lost_worker};
-use crate::store::{Accepted, Claim, JobCounts, JobFilter, NewJob, Outcome, Report, StoreError};
-use sqlx::sqlite::{SqliteConnection, SqlitePool};
+use crate::api::jobs::{Job, JobError, JobRequest, Picture};
+use crate::job_state::{Event, JobState, Life, Refusal};
+use crate::store::{
+    Accepted, Claim, JobCounts, JobFilter, Lease, MAX_PROGRESS_EVENTS, NewJob, Outcome, Report,
+    StoreError,
+};
+use sqlx::sqlite::{SqliteConnection, SqlitePool, SqliteRow};
 use sqlx::{Connection, QueryBuilder, Row, Sqlite};
 use uuid::Uuid;
 
@@ -51,16 +54,18 @@ pub async fn accept(
     }
     sqlx::query(
         "INSERT INTO jobs (id, scene_id, state, priority, created_ms, idempotency_key,
-                           request_hash, request)
-         VALUES (?, ?, 'queued', ?, ?, ?, ?, ?)",
+                           request_hash, request, render_key)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(job.id.to_string())
     .bind(&job.scene_id)
+    .bind(Life::NEW.state.as_str())
     .bind(job.request.priority)
     .bind(now_ms())
     .bind(&job.idempotency_key)
     .bind(&job.request_hash)
     .bind(rows::to_json(&job.request))
+    .bind(&job.render_key)
     .execute(&mut *connection)
     .await?;
     for (key, value) in &job.request.labels {
@@ -71,7 +76,7 @@ pub async fn accept(
             .execute(&mut *connection)
             .await?;
     }
-    append_state(connection, job.id, JobState::Queued, 0, None).await?;
+    append_state(connection, job.id, Life::NEW, None).await?;
     Ok(Accepted::New(Box::new(expect(connection, job.id).await?)))
 }
 
@@ -132,88 +137,184 @@ pub async fn any_queued(pool: &SqlitePool) -> Result<bool, StoreError> {
     Ok(row.get("any"))
 }
 
+/// A job before and after something happened to it.
+struct Change {
+    row: SqliteRow,
+    before: Life,
+    after: Life,
+}
+
+impl Change {
+    fn ends(&self) -> bool {
+        self.after.state.is_terminal() && !self.before.state.is_terminal()
+    }
+}
+
+fn life(row: &SqliteRow) -> Result<Life, StoreError> {
+    Ok(Life {
+        state: rows::state(row.get("state"))?,
+        attempts: row.get("attempts"),
+        outages: row.get("outages"),
+        fence: row.get::<i64, _>("fence").unsigned_abs(),
+        cancel_requested: row.get("cancel_requested"),
+        deleted: row.get::<Option<i64>, _>("deleted_ms").is_some(),
+    })
+}
+
+/// The one place where a job's life changes: the state machine decides, this writes. `owner` is
+/// who holds the lease from now on, where something does. `None` where there is no such job.
+async fn happens(
+    connection: &mut SqliteConnection,
+    id: Uuid,
+    event: Event,
+    owner: Option<&str>,
+) -> Result<Option<Result<Change, Refusal>>, StoreError> {
+    let row = sqlx::query("SELECT * FROM jobs WHERE id = ?")
+        .bind(id.to_string())
+        .fetch_optional(&mut *connection)
+        .await?;
+    let Some(row) = row else { return Ok(None) };
+    let before = life(&row)?;
+    let after = match before.after(event) {
+        Ok(after) => after,
+        Err(refusal) => return Ok(Some(Err(refusal))),
+    };
+    if after != before {
+        let now = now_ms();
+        let started: Option<i64> = match (before.state, after.state) {
+            (JobState::Queued, JobState::Running) => Some(now),
+            (_, JobState::Queued) => None,
+            _ => row.get("started_ms"),
+        };
+        let finished: Option<i64> = match (before.state.is_terminal(), after.state.is_terminal()) {
+            (false, true) => Some(now),
+            (true, true) => row.get("finished_ms"),
+            (_, false) => None,
+        };
+        let runs = after.state == JobState::Running;
+        let holder = owner.or(row.get("lease_owner")).filter(|_| runs);
+        sqlx::query(
+            "UPDATE jobs SET state = ?, attempts = ?, outages = ?, fence = ?, cancel_requested = ?,
+                 deleted_ms = ?, started_ms = ?, finished_ms = ?, lease_owner = ?,
+                 render_key = iif(?, NULL, render_key), mishaps = iif(?, '[]', mishaps)
+             WHERE id = ?",
+        )
+        .bind(after.state.as_str())
+        .bind(after.attempts)
+        .bind(after.outages)
+        .bind(after.fence as i64)
+        .bind(after.cancel_requested)
+        .bind(after.deleted.then_some(now))
+        .bind(started)
+        .bind(finished)
+        .bind(holder)
+        // An extended job's picture is not what its first request determined.
+        .bind(event == Event::Extend)
+        .bind(event == Event::Extend)
+        .bind(id.to_string())
+        .execute(&mut *connection)
+        .await?;
+    }
+    Ok(Some(Ok(Change { row, before, after })))
+}
+
+/// What happens to a claimed job; an error where the claim is over.
+async fn happens_to_held(
+    connection: &mut SqliteConnection,
+    claim: Claim,
+    event: Event,
+) -> Result<Change, StoreError> {
+    match happens(connection, claim.job, event, None).await? {
+        Some(Ok(change)) => Ok(change),
+        Some(Err(Refusal::ClaimLost)) | None => Err(StoreError::ClaimLost(claim.job)),
+        Some(Err(refusal)) => Err(StoreError::Illegal { job: claim.job, refusal }),
+    }
+}
+
 /// Asks a job to end: a queued one ends now, a running one when its worker hears of it.
 pub async fn cancel(
     connection: &mut SqliteConnection,
     id: Uuid,
 ) -> Result<Option<Job>, StoreError> {
-    let Some(job) = get(connection, id).await? else { return Ok(None) };
-    match job.state {
-        JobState::Queued => {
-            set_state(connection, &job, JobState::Cancelled).await?;
-            append_state(connection, id, JobState::Cancelled, job.attempts, None).await?;
-        }
-        JobState::Running => {
-            sqlx::query("UPDATE jobs SET cancel_requested = 1 WHERE id = ?")
-                .bind(id.to_string())
-                .execute(&mut *connection)
-                .await?;
-        }
-        _ => {}
+    if let Some(Ok(change)) = happens(connection, id, Event::Cancel, None).await?
+        && change.ends()
+    {
+        append_state(connection, id, change.after, None).await?;
     }
     get(connection, id).await
+}
+
+/// Queues an ended job again with another request; `None` where there is no such job, else whether
+/// it could be.
+pub async fn extend(
+    connection: &mut SqliteConnection,
+    id: Uuid,
+    request: &JobRequest,
+) -> Result<Option<bool>, StoreError> {
+    let change = match happens(connection, id, Event::Extend, None).await? {
+        Some(Ok(change)) => change,
+        Some(Err(Refusal::Deleted)) | None => return Ok(None),
+        Some(Err(_)) => return Ok(Some(false)),
+    };
+    sqlx::query(
+        "UPDATE jobs SET request = ?, stats = NULL, error = NULL, result = NULL WHERE id = ?",
+    )
+    .bind(rows::to_json(request))
+    .bind(id.to_string())
+    .execute(&mut *connection)
+    .await?;
+    append_state(connection, id, change.after, Some("it was given more budget".into())).await?;
+    Ok(Some(true))
 }
 
 /// Hides a job. One that has not ended is cancelled first, with its terminal event, and the
 /// worker's claim on it is over.
 pub async fn delete(connection: &mut SqliteConnection, id: Uuid) -> Result<bool, StoreError> {
-    let Some(job) = get(connection, id).await? else { return Ok(false) };
-    if !job.state.is_terminal() {
-        set_state(connection, &job, JobState::Cancelled).await?;
-        let reason = Some("the job was deleted".to_owned());
-        append_state(connection, id, JobState::Cancelled, job.attempts, reason).await?;
+    match happens(connection, id, Event::Delete, None).await? {
+        Some(Ok(change)) => {
+            if change.ends() {
+                let reason = Some("the job was deleted".to_owned());
+                append_state(connection, id, change.after, reason).await?;
+            }
+            Ok(true)
+        }
+        Some(Err(_)) | None => Ok(false),
     }
-    sqlx::query("UPDATE jobs SET deleted_ms = ?, fence = fence + 1 WHERE id = ?")
-        .bind(now_ms())
-        .bind(id.to_string())
-        .execute(connection)
-        .await?;
-    Ok(true)
 }
 
-/// Takes the next job of the queue: highest priority, then oldest.
+/// Takes the next job of the queue: highest priority, then oldest. A job whose identical twin
+/// runs now waits for its result.
 pub async fn claim(
     connection: &mut SqliteConnection,
     device: &str,
     owner: &str,
 ) -> Result<Option<(Claim, Job)>, StoreError> {
     let next = sqlx::query(
-        "SELECT * FROM jobs WHERE state = 'queued' AND deleted_ms IS NULL
+        "SELECT id FROM jobs AS waiting
+         WHERE state = 'queued' AND deleted_ms IS NULL AND NOT EXISTS (
+             SELECT 1 FROM jobs AS twin
+             WHERE twin.render_key = waiting.render_key AND twin.state = 'running')
          ORDER BY priority DESC, id LIMIT 1",
     )
     .fetch_optional(&mut *connection)
     .await?;
     let Some(row) = next else { return Ok(None) };
-    let job = rows::job(&row)?;
-    let fence = row.get::<i64, _>("fence") + 1;
+    let id = rows::parse_id(row.get("id"))?;
+    let change = match happens(connection, id, Event::Claim, Some(owner)).await? {
+        Some(Ok(change)) => change,
+        Some(Err(refusal)) => return Err(StoreError::Illegal { job: id, refusal }),
+        None => return Ok(None),
+    };
     sqlx::query(
-        "UPDATE jobs SET state = 'running', lease_owner = ?, fence = ?, attempts = attempts + 1,
-             started_ms = ?, device = ?, progress = NULL, plan = NULL, warnings = '[]'
-         WHERE id = ?",
+        "UPDATE jobs SET device = ?, progress = NULL, plan = NULL, warnings = '[]' WHERE id = ?",
     )
-    .bind(owner)
-    .bind(fence)
-    .bind(now_ms())
     .bind(device)
-    .bind(job.id.to_string())
+    .bind(id.to_string())
     .execute(&mut *connection)
     .await?;
-    append_state(connection, job.id, JobState::Running, job.attempts + 1, None).await?;
-    let claim = Claim { job: job.id, fence: fence.unsigned_abs() };
-    Ok(Some((claim, expect(connection, job.id).await?)))
-}
-
-/// The job of a claim that still holds.
-async fn held(connection: &mut SqliteConnection, claim: Claim) -> Result<Job, StoreError> {
-    let row = sqlx::query(
-        "SELECT * FROM jobs
-         WHERE id = ? AND fence = ? AND state = 'running' AND deleted_ms IS NULL",
-    )
-    .bind(claim.job.to_string())
-    .bind(claim.fence as i64)
-    .fetch_optional(connection)
-    .await?;
-    row.as_ref().map(rows::job).transpose()?.ok_or(StoreError::ClaimLost(claim.job))
+    append_state(connection, id, change.after, None).await?;
+    let claim = Claim { job: id, fence: change.after.fence };
+    Ok(Some((claim, expect(connection, id).await?)))
 }
 
 /// Writes a worker's report in a transaction of its own; whether the job is asked to end.
@@ -223,7 +324,8 @@ pub async fn report(
     report: Report,
 ) -> Result<bool, StoreError> {
     let mut transaction = connection.begin_with("BEGIN IMMEDIATE").await?;
-    let job = held(&mut transaction, claim).await?;
+    let event = Event::Report { fence: claim.fence };
+    let change = happens_to_held(&mut transaction, claim, event).await?;
     if let Some((plan, warnings)) = &report.plan {
         sqlx::query("UPDATE jobs SET plan = ?, warnings = ? WHERE id = ?")
             .bind(rows::to_json(plan))
@@ -242,7 +344,7 @@ pub async fn report(
     for progress in report.progress {
         let event = EventData::Progress(ProgressEvent { fence: claim.fence, progress });
         let seq = events::append(&mut transaction, claim.job, &event).await?;
-        if seq % (events::MAX_PROGRESS_EVENTS / 8) == 0 {
+        if seq % (MAX_PROGRESS_EVENTS / 8) == 0 {
             events::thin(&mut transaction, claim.job).await?;
         }
     }
@@ -252,7 +354,7 @@ pub async fn report(
         add_pictures(&mut transaction, claim.job, seq, &pictures).await?;
     }
     transaction.commit().await?;
-    Ok(job.cancel_requested)
+    Ok(change.after.cancel_requested)
 }
 
 async fn add_pictures(
@@ -282,7 +384,8 @@ pub async fn finish(
     claim: Claim,
     outcome: Outcome,
 ) -> Result<(), StoreError> {
-    let job = held(connection, claim).await?;
+    let event = Event::Finish { fence: claim.fence, end: outcome.state };
+    let change = happens_to_held(connection, claim, event).await?;
     if let Some(progress) = &outcome.progress {
         let event =
             EventData::Progress(ProgressEvent { fence: claim.fence, progress: progress.clone() });
@@ -293,18 +396,18 @@ pub async fn finish(
             .execute(&mut *connection)
             .await?;
     }
-    set_state(connection, &job, outcome.state).await?;
-    sqlx::query("UPDATE jobs SET stats = ?, error = ?, result = ? WHERE id = ?")
+    sqlx::query("UPDATE jobs SET stats = ?, error = ?, result = ?, result_of = ? WHERE id = ?")
         .bind(outcome.stats.as_ref().map(rows::to_json))
         .bind(outcome.error.as_ref().map(rows::to_json))
         .bind((!outcome.pictures.is_empty()).then(|| rows::to_json(&outcome.pictures)))
+        .bind(outcome.result_of.map(|twin| twin.to_string()))
         .bind(claim.job.to_string())
         .execute(&mut *connection)
         .await?;
     let event = EventData::State(StateEvent {
         state: outcome.state,
-        attempts: job.attempts,
-        reason: None,
+        attempts: change.after.attempts,
+        reason: outcome.result_of.map(|twin| format!("shares the result of {twin}")),
         pictures: outcome.pictures.clone(),
         error: outcome.error,
     });
@@ -313,32 +416,30 @@ pub async fn finish(
 }
 
 /// Takes a claim back: the job is queued again, cancelled if that was asked, or given up after
-/// too many counted attempts.
+/// too many counted attempts, with all that happened.
 pub async fn release(
     connection: &mut SqliteConnection,
     claim: Claim,
-    counted: bool,
+    event: Event,
     reason: &str,
 ) -> Result<(), StoreError> {
-    let job = held(connection, claim).await?;
-    let attempts = if counted { job.attempts } else { job.attempts.saturating_sub(1) };
-    let next = after_lost_worker(attempts, job.cancel_requested);
-    let error = (next == JobState::Failed).then(|| JobError {
-        code: "poisoned".into(),
-        detail: format!(
-            "given up after {MAX_ATTEMPTS} attempts; the last one ended because {reason}"
-        ),
-    });
-    set_state(connection, &job, next).await?;
-    sqlx::query("UPDATE jobs SET attempts = ?, error = ? WHERE id = ?")
-        .bind(attempts)
+    let change = happens_to_held(connection, claim, event).await?;
+    let counted = change.after.attempts == change.before.attempts;
+    let mut mishaps: Vec<String> = rows::from_json("mishaps", change.row.get("mishaps"))?;
+    if counted {
+        mishaps.push(reason.to_owned());
+    }
+    let error = (change.after.state == JobState::Failed)
+        .then(|| JobError { code: "poisoned".into(), detail: given_up(&mishaps) });
+    sqlx::query("UPDATE jobs SET error = ?, mishaps = ? WHERE id = ?")
         .bind(error.as_ref().map(rows::to_json))
+        .bind(rows::to_json(&mishaps))
         .bind(claim.job.to_string())
         .execute(&mut *connection)
         .await?;
     let event = EventData::State(StateEvent {
-        state: next,
-        attempts,
+        state: change.after.state,
+        attempts: change.after.attempts,
         reason: Some(reason.to_owned()),
         pictures: Vec::new(),
         error,
@@ -347,68 +448,58 @@ pub async fn release(
     Ok(())
 }
 
-/// Claims of running jobs: those of `owner`, or all.
-pub async fn leased(
-    connection: &mut SqliteConnection,
-    owner: Option<&str>,
-) -> Result<Vec<Claim>, StoreError> {
+fn given_up(mishaps: &[String]) -> String {
+    let told: Vec<_> = (1..).zip(mishaps).map(|(n, what)| format!("attempt {n}: {what}")).collect();
+    format!("given up after {} attempts; {}", mishaps.len(), told.join("; "))
+}
+
+/// Leases of running jobs with their owners.
+pub async fn leases(connection: &mut SqliteConnection) -> Result<Vec<Lease>, StoreError> {
     let found = sqlx::query(
-        "SELECT id, fence FROM jobs
-         WHERE state = 'running' AND deleted_ms IS NULL AND (?1 IS NULL OR lease_owner = ?1)",
+        "SELECT id, fence, lease_owner, lease_beat FROM jobs
+         WHERE state = 'running' AND deleted_ms IS NULL ORDER BY id",
     )
-    .bind(owner)
     .fetch_all(connection)
     .await?;
     found
         .iter()
         .map(|row| {
             let fence = row.get::<i64, _>("fence").unsigned_abs();
-            Ok(Claim { job: rows::parse_id(row.get("id"))?, fence })
+            Ok(Lease {
+                claim: Claim { job: rows::parse_id(row.get("id"))?, fence },
+                owner: row.get("lease_owner"),
+                beat: row.get::<i64, _>("lease_beat").unsigned_abs(),
+            })
         })
         .collect()
 }
 
-/// The one place where a state changes, apart from claiming.
-async fn set_state(
-    connection: &mut SqliteConnection,
-    job: &Job,
-    next: JobState,
-) -> Result<(), StoreError> {
-    if !job.state.may_become(next) {
-        return Err(StoreError::Corrupt {
-            what: format!("job {}", job.id),
-            reason: format!("{:?} may not become {next:?}", job.state),
-        });
-    }
-    let changed = sqlx::query(
-        "UPDATE jobs SET state = ?1, lease_owner = NULL, finished_ms = ?2,
-             started_ms = CASE WHEN ?1 = 'queued' THEN NULL ELSE started_ms END
-         WHERE id = ?3 AND state = ?4",
+/// A sign of life for a claim; whether it still holds.
+pub async fn renew(connection: &mut SqliteConnection, claim: Claim) -> Result<bool, StoreError> {
+    let renewed = sqlx::query(
+        "UPDATE jobs SET lease_beat = lease_beat + 1
+         WHERE id = ? AND fence = ? AND state = 'running' AND deleted_ms IS NULL",
     )
-    .bind(next.as_str())
-    .bind(next.is_terminal().then(now_ms))
-    .bind(job.id.to_string())
-    .bind(job.state.as_str())
+    .bind(claim.job.to_string())
+    .bind(claim.fence as i64)
     .execute(connection)
     .await?;
-    if changed.rows_affected() != 1 {
-        return Err(StoreError::Corrupt {
-            what: format!("job {}", job.id),
-            reason: format!("it is not {:?} any more", job.state),
-        });
-    }
-    Ok(())
+    Ok(renewed.rows_affected() == 1)
 }
 
 async fn append_state(
     connection: &mut SqliteConnection,
     id: Uuid,
-    state: JobState,
-    attempts: u32,
+    life: Life,
     reason: Option<String>,
 ) -> Result<(), StoreError> {
-    let event =
-        EventData::State(StateEvent { state, attempts, reason, pictures: Vec::new(), error: None });
+    let event = EventData::State(StateEvent {
+        state: life.state,
+        attempts: life.attempts,
+        reason,
+        pictures: Vec::new(),
+        error: None,
+    });
     events::append(connection, id, &event).await?;
     Ok(())
 }

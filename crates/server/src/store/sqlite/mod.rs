@@ -1,6 +1,7 @@
-//! The embedded store: SQLite in WAL mode with one writing connection and a few reading ones.
+//! The embedded store: SQLite in WAL mode with one writing connection, one for leases and a few
+//! reading ones.
 //!
-//! Every write is one `BEGIN IMMEDIATE` transaction on the writer, and every commit reaches the
+//! Every write is one `BEGIN IMMEDIATE` transaction, and every commit reaches the
 //! disk before it returns (`synchronous = FULL`).
 
 mod events;
@@ -10,15 +11,19 @@ mod solutions;
 #[cfg(test)]
 mod tests;
 
-use super::{Accepted, Claim, JobCounts, JobFilter, NewJob, Outcome, Report, Store, StoreError};
+use super::{
+    Accepted, Claim, JobCounts, JobFilter, Lease, NewJob, Outcome, Report, Store, StoreError,
+};
 use crate::api::events::Event;
 use crate::api::jobs::{Job, Picture, PictureFormat, Progress};
 use crate::api::scenes::Scene;
+use crate::failpoints;
+use crate::job_state::Event as JobEvent;
 use async_trait::async_trait;
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
 };
-use sqlx::{Row, Sqlite, Transaction};
+use sqlx::{Connection, Row, Sqlite, Transaction};
 use std::path::Path;
 use std::time::Duration;
 use uuid::Uuid;
@@ -27,6 +32,9 @@ use uuid::Uuid;
 pub struct SqliteStore {
     writer: SqlitePool,
     reader: SqlitePool,
+    /// Leases have a connection of their own: one that a starved runtime has not yet handed back
+    /// must not keep them from being renewed.
+    leases: SqlitePool,
     /// Names this process in leases.
     owner: String,
 }
@@ -44,18 +52,22 @@ impl SqliteStore {
             .synchronous(SqliteSynchronous::Full)
             .foreign_keys(true)
             .busy_timeout(Duration::from_secs(10));
-        let writer = SqlitePoolOptions::new()
+        let writer = pool()
             .max_connections(1)
             .acquire_timeout(Duration::from_secs(30))
             .connect_with(options.clone())
             .await?;
         sqlx::migrate!("src/store/migrations").run(&writer).await?;
-        let reader = SqlitePoolOptions::new()
+        let leases = pool()
+            .max_connections(1)
+            .acquire_timeout(Duration::from_secs(10))
+            .connect_lazy_with(options.clone());
+        let reader = pool()
             .max_connections(4)
             .acquire_timeout(Duration::from_secs(30))
             .connect_with(options.pragma("query_only", "on"))
             .await?;
-        Ok(Self { writer, reader, owner: Uuid::new_v4().to_string() })
+        Ok(Self { writer, reader, leases, owner: Uuid::new_v4().to_string() })
     }
 
     async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
@@ -63,9 +75,50 @@ impl SqliteStore {
     }
 }
 
-/// Milliseconds since 1970.
+/// A pool whose connections are sound. Where the disk is full or fails, SQLite ends a transaction
+/// by itself, which sqlx does not learn of: it would refuse to begin another one on that connection
+/// forever.
+fn pool() -> SqlitePoolOptions {
+    SqlitePoolOptions::new().before_acquire(|connection, _| {
+        let is_sound = !connection.is_in_transaction();
+        Box::pin(async move { Ok(is_sound) })
+    })
+}
+
+/// What an error of SQLite means for whoever runs the server, and what they can do.
+pub fn diagnose(error: &sqlx::Error) -> Option<(&'static str, &'static str)> {
+    let code = error.as_database_error()?.code()?.parse::<u32>().ok()?;
+    // The primary codes of https://sqlite.org/rescode.html, the lowest byte.
+    Some(match code & 0xff {
+        3 | 14 => ("its file cannot be opened", "check the permissions of the data folder"),
+        8 => ("its file cannot be written", "make the data folder writable for the server"),
+        10 => ("the disk does not read or write", "check the disk and the space left on it"),
+        11 => ("its file is damaged", "stop the server and restore the file from a backup"),
+        13 => ("the disk is full", "free space under the data folder"),
+        26 => ("its file is not a database", "stop the server and restore the file from a backup"),
+        _ => return None,
+    })
+}
+
+/// Milliseconds since 1970 by the wall clock. For people and for sorting: it jumps, so nothing
+/// that a promise hangs on is decided by it.
 fn now_ms() -> i64 {
-    jiff::Timestamp::now().as_millisecond()
+    let now = jiff::Timestamp::now().as_millisecond();
+    #[cfg(test)]
+    let now = now + CLOCK_JUMP_MS.get();
+    now
+}
+
+#[cfg(test)]
+thread_local! {
+    /// How far the wall clock of this test has jumped.
+    static CLOCK_JUMP_MS: std::cell::Cell<i64> = const { std::cell::Cell::new(0) };
+}
+
+/// Where a test may make the store fail or die.
+fn failpoint(point: &'static str, about: impl std::fmt::Debug) -> Result<(), StoreError> {
+    failpoints::pass(point, || format!("{about:?}"))
+        .map_err(|injected| StoreError::Database(sqlx::Error::Io(std::io::Error::other(injected))))
 }
 
 #[async_trait]
@@ -104,9 +157,12 @@ impl Store for SqliteStore {
     }
 
     async fn accept(&self, job: NewJob, max_queued: u64) -> Result<Accepted, StoreError> {
+        let id = job.id;
         let mut transaction = self.begin().await?;
         let accepted = jobs::accept(&mut transaction, job, max_queued).await?;
+        failpoint("create", id)?;
         transaction.commit().await?;
+        failpoint("created", id)?;
         Ok(accepted)
     }
 
@@ -151,11 +207,14 @@ impl Store for SqliteStore {
         }
         let mut transaction = self.begin().await?;
         let claimed = jobs::claim(&mut transaction, device, &self.owner).await?;
+        failpoint("claim", &claimed)?;
         transaction.commit().await?;
+        failpoint("claimed", &claimed)?;
         Ok(claimed)
     }
 
     async fn report(&self, claim: Claim, report: Report) -> Result<bool, StoreError> {
+        failpoint("report", claim)?;
         let mut writer = self.writer.acquire().await?;
         jobs::report(&mut writer, claim, report).await
     }
@@ -163,33 +222,88 @@ impl Store for SqliteStore {
     async fn finish(&self, claim: Claim, outcome: Outcome) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         jobs::finish(&mut transaction, claim, outcome).await?;
-        Ok(transaction.commit().await?)
+        failpoint("finish", claim)?;
+        transaction.commit().await?;
+        failpoint("finished", claim)
     }
 
     async fn release(&self, claim: Claim, counted: bool, reason: &str) -> Result<(), StoreError> {
+        failpoint("release", claim)?;
         let mut transaction = self.begin().await?;
-        jobs::release(&mut transaction, claim, counted, reason).await?;
+        let event = JobEvent::Release { fence: claim.fence, counted };
+        jobs::release(&mut transaction, claim, event, reason).await?;
         Ok(transaction.commit().await?)
     }
 
     async fn release_all(&self) -> Result<u64, StoreError> {
         let mut transaction = self.begin().await?;
-        let held = jobs::leased(&mut transaction, Some(&self.owner)).await?;
-        for claim in &held {
-            jobs::release(&mut transaction, *claim, false, "the server shut down").await?;
+        let mut released = 0;
+        for lease in jobs::leases(&mut transaction).await? {
+            if lease.owner == self.owner {
+                let event = JobEvent::Release { fence: lease.claim.fence, counted: false };
+                let reason = "the server shut down";
+                jobs::release(&mut transaction, lease.claim, event, reason).await?;
+                released += 1;
+            }
         }
         transaction.commit().await?;
-        Ok(held.len() as u64)
+        Ok(released)
     }
 
     async fn recover(&self) -> Result<Vec<Uuid>, StoreError> {
         let mut transaction = self.begin().await?;
-        let orphans = jobs::leased(&mut transaction, None).await?;
-        for claim in &orphans {
-            jobs::release(&mut transaction, *claim, true, "its worker died").await?;
+        let mut recovered = Vec::new();
+        for lease in jobs::leases(&mut transaction).await? {
+            if lease.owner != self.owner {
+                let event = JobEvent::LeaseExpired { fence: lease.claim.fence };
+                jobs::release(&mut transaction, lease.claim, event, "the server died").await?;
+                recovered.push(lease.claim.job);
+            }
         }
         transaction.commit().await?;
-        Ok(orphans.into_iter().map(|claim| claim.job).collect())
+        Ok(recovered)
+    }
+
+    async fn renew(&self, claims: &[Claim]) -> Result<Vec<Claim>, StoreError> {
+        let mut lost = Vec::new();
+        if claims.is_empty() {
+            return Ok(lost);
+        }
+        let mut transaction = self.leases.begin_with("BEGIN IMMEDIATE").await?;
+        for claim in claims {
+            if !jobs::renew(&mut transaction, *claim).await? {
+                lost.push(*claim);
+            }
+        }
+        transaction.commit().await?;
+        Ok(lost)
+    }
+
+    async fn leases(&self) -> Result<Vec<Lease>, StoreError> {
+        jobs::leases(&mut *self.leases.acquire().await?).await
+    }
+
+    async fn expire(&self, lease: &Lease, reason: &str) -> Result<bool, StoreError> {
+        let mut transaction = self.leases.begin_with("BEGIN IMMEDIATE").await?;
+        if !jobs::leases(&mut transaction).await?.contains(lease) {
+            return Ok(false);
+        }
+        let event = JobEvent::LeaseExpired { fence: lease.claim.fence };
+        jobs::release(&mut transaction, lease.claim, event, reason).await?;
+        transaction.commit().await?;
+        Ok(true)
+    }
+
+    async fn twin(&self, claim: Claim) -> Result<Option<Job>, StoreError> {
+        let row = sqlx::query(
+            "SELECT twin.* FROM jobs AS own JOIN jobs AS twin ON twin.render_key = own.render_key
+             WHERE own.id = ?1 AND twin.id <> ?1 AND twin.state = 'succeeded'
+               AND twin.deleted_ms IS NULL ORDER BY twin.id DESC LIMIT 1",
+        )
+        .bind(claim.job.to_string())
+        .fetch_optional(&self.reader)
+        .await?;
+        row.as_ref().map(rows::job).transpose()
     }
 
     async fn events(&self, job: Uuid, after: u64, limit: u32) -> Result<Vec<Event>, StoreError> {
@@ -245,6 +359,7 @@ impl Store for SqliteStore {
     }
 
     async fn close(&self) {
+        self.leases.close().await;
         self.reader.close().await;
         self.writer.close().await;
     }

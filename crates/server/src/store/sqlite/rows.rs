@@ -85,6 +85,7 @@ pub fn job(row: &SqliteRow) -> Result<Job, StoreError> {
         stats,
         error: optional(row, "error")?,
         result,
+        result_of: row.get::<Option<&str>, _>("result_of").map(parse_id).transpose()?,
         timings: timings(created_ms, started_ms, finished_ms),
     })
 }

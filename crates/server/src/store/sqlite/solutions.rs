@@ -1,7 +1,6 @@
 //! Solutions in SQLite.
 
-use super::{SqliteStore, events, jobs, rows};
-use crate::api::events::{EventData, StateEvent};
+use super::{SqliteStore, jobs, rows};
 use crate::api::jobs::JobRequest;
 use crate::api::solutions::Solution;
 use crate::job_state::JobState;
@@ -80,23 +79,11 @@ impl Solutions for SqliteStore {
         if jobs::waiting(&mut transaction).await? >= max_queued {
             return Ok(Extended::QueueFull);
         }
-        sqlx::query(
-            "UPDATE jobs SET state = 'queued', request = ?, attempts = 0, cancel_requested = 0,
-                 started_ms = NULL, finished_ms = NULL, stats = NULL, error = NULL, result = NULL
-             WHERE id = ?",
-        )
-        .bind(rows::to_json(request))
-        .bind(id.to_string())
-        .execute(&mut *transaction)
-        .await?;
-        let event = EventData::State(StateEvent {
-            state: JobState::Queued,
-            attempts: 0,
-            reason: Some("it was given more budget".into()),
-            pictures: Vec::new(),
-            error: None,
-        });
-        events::append(&mut transaction, id, &event).await?;
+        match jobs::extend(&mut transaction, id, request).await? {
+            Some(true) => {}
+            Some(false) => return Ok(Extended::NotNow(Box::new(job))),
+            None => return Ok(Extended::Missing),
+        }
         let job = jobs::get(&mut transaction, id).await?;
         transaction.commit().await?;
         Ok(job.map_or(Extended::Missing, |job| Extended::Queued(Box::new(job))))

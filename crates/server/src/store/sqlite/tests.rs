@@ -1,197 +1,159 @@
-//! What the rest of the service relies on, checked on a database file.
+//! The conformance suite on database files, and what only an embedded store has: old data
+//! folders, clocks that jump, files that are damaged.
 
 use super::*;
-use crate::api::events::EventData;
-use crate::api::jobs::JobRequest;
-use crate::api::scenes::{Scene, SceneFormat};
-use crate::job_state::{JobState, MAX_ATTEMPTS};
+use crate::job_state::JobState;
+use crate::leases::{Leases, supervise};
+use crate::store::conformance::{Place, suite};
+use std::borrow::Cow;
+use std::sync::Arc;
 use tempfile::TempDir;
+use tokio_util::sync::CancellationToken;
 
-struct Fixture {
-    store: SqliteStore,
-    folder: TempDir,
+struct Folder(TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(TempDir::new().unwrap())
+    }
+
+    fn file(&self) -> std::path::PathBuf {
+        self.0.path().join("db")
+    }
 }
 
-impl Fixture {
-    async fn new() -> Self {
-        let folder = TempDir::new().unwrap();
-        let store = SqliteStore::open(&folder.path().join("db")).await.unwrap();
-        let scene = Scene {
-            id: "scene".into(),
-            format: SceneFormat::Gltf,
-            size: 1,
-            created_at: jiff::Timestamp::UNIX_EPOCH,
-            triangles: 1,
-            vertices: 3,
-            materials: 1,
-            textures: 0,
-            lights: 0,
-            bounds: None,
-            cameras: Vec::new(),
-            warnings: Vec::new(),
+#[async_trait]
+impl Place for Folder {
+    async fn open(&self) -> Arc<dyn Store> {
+        Arc::new(SqliteStore::open(&self.file()).await.unwrap())
+    }
+}
+
+suite!(Folder::new());
+
+/// A database as the first release left it: its own migration, and its own rows.
+async fn first_release(file: &Path) {
+    let options = SqliteConnectOptions::new().filename(file).create_if_missing(true);
+    let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await.unwrap();
+    let all = sqlx::migrate!("src/store/migrations");
+    let first: Vec<_> = all.iter().take(1).cloned().collect();
+    let first = sqlx::migrate::Migrator { migrations: Cow::Owned(first), ..all };
+    first.run(&pool).await.unwrap();
+    sqlx::raw_sql(include_str!("first_release.sql")).execute(&pool).await.unwrap();
+    pool.close().await;
+}
+
+#[tokio::test]
+async fn a_folder_of_the_first_release_opens_with_all_its_jobs() {
+    let folder = Folder::new();
+    first_release(&folder.file()).await;
+    let store = folder.open().await;
+    let filter = JobFilter { limit: 10, ..JobFilter::default() };
+    let jobs = store.jobs(&filter).await.unwrap();
+    let states: Vec<_> = jobs.iter().rev().map(|job| job.state).collect();
+    use JobState::{Cancelled, Failed, Queued, Running, Succeeded};
+    assert_eq!(states, [Succeeded, Failed, Cancelled, Running, Queued]);
+    let done = jobs.last().unwrap();
+    assert_eq!(done.result.as_ref().unwrap()[0].sha256, "aa");
+    assert_eq!(done.stats.as_ref().unwrap().iterations, 16);
+    let picture = store.picture(done.id, "aa", PictureFormat::Png).await.unwrap();
+    assert_eq!(picture.unwrap().size, 3);
+    assert_eq!(store.events(done.id, 0, 10).await.unwrap().len(), 4);
+    assert_eq!(store.scene("cornell-hash").await.unwrap().unwrap().triangles, 34);
+    // What ran goes on, and the key of the waiting one still finds it.
+    assert_eq!(store.recover().await.unwrap(), [jobs[1].id]);
+    let (claim, job) = store.claim("cpu").await.unwrap().unwrap();
+    assert_eq!((job.id, job.attempts), (jobs[1].id, 2));
+    store.finish(claim, Outcome::of(Succeeded)).await.unwrap();
+    let (claim, job) = store.claim("cpu").await.unwrap().unwrap();
+    assert_eq!(job.id, jobs[0].id);
+    store.finish(claim, Outcome::of(Succeeded)).await.unwrap();
+    store.close().await;
+    // And opens again.
+    assert_eq!(folder.open().await.jobs(&filter).await.unwrap().len(), 5);
+}
+
+#[tokio::test]
+async fn a_folder_of_a_later_release_is_refused() {
+    let folder = Folder::new();
+    let store = SqliteStore::open(&folder.file()).await.unwrap();
+    let later = "INSERT INTO _sqlx_migrations (version, description, success, checksum,
+                 execution_time) VALUES (9999, 'later', 1, x'00', 0)";
+    sqlx::query(later).execute(&store.writer).await.unwrap();
+    store.close().await;
+    let error = SqliteStore::open(&folder.file()).await.err().unwrap().to_string();
+    assert!(error.contains("9999"), "{error}");
+}
+
+/// The wall clock jumps while a job runs; leases, results and recovery do not care.
+#[tokio::test]
+async fn clocks_may_jump() {
+    const DAY_MS: i64 = 86_400_000;
+    let folder = Folder::new();
+    first_release(&folder.file()).await;
+    let store = folder.open().await;
+    store.recover().await.unwrap();
+    for jump in [400 * DAY_MS, -400 * DAY_MS] {
+        let (claim, job) = store.claim("cpu").await.unwrap().unwrap();
+        let mut sweep = crate::leases::Sweep::default();
+        let silence = Duration::from_secs(30);
+        let mut look = async |second| {
+            let leases = store.leases().await.unwrap();
+            sweep.look(Duration::from_secs(second), silence, &leases)
         };
-        assert!(store.put_scene(&scene).await.unwrap());
-        assert!(!store.put_scene(&scene).await.unwrap());
-        Self { store, folder }
+        assert_eq!(look(0).await, []);
+        CLOCK_JUMP_MS.set(CLOCK_JUMP_MS.get() + jump);
+        // Its holder is alive and says so; only monotonic seconds count.
+        assert_eq!(look(29).await, []);
+        assert_eq!(store.renew(&[claim]).await.unwrap(), []);
+        assert_eq!(look(31).await, []);
+        assert_eq!(store.recover().await.unwrap(), Vec::<Uuid>::new());
+        store.finish(claim, Outcome::of(JobState::Succeeded)).await.unwrap();
+        let ended = store.job(job.id).await.unwrap().unwrap();
+        assert_eq!(ended.state, JobState::Succeeded);
+        assert!(ended.timings.running_s >= 0.0 && ended.timings.total_s >= 0.0);
+        let events = store.events(job.id, 0, 100).await.unwrap();
+        assert!(events.windows(2).all(|pair| pair[0].seq < pair[1].seq));
     }
-
-    async fn queue(&self, priority: i32) -> Uuid {
-        let request: JobRequest =
-            serde_json::from_value(serde_json::json!({ "priority": priority })).unwrap();
-        let id = Uuid::now_v7();
-        let job = NewJob {
-            id,
-            scene_id: "scene".into(),
-            request,
-            idempotency_key: None,
-            request_hash: String::new(),
-        };
-        assert!(matches!(self.store.accept(job, 100).await.unwrap(), Accepted::New(_)));
-        id
-    }
-
-    async fn claim(&self) -> Claim {
-        self.store.claim("cpu").await.unwrap().expect("a job waits").0
-    }
-
-    async fn state(&self, id: Uuid) -> JobState {
-        self.store.job(id).await.unwrap().unwrap().state
-    }
-
-    /// Another process on the same file, after this one died.
-    async fn reopened(self) -> Self {
-        let store = SqliteStore::open(&self.folder.path().join("db")).await.unwrap();
-        Self { store, folder: self.folder }
-    }
+    CLOCK_JUMP_MS.set(0);
 }
 
-fn done() -> Outcome {
-    Outcome {
-        state: JobState::Succeeded,
-        stats: None,
-        pictures: Vec::new(),
-        error: None,
-        progress: None,
-    }
-}
-
-fn progress(iterations: u64) -> Report {
-    let progress = vec![Progress { iterations, ..Progress::default() }];
-    Report { progress, ..Report::default() }
+/// Renewal does not depend on the runtime that serves requests, nor on the rendering thread: here
+/// both are this one, and it is blocked.
+#[tokio::test]
+async fn leases_are_renewed_while_the_runtime_stands_still() {
+    let folder = Folder::new();
+    first_release(&folder.file()).await;
+    let store = folder.open().await;
+    store.recover().await.unwrap();
+    let (held, _) = store.claim("cpu").await.unwrap().unwrap();
+    let (leaked, job) = store.claim("cpu").await.unwrap().unwrap();
+    let leases: Arc<Leases> = Arc::default();
+    let hold = leases.hold(held);
+    let stop = CancellationToken::new();
+    let of_expiry = (Duration::from_millis(20), Duration::from_millis(200));
+    let (expired, heard) = std::sync::mpsc::channel();
+    let tell = move |lease: &Lease| expired.send(lease.claim).unwrap();
+    supervise(store.clone(), leases, stop.clone(), of_expiry, tell).unwrap();
+    // Nobody renews a claim whose worker is gone, though its process lives.
+    assert_eq!(heard.recv_timeout(Duration::from_secs(10)).unwrap(), leaked);
+    std::thread::sleep(Duration::from_millis(400));
+    assert!(heard.try_recv().is_err(), "a renewed lease expired");
+    // Looked at from elsewhere: the store's own connection for leases is the supervisor's.
+    let lease = folder.open().await.leases().await.unwrap().pop().unwrap();
+    assert!(lease.claim == held && lease.beat >= 5, "{lease:?}");
+    assert_eq!(store.job(job.id).await.unwrap().unwrap().state, JobState::Queued);
+    // A worker that ends, however it does, stops renewing.
+    drop(hold);
+    assert_eq!(heard.recv_timeout(Duration::from_secs(10)).unwrap(), held);
+    stop.cancel();
 }
 
 #[tokio::test]
-async fn higher_priority_first_then_older() {
-    let fixture = Fixture::new().await;
-    let (low, high, later) =
-        (fixture.queue(0).await, fixture.queue(9).await, fixture.queue(0).await);
-    for expected in [high, low, later] {
-        assert_eq!(fixture.claim().await.job, expected);
-    }
-    assert!(fixture.store.claim("cpu").await.unwrap().is_none());
-}
-
-#[tokio::test]
-async fn a_worker_that_lost_its_claim_writes_nothing() {
-    let fixture = Fixture::new().await;
-    let id = fixture.queue(0).await;
-    let old = fixture.claim().await;
-    fixture.store.release(old, true, "its worker died").await.unwrap();
-    let new = fixture.claim().await;
-    assert!(new.fence > old.fence);
-    let lost = |result: Result<(), StoreError>| matches!(result, Err(StoreError::ClaimLost(_)));
-    assert!(lost(fixture.store.report(old, progress(1)).await.map(|_| ())));
-    assert!(lost(fixture.store.finish(old, done()).await));
-    assert!(lost(fixture.store.release(old, true, "again").await));
-    assert_eq!(fixture.state(id).await, JobState::Running);
-    fixture.store.finish(new, done()).await.unwrap();
-    assert_eq!(fixture.state(id).await, JobState::Succeeded);
-    // One result: the same worker cannot finish twice either.
-    assert!(lost(fixture.store.finish(new, done()).await));
-    let events = fixture.store.events(id, 0, 100).await.unwrap();
-    assert_eq!(events.iter().filter(|event| event.data.is_terminal()).count(), 1);
-}
-
-#[tokio::test]
-async fn a_deleted_job_ends_its_worker_and_its_streams() {
-    let fixture = Fixture::new().await;
-    let id = fixture.queue(0).await;
-    let claim = fixture.claim().await;
-    assert!(fixture.store.delete(id).await.unwrap());
-    assert!(!fixture.store.delete(id).await.unwrap());
-    assert!(fixture.store.job(id).await.unwrap().is_none());
-    let report = fixture.store.report(claim, progress(1)).await;
-    assert!(matches!(report, Err(StoreError::ClaimLost(_))));
-    let last = fixture.store.events(id, 0, 100).await.unwrap().pop().unwrap();
-    assert!(last.data.is_terminal());
-    assert_eq!(fixture.store.purge(60_000).await.unwrap(), Vec::<Uuid>::new());
-    assert_eq!(fixture.store.purge(0).await.unwrap(), [id]);
-    assert!(fixture.store.events(id, 0, 100).await.unwrap().is_empty());
-}
-
-#[tokio::test]
-async fn a_job_that_kills_its_workers_is_given_up() {
-    let mut fixture = Fixture::new().await;
-    let id = fixture.queue(0).await;
-    for attempt in 1..=MAX_ATTEMPTS {
-        fixture.claim().await;
-        fixture = fixture.reopened().await;
-        assert_eq!(fixture.store.recover().await.unwrap(), [id]);
-        let job = fixture.store.job(id).await.unwrap().unwrap();
-        assert_eq!(job.attempts, attempt);
-        let expected = if attempt < MAX_ATTEMPTS { JobState::Queued } else { JobState::Failed };
-        assert_eq!(job.state, expected);
-    }
-    let job = fixture.store.job(id).await.unwrap().unwrap();
-    assert_eq!(job.error.unwrap().code, "poisoned");
-}
-
-#[tokio::test]
-async fn an_orderly_shutdown_costs_no_attempt() {
-    let fixture = Fixture::new().await;
-    let id = fixture.queue(0).await;
-    for _ in 0..2 * MAX_ATTEMPTS {
-        fixture.claim().await;
-        assert_eq!(fixture.store.release_all().await.unwrap(), 1);
-    }
-    let job = fixture.store.job(id).await.unwrap().unwrap();
-    assert_eq!((job.state, job.attempts), (JobState::Queued, 0));
-}
-
-#[tokio::test]
-async fn a_cancel_reaches_the_worker_or_ends_the_job_with_it() {
-    let fixture = Fixture::new().await;
-    let id = fixture.queue(0).await;
-    let claim = fixture.claim().await;
-    assert!(!fixture.store.report(claim, progress(1)).await.unwrap());
-    fixture.store.cancel(id).await.unwrap();
-    assert!(fixture.store.report(claim, progress(2)).await.unwrap());
-    // The worker dies before it can obey.
-    let fixture = fixture.reopened().await;
-    fixture.store.recover().await.unwrap();
-    assert_eq!(fixture.state(id).await, JobState::Cancelled);
-}
-
-#[tokio::test]
-async fn progress_is_thinned_and_its_ends_are_kept() {
-    let fixture = Fixture::new().await;
-    let id = fixture.queue(0).await;
-    let claim = fixture.claim().await;
-    let total = 3 * events::MAX_PROGRESS_EVENTS as u64;
-    for batch in 0..total / 128 {
-        let points =
-            (0..128).map(|i| Progress { iterations: batch * 128 + i, ..Progress::default() });
-        let report = Report { progress: points.collect(), ..Report::default() };
-        fixture.store.report(claim, report).await.unwrap();
-    }
-    let trace = fixture.store.trace(id).await.unwrap();
-    let most = (events::MAX_PROGRESS_EVENTS + events::MAX_PROGRESS_EVENTS / 8) as usize;
-    assert!(trace.len() <= most, "{}", trace.len());
-    assert!(trace.len() >= events::MAX_PROGRESS_EVENTS as usize / 2);
-    assert_eq!(trace[0].iterations, 0);
-    assert_eq!(trace.last().unwrap().iterations, total - 1);
-    assert!(trace.windows(2).all(|pair| pair[0].iterations < pair[1].iterations));
-    let states = fixture.store.events(id, 0, u32::MAX).await.unwrap();
-    let states = states.iter().filter(|event| matches!(event.data, EventData::State(_)));
-    assert_eq!(states.count(), 2, "only progress is thinned");
+async fn what_is_no_database_is_named() {
+    let folder = Folder::new();
+    std::fs::write(folder.file(), vec![b'x'; 8192]).unwrap();
+    let error = SqliteStore::open(&folder.file()).await.err().unwrap();
+    let text = error.to_string();
+    assert!(text.contains("not a database") && text.contains("backup"), "{text}");
 }

@@ -1,0 +1,457 @@
+//! What the rest of the service relies on, checked on any store. Each test is a function over a
+//! [`Place`] where stores can be opened; [`suite`] makes a test of each for one kind of place, so
+//! that another store is one line away from passing the same.
+
+use super::*;
+use crate::api::events::EventData;
+use crate::api::jobs::{JobRequest, Progress};
+use crate::api::scenes::{Scene, SceneFormat};
+use crate::job_state::{JobState, MAX_FAILURES, MAX_OUTAGES};
+use std::sync::Arc;
+
+/// Somewhere that keeps what stores keep. Each call opens what another process would: a store
+/// with a boot id of its own on the same content.
+#[async_trait]
+pub trait Place: Send + Sync {
+    /// Opens it.
+    async fn open(&self) -> Arc<dyn Store>;
+}
+
+/// Makes a `#[tokio::test]` of every function of this suite for one kind of place.
+macro_rules! suite {
+    ($place:expr) => {
+        $crate::store::conformance::suite! { $place;
+            scenes_are_kept_once_and_listed_newest_first
+            higher_priority_first_then_older
+            a_repeated_key_finds_its_job_and_no_other
+            a_full_queue_refuses
+            jobs_are_found_by_state_label_and_page
+            a_worker_that_lost_its_claim_writes_nothing
+            a_deleted_job_ends_its_worker_and_its_streams
+            a_job_that_kills_its_workers_is_given_up
+            a_job_that_kills_its_servers_is_given_up_later
+            an_orderly_shutdown_costs_no_attempt
+            a_cancel_reaches_the_worker_or_ends_the_job_with_it
+            ended_jobs_stay_as_they_are
+            leases_of_the_living_are_left_alone
+            a_lease_with_a_sign_of_life_does_not_expire
+            identical_jobs_wait_for_the_one_that_runs
+            pictures_are_found_while_their_job_is
+            two_processes_never_hold_the_same_job
+            progress_is_thinned_and_its_ends_are_kept
+        }
+    };
+    ($place:expr; $($test:ident)*) => {$(
+        #[tokio::test]
+        async fn $test() {
+            $crate::store::conformance::$test(&$place).await;
+        }
+    )*};
+}
+pub(super) use suite;
+
+async fn furnished(place: &dyn Place) -> Arc<dyn Store> {
+    let store = place.open().await;
+    store.put_scene(&scene("scene", 0)).await.unwrap();
+    store
+}
+
+fn scene(id: &str, created_s: i64) -> Scene {
+    Scene {
+        id: id.into(),
+        format: SceneFormat::Gltf,
+        size: 1,
+        created_at: jiff::Timestamp::from_second(created_s).unwrap(),
+        triangles: 1,
+        vertices: 3,
+        materials: 1,
+        textures: 0,
+        lights: 0,
+        bounds: None,
+        cameras: Vec::new(),
+        warnings: Vec::new(),
+    }
+}
+
+fn wish(priority: i32) -> NewJob {
+    let request: JobRequest =
+        serde_json::from_value(serde_json::json!({ "priority": priority })).unwrap();
+    NewJob {
+        id: Uuid::now_v7(),
+        scene_id: "scene".into(),
+        request,
+        idempotency_key: None,
+        request_hash: String::new(),
+        render_key: None,
+    }
+}
+
+async fn queue(store: &dyn Store, job: NewJob) -> Uuid {
+    let id = job.id;
+    assert!(matches!(store.accept(job, 100).await.unwrap(), Accepted::New(_)));
+    id
+}
+
+async fn claim(store: &dyn Store) -> Claim {
+    store.claim("cpu").await.unwrap().expect("a job waits").0
+}
+
+async fn state(store: &dyn Store, id: Uuid) -> JobState {
+    store.job(id).await.unwrap().unwrap().state
+}
+
+fn done() -> Outcome {
+    Outcome::of(JobState::Succeeded)
+}
+
+fn progress(iterations: u64) -> Report {
+    let progress = vec![Progress { iterations, ..Progress::default() }];
+    Report { progress, ..Report::default() }
+}
+
+fn is_lost<T>(result: Result<T, StoreError>) -> bool {
+    matches!(result, Err(StoreError::ClaimLost(_)))
+}
+
+async fn terminal_events(store: &dyn Store, id: Uuid) -> usize {
+    let events = store.events(id, 0, u32::MAX).await.unwrap();
+    assert!(events.windows(2).all(|pair| pair[0].seq < pair[1].seq));
+    events.iter().filter(|event| event.data.is_terminal()).count()
+}
+
+pub async fn scenes_are_kept_once_and_listed_newest_first(place: &dyn Place) {
+    let store = place.open().await;
+    for (id, created_s) in [("a", 1), ("b", 3), ("c", 2)] {
+        assert!(store.put_scene(&scene(id, created_s)).await.unwrap());
+        assert!(!store.put_scene(&scene(id, created_s)).await.unwrap());
+    }
+    assert_eq!(store.scene("b").await.unwrap().unwrap(), scene("b", 3));
+    assert_eq!(store.scene("d").await.unwrap(), None);
+    let ids = |scenes: Vec<Scene>| scenes.into_iter().map(|s| s.id).collect::<Vec<_>>();
+    assert_eq!(ids(store.scenes(None, 2).await.unwrap()), ["b", "c"]);
+    assert_eq!(ids(store.scenes(Some("c"), 2).await.unwrap()), ["a"]);
+}
+
+pub async fn higher_priority_first_then_older(place: &dyn Place) {
+    let store = furnished(place).await;
+    let mut ids = Vec::new();
+    for priority in [0, 9, 0] {
+        ids.push(queue(&*store, wish(priority)).await);
+    }
+    for expected in [ids[1], ids[0], ids[2]] {
+        assert_eq!(claim(&*store).await.job, expected);
+    }
+    assert!(store.claim("cpu").await.unwrap().is_none());
+}
+
+pub async fn a_repeated_key_finds_its_job_and_no_other(place: &dyn Place) {
+    let store = furnished(place).await;
+    let keyed = |hash: &str| NewJob {
+        idempotency_key: Some("key".into()),
+        request_hash: hash.into(),
+        ..wish(0)
+    };
+    let id = queue(&*store, keyed("one")).await;
+    match store.accept(keyed("one"), 100).await.unwrap() {
+        Accepted::Again(job) => assert_eq!(job.id, id),
+        other => panic!("{other:?}"),
+    }
+    let other = store.accept(keyed("another"), 100).await.unwrap();
+    assert!(matches!(other, Accepted::KeyConflict), "{other:?}");
+    // A key is free again once its job is deleted.
+    assert!(store.delete(id).await.unwrap());
+    assert_ne!(queue(&*store, keyed("another")).await, id);
+}
+
+pub async fn a_full_queue_refuses(place: &dyn Place) {
+    let store = furnished(place).await;
+    let first = queue(&*store, wish(0)).await;
+    assert!(matches!(store.accept(wish(0), 1).await.unwrap(), Accepted::QueueFull));
+    assert_eq!(claim(&*store).await.job, first);
+    assert!(matches!(store.accept(wish(0), 1).await.unwrap(), Accepted::New(_)));
+    assert_eq!(store.counts().await.unwrap().by_state, [1, 1, 0, 0, 0]);
+}
+
+pub async fn jobs_are_found_by_state_label_and_page(place: &dyn Place) {
+    let store = furnished(place).await;
+    let mut ids = Vec::new();
+    for n in 0..4 {
+        let mut job = wish(0);
+        job.request.labels = [("n".to_owned(), (n % 2).to_string())].into();
+        ids.push(queue(&*store, job).await);
+    }
+    let running = claim(&*store).await;
+    assert_eq!(running.job, ids[0]);
+    let find = async |filter: JobFilter| -> Vec<Uuid> {
+        store.jobs(&filter).await.unwrap().into_iter().map(|job| job.id).collect()
+    };
+    let all = JobFilter { limit: 10, ..JobFilter::default() };
+    assert_eq!(find(all.clone()).await, [ids[3], ids[2], ids[1], ids[0]]);
+    let queued = JobFilter { state: Some(JobState::Queued), ..all.clone() };
+    assert_eq!(find(queued).await, [ids[3], ids[2], ids[1]]);
+    let odd = JobFilter { label: Some(("n".into(), "1".into())), ..all.clone() };
+    assert_eq!(find(odd).await, [ids[3], ids[1]]);
+    let page = JobFilter { before: Some(ids[2]), limit: 1, ..all };
+    assert_eq!(find(page).await, [ids[1]]);
+}
+
+pub async fn a_worker_that_lost_its_claim_writes_nothing(place: &dyn Place) {
+    let store = furnished(place).await;
+    let id = queue(&*store, wish(0)).await;
+    let old = claim(&*store).await;
+    store.release(old, true, "its worker died").await.unwrap();
+    let new = claim(&*store).await;
+    assert!(new.fence > old.fence);
+    assert!(is_lost(store.report(old, progress(1)).await));
+    assert!(is_lost(store.finish(old, done()).await));
+    assert!(is_lost(store.release(old, true, "again").await));
+    assert_eq!(store.renew(&[old, new]).await.unwrap(), [old]);
+    assert_eq!(state(&*store, id).await, JobState::Running);
+    store.finish(new, done()).await.unwrap();
+    assert_eq!(state(&*store, id).await, JobState::Succeeded);
+    // One result: the same worker cannot finish twice either.
+    assert!(is_lost(store.finish(new, done()).await));
+    assert_eq!(terminal_events(&*store, id).await, 1);
+}
+
+pub async fn a_deleted_job_ends_its_worker_and_its_streams(place: &dyn Place) {
+    let store = furnished(place).await;
+    let id = queue(&*store, wish(0)).await;
+    let held = claim(&*store).await;
+    assert!(store.delete(id).await.unwrap());
+    assert!(!store.delete(id).await.unwrap());
+    assert!(store.job(id).await.unwrap().is_none());
+    assert!(is_lost(store.report(held, progress(1)).await));
+    assert_eq!(terminal_events(&*store, id).await, 1);
+    let last = store.events(id, 0, 100).await.unwrap().pop().unwrap();
+    assert!(last.data.is_terminal());
+    assert_eq!(store.purge(60_000).await.unwrap(), Vec::<Uuid>::new());
+    assert_eq!(store.purge(0).await.unwrap(), [id]);
+    assert!(store.events(id, 0, 100).await.unwrap().is_empty());
+}
+
+pub async fn a_job_that_kills_its_workers_is_given_up(place: &dyn Place) {
+    let store = furnished(place).await;
+    let id = queue(&*store, wish(0)).await;
+    for attempt in 1..=MAX_FAILURES {
+        // What does not count is not told either.
+        store.release(claim(&*store).await, false, "the server shut down").await.unwrap();
+        let why = format!("fault {attempt}");
+        store.release(claim(&*store).await, true, &why).await.unwrap();
+        let job = store.job(id).await.unwrap().unwrap();
+        assert_eq!(job.attempts, attempt);
+        let expected = if attempt < MAX_FAILURES { JobState::Queued } else { JobState::Failed };
+        assert_eq!(job.state, expected);
+    }
+    let error = store.job(id).await.unwrap().unwrap().error.unwrap();
+    assert_eq!(error.code, "poisoned");
+    assert!(error.detail.contains("attempt 1: fault 1"), "{}", error.detail);
+    assert!(error.detail.contains("attempt 5: fault 5"), "{}", error.detail);
+    assert!(!error.detail.contains("shut down"), "{}", error.detail);
+    assert_eq!(terminal_events(&*store, id).await, 1);
+}
+
+pub async fn a_job_that_kills_its_servers_is_given_up_later(place: &dyn Place) {
+    let mut store = furnished(place).await;
+    let id = queue(&*store, wish(0)).await;
+    store.release(claim(&*store).await, true, "the device was lost").await.unwrap();
+    for outage in 1..=MAX_OUTAGES {
+        claim(&*store).await;
+        store = place.open().await;
+        assert_eq!(store.recover().await.unwrap(), [id]);
+        let job = store.job(id).await.unwrap().unwrap();
+        assert_eq!(job.attempts, 1 + outage);
+        let expected = if outage < MAX_OUTAGES { JobState::Queued } else { JobState::Failed };
+        assert_eq!(job.state, expected);
+    }
+    let error = store.job(id).await.unwrap().unwrap().error.unwrap();
+    assert!(error.detail.contains("attempt 1: the device was lost"), "{}", error.detail);
+    assert!(error.detail.contains("attempt 21: the server died"), "{}", error.detail);
+    assert_eq!(terminal_events(&*store, id).await, 1);
+}
+
+pub async fn an_orderly_shutdown_costs_no_attempt(place: &dyn Place) {
+    let store = furnished(place).await;
+    let id = queue(&*store, wish(0)).await;
+    for _ in 0..2 * MAX_FAILURES {
+        claim(&*store).await;
+        assert_eq!(store.release_all().await.unwrap(), 1);
+    }
+    let job = store.job(id).await.unwrap().unwrap();
+    assert_eq!((job.state, job.attempts), (JobState::Queued, 0));
+}
+
+pub async fn a_cancel_reaches_the_worker_or_ends_the_job_with_it(place: &dyn Place) {
+    let store = furnished(place).await;
+    let id = queue(&*store, wish(0)).await;
+    let held = claim(&*store).await;
+    assert!(!store.report(held, progress(1)).await.unwrap());
+    store.cancel(id).await.unwrap();
+    assert!(store.report(held, progress(2)).await.unwrap());
+    // The worker dies before it can obey.
+    let store = place.open().await;
+    store.recover().await.unwrap();
+    assert_eq!(state(&*store, id).await, JobState::Cancelled);
+    assert_eq!(terminal_events(&*store, id).await, 1);
+}
+
+pub async fn ended_jobs_stay_as_they_are(place: &dyn Place) {
+    let store = furnished(place).await;
+    for end in [JobState::Succeeded, JobState::Failed, JobState::Cancelled] {
+        let id = queue(&*store, wish(0)).await;
+        store.finish(claim(&*store).await, Outcome::of(end)).await.unwrap();
+        let before = store.job(id).await.unwrap().unwrap();
+        assert!(before.finished_at.is_some());
+        assert_eq!(store.cancel(id).await.unwrap().unwrap(), before);
+        assert!(store.claim("cpu").await.unwrap().is_none());
+        assert_eq!(store.recover().await.unwrap(), Vec::<Uuid>::new());
+        assert_eq!(store.release_all().await.unwrap(), 0);
+        assert_eq!(store.job(id).await.unwrap().unwrap(), before);
+        assert_eq!(terminal_events(&*store, id).await, 1);
+    }
+    assert_eq!(store.cancel(Uuid::now_v7()).await.unwrap(), None);
+}
+
+pub async fn leases_of_the_living_are_left_alone(place: &dyn Place) {
+    let (mine, other) = (furnished(place).await, place.open().await);
+    let (first, second) = (queue(&*mine, wish(0)).await, queue(&*mine, wish(0)).await);
+    let held = claim(&*mine).await;
+    let theirs = claim(&*other).await;
+    assert_eq!([held.job, theirs.job], [first, second]);
+    // Recovery takes what is not one's own; handing back takes what is.
+    assert_eq!(mine.recover().await.unwrap(), [second]);
+    assert_eq!(state(&*mine, first).await, JobState::Running);
+    assert_eq!(other.release_all().await.unwrap(), 0);
+    assert_eq!(mine.release_all().await.unwrap(), 1);
+}
+
+pub async fn a_lease_with_a_sign_of_life_does_not_expire(place: &dyn Place) {
+    let store = furnished(place).await;
+    let id = queue(&*store, wish(0)).await;
+    let held = claim(&*store).await;
+    let seen = store.leases().await.unwrap();
+    assert_eq!(seen.iter().map(|lease| lease.claim).collect::<Vec<_>>(), [held]);
+    assert_eq!(store.renew(&[held]).await.unwrap(), []);
+    // The sweeper looked before that.
+    assert!(!store.expire(&seen[0], "silence").await.unwrap());
+    assert_eq!(state(&*store, id).await, JobState::Running);
+    let seen = store.leases().await.unwrap();
+    assert!(store.expire(&seen[0], "silence").await.unwrap());
+    assert!(!store.expire(&seen[0], "silence").await.unwrap());
+    let job = store.job(id).await.unwrap().unwrap();
+    assert_eq!((job.state, job.attempts), (JobState::Queued, 1));
+    assert_eq!(store.renew(&[held]).await.unwrap(), [held]);
+    assert!(is_lost(store.finish(held, done()).await));
+}
+
+pub async fn identical_jobs_wait_for_the_one_that_runs(place: &dyn Place) {
+    let store = furnished(place).await;
+    let twin = || NewJob { render_key: Some("same".into()), ..wish(0) };
+    let (first, second, third) = (
+        queue(&*store, twin()).await,
+        queue(&*store, twin()).await,
+        queue(&*store, NewJob { render_key: Some("other".into()), ..wish(0) }).await,
+    );
+    let leader = claim(&*store).await;
+    assert_eq!(leader.job, first);
+    assert_eq!(store.twin(leader).await.unwrap(), None);
+    assert_eq!(claim(&*store).await.job, third, "the twin waits, others do not");
+    assert!(store.claim("cpu").await.unwrap().is_none());
+    store.finish(leader, done()).await.unwrap();
+    let follower = claim(&*store).await;
+    assert_eq!(follower.job, second);
+    assert_eq!(store.twin(follower).await.unwrap().unwrap().id, first);
+    let outcome = Outcome { result_of: Some(first), ..done() };
+    store.finish(follower, outcome).await.unwrap();
+    assert_eq!(store.job(second).await.unwrap().unwrap().result_of, Some(first));
+    // One that was cancelled, failed or deleted has nothing to share, and holds nobody up.
+    let (fourth, fifth) = (queue(&*store, twin()).await, queue(&*store, twin()).await);
+    let held = claim(&*store).await;
+    assert_eq!(held.job, fourth);
+    store.delete(first).await.unwrap();
+    store.delete(second).await.unwrap();
+    store.finish(held, Outcome::of(JobState::Cancelled)).await.unwrap();
+    let last = claim(&*store).await;
+    assert_eq!(last.job, fifth);
+    assert_eq!(store.twin(last).await.unwrap(), None);
+}
+
+pub async fn pictures_are_found_while_their_job_is(place: &dyn Place) {
+    let store = furnished(place).await;
+    let id = queue(&*store, wish(0)).await;
+    let held = claim(&*store).await;
+    let picture = |sha256: &str| Picture {
+        format: PictureFormat::Png,
+        url: String::new(),
+        sha256: sha256.into(),
+        size: 3,
+        width: 2,
+        height: 1,
+        base64: None,
+    };
+    let snapshots = vec![(vec![picture("early")], Progress::default())];
+    store.report(held, Report { snapshots, ..Report::default() }).await.unwrap();
+    let newest = async || store.newest_picture(id, PictureFormat::Png).await.unwrap();
+    assert_eq!(newest().await.unwrap(), picture("early"));
+    let outcome = Outcome { pictures: vec![picture("late")], ..done() };
+    store.finish(held, outcome).await.unwrap();
+    assert_eq!(newest().await.unwrap(), picture("late"));
+    assert!(store.picture(id, "early", PictureFormat::Png).await.unwrap().is_some());
+    assert!(store.picture(id, "early", PictureFormat::Exr).await.unwrap().is_none());
+    assert!(store.picture(id, "never", PictureFormat::Png).await.unwrap().is_none());
+    let job = store.job(id).await.unwrap().unwrap();
+    assert_eq!(job.result.unwrap(), [picture("late")]);
+    store.delete(id).await.unwrap();
+    assert!(newest().await.is_none());
+    assert!(store.picture(id, "late", PictureFormat::Png).await.unwrap().is_none());
+}
+
+pub async fn two_processes_never_hold_the_same_job(place: &dyn Place) {
+    let stores = [furnished(place).await, place.open().await];
+    const JOBS: usize = 20;
+    for _ in 0..JOBS {
+        queue(&*stores[0], wish(0)).await;
+    }
+    let work = |store: Arc<dyn Store>| async move {
+        let mut held = Vec::new();
+        while let Some((claim, _)) = store.claim("cpu").await.unwrap() {
+            store.finish(claim, done()).await.unwrap();
+            held.push(claim.job);
+        }
+        held
+    };
+    let workers = [0, 1, 0, 1].map(|which| tokio::spawn(work(stores[which].clone())));
+    let mut held = Vec::new();
+    for worker in workers {
+        held.extend(worker.await.unwrap());
+    }
+    held.sort_unstable();
+    held.dedup();
+    assert_eq!(held.len(), JOBS);
+    for id in held {
+        assert_eq!(terminal_events(&*stores[1], id).await, 1);
+    }
+}
+
+pub async fn progress_is_thinned_and_its_ends_are_kept(place: &dyn Place) {
+    let store = furnished(place).await;
+    let id = queue(&*store, wish(0)).await;
+    let held = claim(&*store).await;
+    let total = 3 * MAX_PROGRESS_EVENTS as u64;
+    for batch in 0..total / 128 {
+        let points =
+            (0..128).map(|i| Progress { iterations: batch * 128 + i, ..Progress::default() });
+        let report = Report { progress: points.collect(), ..Report::default() };
+        store.report(held, report).await.unwrap();
+    }
+    let trace = store.trace(id).await.unwrap();
+    let most = (MAX_PROGRESS_EVENTS + MAX_PROGRESS_EVENTS / 8) as usize;
+    assert!(trace.len() <= most, "{}", trace.len());
+    assert!(trace.len() >= MAX_PROGRESS_EVENTS as usize / 2);
+    assert_eq!(trace[0].iterations, 0);
+    assert_eq!(trace.last().unwrap().iterations, total - 1);
+    assert!(trace.windows(2).all(|pair| pair[0].iterations < pair[1].iterations));
+    let states = store.events(id, 0, u32::MAX).await.unwrap();
+    let states = states.iter().filter(|event| matches!(event.data, EventData::State(_)));
+    assert_eq!(states.count(), 2, "only progress is thinned");
+}

@@ -1,0 +1,100 @@
+//! Who runs tasks for a worker: a thread of the server, or a process of the device's own.
+
+use super::perform::{ROOM, Switches, perform};
+use super::process::Process;
+use super::wire::{Message, Order, Said, Task};
+use crate::config::{Config, Isolation};
+use std::io;
+use std::sync::Arc;
+use tokio::sync::mpsc;
+
+/// A device with whoever runs tasks on it.
+pub struct Executor {
+    said: mpsc::Receiver<Message<Said>>,
+    body: Body,
+    runs: u64,
+}
+
+enum Body {
+    Process(Process),
+    Thread { tasks: std::sync::mpsc::Sender<(Task, Vec<Vec<u8>>)>, switches: Arc<Switches> },
+}
+
+impl Executor {
+    /// Starts to open a device; [`Said::Ready`] or [`Said::NoDevice`] follows.
+    ///
+    /// # Errors
+    /// Where the system gives no process or thread.
+    pub fn start(device: &str, config: &Config) -> io::Result<Self> {
+        let (body, said) = match config.isolation {
+            Isolation::Process => {
+                let (process, said) = Process::start(device, config.job_memory_mb)?;
+                (Body::Process(process), said)
+            }
+            Isolation::Thread => {
+                let (mouth, said) = mpsc::channel(ROOM);
+                let (tasks, waiting) = std::sync::mpsc::channel();
+                let switches = Arc::new(Switches::default());
+                let (id, inside) = (device.to_owned(), switches.clone());
+                std::thread::Builder::new()
+                    .name(format!("renders {device}"))
+                    .spawn(move || perform(&id, &waiting, &inside, &mouth))?;
+                (Body::Thread { tasks, switches }, said)
+            }
+        };
+        Ok(Self { said, body, runs: 0 })
+    }
+
+    /// The number of the next task.
+    pub fn next_run(&mut self) -> u64 {
+        self.runs += 1;
+        self.runs
+    }
+
+    /// Gives an order.
+    pub fn order(&self, order: Message<Order>) {
+        match (&self.body, order.header) {
+            (Body::Process(process), header) => {
+                process.order(Message { header, parts: order.parts });
+            }
+            (Body::Thread { tasks, .. }, Order::Run(task)) => {
+                // A thread that is gone shows by its silence.
+                let _ = tasks.send((*task, order.parts));
+            }
+            (Body::Thread { switches, .. }, Order::Stop { run }) => switches.stop(run),
+            (Body::Thread { switches, .. }, Order::SnapshotKept { run }) => {
+                switches.snapshot_kept(run);
+            }
+            (Body::Thread { switches, .. }, Order::CheckpointKept { run, micros }) => {
+                switches.checkpoint_kept(run, micros);
+            }
+        }
+    }
+
+    /// What it says next; `None` where it is gone.
+    pub async fn hear(&mut self) -> Option<Message<Said>> {
+        self.said.recv().await
+    }
+
+    /// Whether it ended while nothing was asked of it.
+    pub fn is_gone(&self) -> bool {
+        self.said.is_closed()
+    }
+
+    /// Ends it whatever it does. A thread cannot be ended: it is left behind, and stops when it
+    /// next asks whether to.
+    pub fn kill(&mut self) {
+        match &mut self.body {
+            Body::Process(process) => process.kill(),
+            Body::Thread { switches, .. } => switches.abandon(),
+        }
+    }
+
+    /// Lets it end and says how it did.
+    pub fn epitaph(&mut self) -> String {
+        match &mut self.body {
+            Body::Process(process) => process.epitaph(),
+            Body::Thread { .. } => "its thread ended".into(),
+        }
+    }
+}

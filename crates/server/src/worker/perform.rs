@@ -1,0 +1,429 @@
+//! The engine's side of the line: opens a device and runs tasks on it. It knows neither the store
+//! nor HTTP; whether it runs in a thread of the server or in a process of its own is the same.
+
+use super::pacing::Pacing;
+use super::wire::{Checkpointed, Failure, Message, Said, Size, Task};
+use super::{devices, scenes};
+use crate::api::jobs::{self as api, CameraRequest, SnapshotRequest};
+use crate::api::solutions::Begins;
+use crate::failpoints;
+use hemilux_engine::checkpoint::Checkpoint;
+use hemilux_engine::device::{Device, DeviceError};
+use hemilux_engine::image;
+use hemilux_engine::render::{
+    Begin, CameraChoice, ExplicitCamera, Limits, Observer, Plan, Progress, RenderError,
+    RenderRequest, Rendered, Stats, render,
+};
+use hemilux_engine::scene::Warning;
+use hemilux_engine::scene::gltf::BakedMesh;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+use tokio::sync::mpsc;
+
+/// Shortest time between two progress messages.
+const PROGRESS_INTERVAL: Duration = Duration::from_millis(120);
+/// Snapshots after which the interval doubles.
+const SNAPSHOTS_PER_OCTAVE: u32 = 100;
+/// Messages on their way to the server. Progress that finds no room is left out.
+pub const ROOM: usize = 16;
+
+/// Where an executor says what happens.
+pub type Mouth = mpsc::Sender<Message<Said>>;
+
+/// Where tasks come from, with the parts of their [`Order::Run`](super::wire::Order::Run).
+pub type Tasks = std::sync::mpsc::Receiver<(Task, Vec<Vec<u8>>)>;
+
+/// What may reach a run while it renders.
+#[derive(Default)]
+pub struct Switches {
+    /// The run that is to end; 0 where none is.
+    stop: AtomicU64,
+    /// The latest run whose snapshot is stored.
+    kept: AtomicU64,
+    /// The latest run whose checkpoint is stored, and what that took, µs.
+    stored: AtomicU64,
+    stored_micros: AtomicU64,
+    /// Whether nobody waits for any run any more.
+    abandoned: AtomicBool,
+}
+
+impl Switches {
+    /// Asks a run to end.
+    pub fn stop(&self, run: u64) {
+        self.stop.store(run, Ordering::Relaxed);
+    }
+
+    /// Lets a run send another snapshot.
+    pub fn snapshot_kept(&self, run: u64) {
+        self.kept.store(run, Ordering::Relaxed);
+    }
+
+    /// Lets a run send another checkpoint.
+    pub fn checkpoint_kept(&self, run: u64, micros: u64) {
+        self.stored_micros.store(micros, Ordering::Relaxed);
+        self.stored.store(run, Ordering::Release);
+    }
+
+    /// Asks everything to end.
+    pub fn abandon(&self) {
+        self.abandoned.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Opens the device and runs tasks until there are none, nobody listens, or a task breaks the
+/// device.
+pub fn perform(device_id: &str, tasks: &Tasks, switches: &Switches, mouth: &Mouth) {
+    let mut device = match devices::open(device_id) {
+        Ok(device) => device,
+        Err(error) => {
+            let _ = mouth.blocking_send(Said::NoDevice { error }.into());
+            return;
+        }
+    };
+    if mouth.blocking_send(Said::Ready.into()).is_err() {
+        return;
+    }
+    while let Ok((task, parts)) = tasks.recv() {
+        let attempted = catch_unwind(AssertUnwindSafe(|| {
+            attempt(device.as_mut(), &task, parts, switches, mouth)
+        }))
+        .unwrap_or_else(|panic| {
+            let text = crate::panic_text(&*panic);
+            tracing::error!(job = %task.job, panic = text, "the render panicked");
+            let failure = Failure::new("panic", format!("an unexpected fault: {text}"));
+            Err(Failure { device_is_sound: false, ..failure })
+        });
+        let device_is_sound = attempted.as_ref().err().is_none_or(|f| f.device_is_sound);
+        let said = match attempted {
+            Ok(Rendered { picture, stats }) => {
+                let size = Size(picture.width, picture.height);
+                let header = Said::Rendered(Box::new(to_stats(&stats)), size);
+                Message::about(header, to_bytes(&picture))
+            }
+            Err(failure) => Said::Failed(failure).into(),
+        };
+        if mouth.blocking_send(said).is_err() || !device_is_sound {
+            return;
+        }
+    }
+}
+
+/// Renders; everything that can go wrong on the way is a [`Failure`].
+fn attempt(
+    device: &mut dyn Device,
+    task: &Task,
+    parts: Vec<Vec<u8>>,
+    switches: &Switches,
+    mouth: &Mouth,
+) -> Result<Rendered, Failure> {
+    let about = || format!("seed {}, attempt {}", task.request.seed, task.attempt);
+    let lost = |reason: String| Failure {
+        retry: true,
+        device_is_sound: false,
+        ..Failure::new("device", reason)
+    };
+    failpoints::pass("load", about).map_err(|injected| lost(injected.to_string()))?;
+    let mut parts = parts.into_iter();
+    let scene_bytes = parts.next().unwrap_or_default();
+    let scene = scenes::load(task.scene_format, &scene_bytes, task.max_triangles)
+        .map_err(|refusal| Failure::new("scene", refusal.to_string()))?;
+    drop(scene_bytes);
+    let _ = mouth.blocking_send(Said::Began.into());
+    failpoints::pass("render", about).map_err(|injected| lost(injected.to_string()))?;
+    let asked = &task.request;
+    let (begin, trouble) = begin(task, parts.next());
+    let mut request = RenderRequest {
+        scene: Arc::new(scene),
+        camera: camera(asked.camera.as_ref()),
+        width: asked.width,
+        height: asked.height,
+        method: asked.method.clone(),
+        limits: limits(asked, task.max_seconds),
+        seed: asked.seed,
+        options: asked.options.iter().map(|(k, v)| (k.clone(), v.to_string())).collect(),
+        begin,
+    };
+    let mut watcher = Watcher::new(task, switches, mouth);
+    watcher.beginning = trouble.map(begins_afresh);
+    let mut rendered = render(device, &request, &mut watcher);
+    if let Err(RenderError::Checkpoint(error)) = &rendered {
+        tracing::warn!(job = %task.job, %error, "begins afresh");
+        watcher.beginning = Some(begins_afresh(error.to_string()));
+        request.begin = Begin::Afresh;
+        rendered = render(device, &request, &mut watcher);
+    }
+    watcher.hand_over();
+    let rendered = rendered.map_err(|error| match error {
+        RenderError::Parameter { parameter, what } => {
+            Failure::new("parameter", format!("{parameter}: {what}"))
+        }
+        RenderError::Device(error @ DeviceError::Lost { .. }) => lost(error.to_string()),
+        RenderError::Device(error) => Failure::new("device", error.to_string()),
+        RenderError::Checkpoint(error) => Failure::new("checkpoint", error.to_string()),
+    })?;
+    failpoints::pass("rendered", about).map_err(|injected| lost(injected.to_string()))?;
+    Ok(rendered)
+}
+
+/// What a task begins with, and why not with what it should.
+fn begin(task: &Task, checkpoint: Option<Vec<u8>>) -> (Begin, Option<String>) {
+    let (Some(begins), Some(bytes)) = (task.begins, checkpoint) else {
+        return (Begin::Afresh, task.begins_without.clone());
+    };
+    match Checkpoint::from_bytes(&bytes).map(Arc::new) {
+        Ok(checkpoint) => match begins {
+            Begins::Continue => (Begin::Continue(checkpoint), None),
+            Begins::View => (Begin::View(checkpoint), None),
+        },
+        Err(error) => (Begin::Afresh, Some(error.to_string())),
+    }
+}
+
+/// Says that a job does not begin with what it should.
+fn begins_afresh(why: String) -> Warning {
+    let what = format!("what was kept of it cannot be used, so the job began afresh: {why}");
+    Warning::new("job", what)
+}
+
+fn camera(request: Option<&CameraRequest>) -> CameraChoice {
+    match request {
+        None => CameraChoice::First,
+        Some(CameraRequest::Index(index)) => CameraChoice::Index(*index),
+        Some(CameraRequest::Name(name)) => CameraChoice::Name(name.clone()),
+        Some(CameraRequest::Explicit(camera)) => {
+            let api::ExplicitCamera { eye, target, up, yfov_degrees } = *camera;
+            CameraChoice::Explicit(ExplicitCamera { eye, target, up, yfov_degrees })
+        }
+    }
+}
+
+/// The job's limits. One that names only iterations or an accuracy it may never reach still ends:
+/// after the longest time budget of the server.
+fn limits(request: &api::JobRequest, max_seconds: f64) -> Limits {
+    let names_another = request.max_iterations.is_some() || request.target_error.is_some();
+    let default =
+        if names_another { max_seconds } else { Limits::DEFAULT_SECONDS.min(max_seconds) };
+    Limits {
+        seconds: Some(request.time_budget_s.unwrap_or(default)),
+        iterations: request.max_iterations,
+        target_error: request.target_error,
+    }
+}
+
+/// The observer of one run: counts and sends, so that rendering never waits for the store.
+struct Watcher<'a> {
+    run: u64,
+    switches: &'a Switches,
+    mouth: &'a Mouth,
+    last_progress: Option<Instant>,
+    snapshots: Option<SnapshotRequest>,
+    taken: u32,
+    /// Whether a snapshot is on its way and not yet stored.
+    underway: bool,
+    next_snapshot_s: f64,
+    most_checkpoint_bytes: u64,
+    keeps_solution: bool,
+    pacing: Pacing,
+    /// What is known at the end, and the light of the surfaces.
+    ending: Option<(Checkpoint, Option<BakedMesh>)>,
+    /// A warning about what the job begins with.
+    beginning: Option<Warning>,
+}
+
+impl<'a> Watcher<'a> {
+    fn new(task: &Task, switches: &'a Switches, mouth: &'a Mouth) -> Self {
+        let snapshots = task.request.snapshots.clone();
+        Self {
+            run: task.run,
+            switches,
+            mouth,
+            last_progress: None,
+            next_snapshot_s: snapshots.as_ref().map_or(0.0, |s| s.every_s),
+            snapshots,
+            taken: 0,
+            underway: false,
+            most_checkpoint_bytes: task.most_checkpoint_bytes,
+            keeps_solution: task.keeps_solution,
+            pacing: Pacing::new(task.checkpoint_every_s),
+            ending: None,
+            beginning: None,
+        }
+    }
+
+    fn send(&self, checkpoint: &Checkpoint, baked: Option<BakedMesh>) {
+        let header = checkpoint.header();
+        let facts = Checkpointed {
+            method: header.method.clone(),
+            iterations: header.iterations,
+            seconds: finite(header.seconds),
+            estimated_error: header.estimated_error.filter(|error| error.is_finite()),
+        };
+        let mut parts = vec![checkpoint.to_bytes()];
+        parts.extend(baked.map(|mesh| mesh.to_glb()));
+        let _ = self.mouth.blocking_send(Message { header: Said::Checkpoint(facts), parts });
+    }
+
+    /// Hands over what is known at the end, before the picture, with which the run is over.
+    fn hand_over(&mut self) {
+        if let Some((checkpoint, baked)) = self.ending.take() {
+            self.send(&checkpoint, baked);
+        }
+    }
+}
+
+impl Observer for Watcher<'_> {
+    fn planned(&mut self, plan: &Plan, warnings: &[Warning]) {
+        let warnings = warnings.iter().chain(&self.beginning).map(scenes::warning).collect();
+        // Nobody listening any more shows in `cancelled`.
+        let _ = self.mouth.blocking_send(Said::Planned(to_plan(plan), warnings).into());
+    }
+
+    fn progress(&mut self, progress: &Progress) {
+        if self.last_progress.is_none_or(|at| at.elapsed() >= PROGRESS_INTERVAL) {
+            self.last_progress = Some(Instant::now());
+            // No room means that the store is slow; the next message says more.
+            let _ = self.mouth.try_send(Said::Progress(to_progress(progress)).into());
+        }
+    }
+
+    fn wants_snapshot(&mut self, progress: &Progress) -> bool {
+        if self.underway && self.switches.kept.load(Ordering::Relaxed) == self.run {
+            self.switches.kept.store(0, Ordering::Relaxed);
+            self.underway = false;
+        }
+        self.snapshots.is_some() && progress.seconds >= self.next_snapshot_s && !self.underway
+    }
+
+    fn snapshot(&mut self, picture: &image::Picture, progress: &Progress) {
+        let Some(snapshots) = &self.snapshots else { return };
+        self.taken += 1;
+        let octave = (self.taken / SNAPSHOTS_PER_OCTAVE).min(32) as i32;
+        self.next_snapshot_s = progress.seconds + snapshots.every_s * 2f64.powi(octave);
+        self.underway = true;
+        let header = Said::Snapshot(to_progress(progress), Size(picture.width, picture.height));
+        let _ = self.mouth.blocking_send(Message::about(header, to_bytes(picture)));
+    }
+
+    fn wants_checkpoint(&mut self, _progress: &Progress) -> bool {
+        if self.pacing.is_underway() && self.switches.stored.load(Ordering::Acquire) == self.run {
+            self.switches.stored.store(0, Ordering::Relaxed);
+            let micros = self.switches.stored_micros.load(Ordering::Relaxed);
+            self.pacing.stored(Duration::from_micros(micros));
+        }
+        self.pacing.is_due()
+    }
+
+    fn wants_solution(&mut self, _progress: &Progress) -> bool {
+        // Who stops it may be a server that shuts down; the next one goes on from here.
+        self.keeps_solution || self.cancelled()
+    }
+
+    fn most_checkpoint_bytes(&self) -> u64 {
+        self.most_checkpoint_bytes
+    }
+
+    fn checkpoint(&mut self, checkpoint: Checkpoint) {
+        match self.pacing.made() {
+            true => self.send(&checkpoint, None),
+            false => self.ending = Some((checkpoint, None)),
+        }
+    }
+
+    fn wants_baked(&self) -> bool {
+        self.keeps_solution && self.ending.is_some()
+    }
+
+    fn baked(&mut self, mesh: BakedMesh) {
+        if let Some((_, baked)) = &mut self.ending {
+            *baked = Some(mesh);
+        }
+    }
+
+    fn cancelled(&self) -> bool {
+        self.switches.stop.load(Ordering::Relaxed) == self.run
+            || self.switches.abandoned.load(Ordering::Relaxed)
+            || self.mouth.is_closed()
+    }
+}
+
+/// A picture's pixels as bytes.
+fn to_bytes(picture: &image::Picture) -> Vec<u8> {
+    picture.pixels.iter().flat_map(|p| p.to_array()).flat_map(f32::to_le_bytes).collect()
+}
+
+/// A picture from its pixels' bytes; `None` where they are not as many as its size says.
+pub fn from_bytes(Size(width, height): Size, bytes: &[u8]) -> Option<image::Picture> {
+    let (pixels, rest) = bytes.as_chunks::<12>();
+    if pixels.len() as u64 != u64::from(width) * u64::from(height) || !rest.is_empty() {
+        return None;
+    }
+    let mut picture = image::Picture { width, height, pixels: Vec::with_capacity(pixels.len()) };
+    picture.pixels.extend(pixels.iter().map(|pixel| {
+        let (channels, _) = pixel.as_chunks::<4>();
+        let at = |channel: usize| f32::from_le_bytes(channels[channel]);
+        hemilux_engine::radiometry::Rgb::new(at(0), at(1), at(2))
+    }));
+    Some(picture)
+}
+
+/// JSON has no NaN; a figure that is none reads 0.
+fn finite(x: f64) -> f64 {
+    if x.is_finite() { x } else { 0.0 }
+}
+
+fn to_progress(progress: &Progress) -> api::Progress {
+    api::Progress {
+        iterations: progress.iterations,
+        shots: progress.shots,
+        light_source_selection_ratio: finite(progress.light_source_selection_ratio),
+        estimated_error: progress.estimated_error.filter(|error| error.is_finite()),
+        seconds: finite(progress.seconds),
+        seconds_remaining: progress.seconds_remaining.filter(|seconds| seconds.is_finite()),
+        fraction: finite(progress.fraction),
+    }
+}
+
+fn to_plan(plan: &Plan) -> api::Plan {
+    api::Plan {
+        method: plan.method.clone(),
+        reasons: plan.reasons.clone(),
+        settings: plan.settings.clone(),
+        patches: plan.patches,
+        triangles: plan.triangles,
+    }
+}
+
+/// The engine's figures in the API's words; the server adds the time that it saw itself.
+fn to_stats(stats: &Stats) -> api::Stats {
+    let stopped = serde_json::to_value(stats.stopped).ok();
+    api::Stats {
+        method: stats.method.clone(),
+        stopped: stopped.and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default(),
+        iterations: stats.iterations,
+        shots: stats.shots,
+        light_source_selection_ratio: finite(stats.light_source_selection_ratio),
+        estimated_error: stats.estimated_error.filter(|error| error.is_finite()),
+        seconds_solve: finite(stats.seconds_solve),
+        seconds_total: finite(stats.seconds_total),
+        patches: stats.patches,
+        triangles: stats.triangles,
+        diagnostics: stats.diagnostics.iter().map(|(k, v)| (k.clone(), finite(*v))).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_travel_bit_by_bit() {
+        let rgb = hemilux_engine::radiometry::Rgb::new(f32::MIN_POSITIVE, -0.0, 17.25);
+        let picture = image::Picture { width: 2, height: 1, pixels: vec![rgb, rgb * 3.0] };
+        let bytes = to_bytes(&picture);
+        assert_eq!(from_bytes(Size(2, 1), &bytes), Some(picture));
+        assert_eq!(from_bytes(Size(1, 1), &bytes), None);
+        assert_eq!(from_bytes(Size(2, 1), &bytes[1..]), None);
+    }
+}

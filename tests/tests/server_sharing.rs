@@ -1,0 +1,103 @@
+//! Identical jobs share one result, and stay jobs of their own.
+
+use hemilux_tests::server::Server;
+use serde_json::{Value, json};
+
+fn job(iterations: u64) -> Value {
+    json!({
+        "scene": "cornell", "method": "stochastic", "width": 16, "height": 16,
+        "max_iterations": iterations, "seed": 3,
+        "options": {"patches": 300, "hemicube_resolution": 32}
+    })
+}
+
+fn with(mut job: Value, field: &str, value: Value) -> Value {
+    job[field] = value;
+    job
+}
+
+fn picture(server: &Server, job: &Value) -> Vec<u8> {
+    let answer = server.get(job["result"][1]["url"].as_str().unwrap());
+    assert_eq!(answer.status, 200, "{}", answer.text());
+    answer.body
+}
+
+#[test]
+fn a_result_is_shared_where_it_is_determined() {
+    let server = Server::start();
+    let first = server.wait(&server.submit(&job(20)));
+    assert_eq!(first["result_of"], Value::Null);
+    let labelled = with(with(job(20), "labels", json!({"again": "yes"})), "priority", json!(5));
+    let second = server.wait(&server.submit(&labelled));
+    assert_eq!(second["result_of"], first["id"], "{second}");
+    assert_eq!(second["state"], "succeeded");
+    assert_eq!(second["stats"]["iterations"], 20);
+    assert_eq!(second["plan"], first["plan"]);
+    assert_eq!(second["result"][1]["sha256"], first["result"][1]["sha256"]);
+    assert_ne!(second["result"][1]["url"], first["result"][1]["url"]);
+    let trace = |job: &Value| {
+        let trace = server.get(&format!("/v1/jobs/{}/trace", job["id"].as_str().unwrap()));
+        trace.json()["points"].clone()
+    };
+    assert_eq!(trace(&second), trace(&first));
+    let path = format!("/v1/jobs/{}/events", second["id"].as_str().unwrap());
+    let events: Vec<_> = server.events(&path, &[]).collect();
+    let last = events.last().unwrap();
+    assert_eq!((last.name.as_str(), &last.data["pictures"]), ("succeeded", &second["result"]));
+    assert!(last.data["reason"].as_str().unwrap().contains(first["id"].as_str().unwrap()));
+    let metrics = server.get("/metrics").text();
+    assert!(metrics.contains("hemilux_iterations_total 20"), "the work was done once: {metrics}");
+
+    // The files of one do not go with the other.
+    let pixels = picture(&server, &first);
+    server.send("DELETE", &format!("/v1/jobs/{}", first["id"].as_str().unwrap()), &[], b"");
+    assert_eq!(picture(&server, &second), pixels);
+
+    for (other, why) in [
+        (with(job(20), "fresh", json!(true)), "asked to be rendered"),
+        (with(job(20), "seed", json!(4)), "another seed"),
+        (with(job(20), "time_budget_s", json!(60)), "depends on the clock"),
+        (with(job(20), "snapshots", json!({"every_s": 1})), "wants to see it happen"),
+    ] {
+        let other = server.wait(&server.submit(&other));
+        assert_eq!(
+            (&other["state"], &other["result_of"]),
+            (&json!("succeeded"), &json!(null)),
+            "{why}"
+        );
+    }
+}
+
+#[test]
+fn followers_wait_for_the_running_one_and_go_on_without_it() {
+    let server = Server::start();
+    // Long enough to be caught running, on any machine.
+    let [leader, cancelled, follower] = [0; 3].map(|_| server.submit(&job(1_000_000)));
+    server.wait_until(&leader, |job| job["iterations"].as_u64() > Some(0));
+    assert_eq!(server.get(&format!("/v1/jobs/{follower}")).json()["state"], "queued");
+    // One's cancel is not the other's.
+    server.send("POST", &format!("/v1/jobs/{cancelled}/cancel"), &[], b"");
+    assert_eq!(server.wait(&cancelled)["state"], "cancelled");
+    assert_eq!(server.get(&format!("/v1/jobs/{leader}")).json()["state"], "running");
+    server.send("POST", &format!("/v1/jobs/{leader}/cancel"), &[], b"");
+    assert_eq!(server.wait(&leader)["state"], "cancelled");
+    // What was cancelled is no result to share: the follower runs for itself.
+    let running = server.wait_until(&follower, |job| job["iterations"].as_u64() > Some(0));
+    assert_eq!(running["state"], "running");
+    server.send("POST", &format!("/v1/jobs/{follower}/cancel"), &[], b"");
+    assert_eq!(server.wait(&follower)["state"], "cancelled");
+}
+
+#[test]
+fn a_result_that_is_damaged_is_rendered_again() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let server = Server::start_in(folder.path(), &[]);
+    let first = server.wait(&server.submit(&job(20)));
+    let (id, hash) = (&first["id"], &first["result"][1]["sha256"]);
+    let file = format!("artifacts/jobs/{}/{}.exr", id.as_str().unwrap(), hash.as_str().unwrap());
+    std::fs::write(folder.path().join(file), b"damaged").unwrap();
+    let second = server.wait(&server.submit(&job(20)));
+    assert_eq!((&second["state"], &second["result_of"]), (&json!("succeeded"), &json!(null)));
+    assert_eq!(&second["result"][1]["sha256"], hash);
+    assert!(picture(&server, &second).len() > 100);
+}
