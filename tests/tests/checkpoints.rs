@@ -291,6 +291,11 @@ fn a_second_camera_begins_with_the_first_ones_solution() {
         println!("{method}: a view is off by {near:.4}, one iteration alone by {far:.4}");
         match method {
             "ray-traced" => assert!(bits(&view) == bits(&afresh), "nothing to hand on"),
+            // The map is there: its light need not be shot again.
+            "illumination-map" => {
+                assert_eq!(view.stats.diagnostics["light_rays"], 0.0);
+                assert!(afresh.stats.diagnostics["light_rays"] > 0.0);
+            }
             _ => assert!(near < 0.7 * far, "{method}: {near} {far}"),
         }
         // A view goes on like any other job, and hands on in its turn.

@@ -124,7 +124,7 @@ fn file_users(sources: &[Source]) -> Vec<String> {
 }
 
 /// The engine's modules in the order that light takes; each may name those before it.
-const ORDER: [&str; 13] = [
+const ORDER: [&str; 14] = [
     "radiometry",
     "random",
     "scene",
