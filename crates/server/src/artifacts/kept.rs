@@ -2,9 +2,12 @@
 
 use super::{ArtifactError, Artifacts};
 use bytes::Bytes;
-use object_store::ObjectStoreExt;
 use object_store::path::Path as Key;
+use object_store::{ObjectStore, ObjectStoreExt};
 use uuid::Uuid;
+
+/// How the names of kept files end.
+const ENDINGS: [&str; 2] = [".checkpoint", ".glb"];
 
 fn key(job: Uuid, file: &str) -> Key {
     Key::from(format!("jobs/{job}/{file}"))
@@ -29,6 +32,20 @@ impl Artifacts {
     /// Keeps a file of one job for another one too: each can be removed without the other.
     pub async fn share_kept(&self, from: Uuid, file: &str, to: Uuid) -> Result<(), ArtifactError> {
         self.store.copy(&key(from, file), &key(to, file)).await?;
+        Ok(())
+    }
+
+    /// Removes what a dead process has left half done: kept files that are not among those that are
+    /// recorded.
+    pub async fn tidy_kept(&self, job: Uuid, recorded: &[&str]) -> Result<(), ArtifactError> {
+        let folder = Key::from(format!("jobs/{job}"));
+        for object in self.store.list_with_delimiter(Some(&folder)).await?.objects {
+            let name = object.location.filename().unwrap_or_default();
+            let kept = ENDINGS.iter().any(|ending| name.ends_with(ending));
+            if kept && !recorded.contains(&name) {
+                self.remove_kept(job, name).await?;
+            }
+        }
         Ok(())
     }
 

@@ -102,6 +102,10 @@ async fn remove(service: &Service, job: Uuid, solution: &Solution) {
 /// The checkpoint that a job begins with, if any; or why not, where it should.
 pub async fn begin(service: &Service, job: &Job) -> Result<Option<(Begins, Bytes)>, String> {
     let solution = service.store.solution(job.id).await.map_err(|error| error.to_string())?;
+    let recorded: Vec<&str> = solution.iter().flat_map(Solution::files).collect();
+    if let Err(error) = service.artifacts.tidy_kept(job.id, &recorded).await {
+        tracing::warn!(job = %job.id, %error, "cannot tidy up");
+    }
     let Some(solution) = solution else { return Ok(None) };
     let bytes = service.artifacts.kept(job.id, &solution.file).await;
     let bytes = bytes.map_err(|error| error.to_string())?;
