@@ -29,7 +29,12 @@ struct Point {
     actual: f64,
     energy: f64,
     seconds: f64,
+    /// Of the prediction, by cause.
+    parts: Vec<f64>,
 }
+
+/// What the engine calls the causes of errors.
+const CAUSES: [&str; 4] = ["error_indirect", "error_shadows", "error_lobes", "error_edges"];
 
 impl Point {
     fn new(view: &View, truth: &Truth, rendered: &Rendered, seed: u64) -> Self {
@@ -41,6 +46,10 @@ impl Point {
             actual: truth.error(rendered),
             energy: truth.energy(rendered),
             seconds: rendered.stats.seconds_solve,
+            parts: CAUSES
+                .iter()
+                .map(|cause| rendered.stats.diagnostics.get(*cause).copied().unwrap_or(f64::NAN))
+                .collect(),
         }
     }
 
@@ -82,17 +91,12 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
 }
 
 fn csv(points: &[Point]) -> Table {
-    let mut table = Table::new(&[
-        "view",
-        "iterations",
-        "seed",
-        "predicted",
-        "actual",
-        "mean_ratio",
-        "seconds_solve",
-    ]);
+    let mut header =
+        vec!["view", "iterations", "seed", "predicted", "actual", "mean_ratio", "seconds_solve"];
+    header.extend(CAUSES);
+    let mut table = Table::new(&header);
     for point in points {
-        table.add(vec![
+        let mut row = vec![
             point.view.clone(),
             point.iterations.to_string(),
             point.seed.to_string(),
@@ -100,7 +104,9 @@ fn csv(points: &[Point]) -> Table {
             format!("{:.5}", point.actual),
             format!("{:.4}", point.energy),
             format!("{:.3}", point.seconds),
-        ]);
+        ];
+        row.extend(point.parts.iter().map(|part| format!("{part:.5}")));
+        table.add(row);
     }
     table
 }

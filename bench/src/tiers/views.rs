@@ -10,7 +10,7 @@ use hemilux_engine::device::Device;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
-    CameraChoice, Limits, RenderRequest, Rendered, Unobserved, choose_camera, render,
+    Begin, CameraChoice, Limits, RenderRequest, Rendered, Unobserved, choose_camera, render,
 };
 use hemilux_engine::scene::{Camera, Material, Scene, Triangle, Vertex, made};
 use std::collections::BTreeMap;
@@ -55,7 +55,7 @@ impl View {
             limits,
             seed,
             options: options.iter().map(text).collect::<BTreeMap<_, _>>(),
-            begin: Default::default(),
+            begin: Begin::Afresh,
         }
     }
 

@@ -24,6 +24,11 @@ pub struct OptionSpec {
 /// Every setting.
 pub const OPTIONS: &[OptionSpec] = &[
     OptionSpec {
+        name: "adaptive",
+        default: "true",
+        meaning: "hemilux: gather where the light changes and cast shadow rays where they disagree; otherwise evenly",
+    },
+    OptionSpec {
         name: "adaptive_contrast",
         default: "0.3",
         meaning: "rays, pixel_sampling adaptive: a pixel's cells whose samples differ by more than this contrast |a−b|/(a+b) are split, 0 to 1",
@@ -41,7 +46,7 @@ pub const OPTIONS: &[OptionSpec] = &[
     OptionSpec {
         name: "coarse_patches",
         default: "auto",
-        meaning: "hemilux: wanted number of patches of the coarse mesh that gathers look at, 1 to 1000000; auto: 4000 to 16000, by the limits; at least one a triangle side",
+        meaning: "hemilux: wanted number of patches of the coarse mesh that gathers look at, 1 to 1000000; auto: 10000 to 30000, by the limits; at least one a triangle side",
     },
     OptionSpec {
         name: "coarse_rays",
@@ -127,6 +132,11 @@ pub const OPTIONS: &[OptionSpec] = &[
         name: "map_texels",
         default: "1000000",
         meaning: "illumination-map: wanted number of cells of the map, 1 to 16777216; at least one a diffuse triangle side, more where caustics are",
+    },
+    OptionSpec {
+        name: "near_field",
+        default: "true",
+        meaning: "hemilux: where a gather ray ends nearer than two sides of a patch, look on by another ray; otherwise take the patch's mean",
     },
     OptionSpec {
         name: "patches",
@@ -217,6 +227,11 @@ pub const OPTIONS: &[OptionSpec] = &[
         name: "variance_reduction_shots",
         default: "auto",
         meaning: "M, shots of the whole run, 1 to 10^12; growing: the shots so far; auto: the iteration limit times K where there is one, else growing",
+    },
+    OptionSpec {
+        name: "well_spread",
+        default: "true",
+        meaning: "hemilux: draw points from well-spread sequences; otherwise plain random numbers",
     },
 ];
 

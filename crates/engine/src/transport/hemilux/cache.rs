@@ -6,6 +6,7 @@
 
 use super::fragments::Seen;
 use super::gather::Record;
+use super::sequence::Seed;
 use super::shoot::Coarse;
 use crate::radiometry::Rgb;
 use crate::transport::ray_traced::surface::World;
@@ -31,6 +32,8 @@ const SIDE: f32 = 500.0;
 const RADIUS: f32 = 0.35;
 const LEAST_PIXELS: f32 = 5.0;
 const MOST_PIXELS: f32 = 40.0;
+/// Radius in pixels where it does not follow what is near.
+const EVEN_PIXELS: f32 = 14.0;
 /// How much farther neighbours are heard than they are shown.
 const HEARD: f32 = 1.3;
 /// Pixels along a tile of the index of records.
@@ -52,15 +55,24 @@ pub struct Cache {
 #[derive(Clone, Copy)]
 pub struct Gathering {
     /// Seed of their random numbers.
-    pub seed: u64,
+    pub seed: Seed,
     /// Rays that every record gets.
     pub rays: u32,
     /// Rays of a new record.
     pub new_rays: u32,
     /// Whether direct light is found out afresh where they end.
     pub afresh: bool,
+    /// What the radii follow.
+    pub spacing: Spacing,
+}
+
+/// What the radii of records follow.
+#[derive(Clone, Copy)]
+pub struct Spacing {
     /// Factor of all radii.
     pub scale: f32,
+    /// Whether all are the same in the picture, rather than following what is near.
+    pub even: bool,
 }
 
 impl Cache {
@@ -94,7 +106,7 @@ impl Cache {
     /// Adds records until every fragment is covered.
     pub fn fill(&mut self, world: &World, coarse: &Coarse<'_>, seen: &Seen, gathering: Gathering) {
         for record in &mut self.records {
-            record.radius = radius(record, gathering.scale);
+            record.radius = radius(record, gathering.spacing);
         }
         self.coverage = vec![0.0; seen.fragments.len()];
         self.cover(seen, 0);
@@ -131,7 +143,7 @@ impl Cache {
                         let mut record = Record::new(point, fragment.normal, footprint, number);
                         let rays = gathering.new_rays;
                         record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
-                        record.radius = radius(&record, gathering.scale);
+                        record.radius = radius(&record, gathering.spacing);
                         record
                     })
                     .collect();
@@ -143,11 +155,11 @@ impl Cache {
     }
 
     /// Goes over to another camera: of the records, those stay that count for anything it sees.
-    pub fn turn(&mut self, seen: &Seen, scale: f32) {
+    pub fn turn(&mut self, seen: &Seen, spacing: Spacing) {
         let scaling = scaling(seen);
         let counts = |record: &mut Record| {
             record.footprint = scaling * seen.frame.footprint(record.point, seen.height);
-            record.radius = radius(record, scale);
+            record.radius = radius(record, spacing);
             let reach = record.radius;
             let Some([x0, x1, y0, y1]) =
                 seen.frame.window(record.point, reach, seen.width, seen.height)
@@ -268,7 +280,10 @@ fn scaling(seen: &Seen) -> f32 {
     ((seen.width * seen.height) as f32).sqrt() / SIDE
 }
 
-fn radius(record: &Record, scale: f32) -> f32 {
+fn radius(record: &Record, Spacing { scale, even }: Spacing) -> f32 {
+    if even {
+        return EVEN_PIXELS * record.footprint * scale;
+    }
     let pixels = [LEAST_PIXELS, MOST_PIXELS].map(|pixels| pixels * record.footprint);
     (RADIUS * record.distance()).clamp(pixels[0], pixels[1]) * scale
 }

@@ -13,17 +13,32 @@ const COARSE: f32 = 0.2;
 /// Relative error that nothing here sees: the coarse mesh behind the gathers.
 const ALLOWANCE: f64 = 0.006;
 
+/// What pixels are off by, and why.
+pub const CAUSES: [&str; 4] = ["indirect", "shadows", "lobes", "edges"];
+/// Share of each cause's variance that pictures turn out to have: neighbours share what they hear,
+/// and well-spread points do better than random ones. From docs/tiers.md.
+const FOUND: [f64; 4] = [1.0, 1.0, 1.0, 1.0];
+
 /// A pixel.
 #[derive(Clone, Copy)]
 struct Measured {
     radiance: Rgb,
-    /// Σ over channels of the estimated variance.
-    variance: f32,
+    /// Σ over channels of the estimated variance, by cause.
+    variance: [f32; 4],
 }
 
-/// The picture with its estimated rRMSE over the pixels that see no emitter; `None` of a black
-/// picture. `bounced` is the indirect irradiance of every fragment, with its variance.
-pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<(Rgb, Rgb)>]) -> (Picture, Option<f64>) {
+/// Estimated error of a picture: rRMSE over the pixels that see no emitter.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Errors {
+    /// By cause.
+    pub parts: [f64; 4],
+    /// All together, with what no part knows of.
+    pub all: f64,
+}
+
+/// The picture with its estimated error; `None` of a black picture. `bounced` is the indirect
+/// irradiance of every fragment, with its variance.
+pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<(Rgb, Rgb)>]) -> (Picture, Option<Errors>) {
     let (seen, options) = (tiers.seen, tiers.options);
     let (light, coarse, lights) = (&tiers.direct, &tiers.coarse, tiers.lights);
     let mut gloss = Vec::new();
@@ -34,7 +49,7 @@ pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<(Rgb, Rgb)>]) -> (Picture, O
     let coverage = COVERAGE * (options.samples as f32).powf(-1.5);
     let pixel = |pixel: usize| {
         let mut radiance = seen.shine[pixel];
-        let mut variance = Rgb::ZERO;
+        let mut variance = [0.0; 4];
         let (mut least, mut most, mut all) = (Rgb::INFINITY, Rgb::ZERO, 0.0);
         for index in seen.start[pixel] as usize..seen.start[pixel + 1] as usize {
             let fragment = &seen.fragments[index];
@@ -53,13 +68,16 @@ pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<(Rgb, Rgb)>]) -> (Picture, O
             });
             let factor = fragment.diffuse / PI;
             let mut own = factor * (direct + bounced).max(Rgb::ZERO);
-            let mut own_variance = factor * factor * (direct_variance + bounced_variance);
+            let square = factor * factor;
+            let mut own_variance = [square * bounced_variance, square * direct_variance, Rgb::ZERO];
             if let Some((mean, variance)) = gloss.get(index) {
                 own += *mean;
-                own_variance += *variance;
+                own_variance[2] = *variance;
             }
             radiance += own * fragment.share;
-            variance += own_variance * (fragment.share * fragment.share);
+            for (sum, own) in variance.iter_mut().zip(own_variance) {
+                *sum += own.element_sum() * (fragment.share * fragment.share);
+            }
             (least, most) = (least.min(own), most.max(own));
             all += fragment.share;
         }
@@ -68,26 +86,31 @@ pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<(Rgb, Rgb)>]) -> (Picture, O
             if all < 0.99 {
                 least = Rgb::ZERO;
             }
-            variance += (most - least) * (most - least) * coverage;
+            variance[3] = ((most - least) * (most - least) * coverage).element_sum();
         }
-        Measured { radiance, variance: variance.element_sum() }
+        Measured { radiance, variance }
     };
     let count = seen.shine.len();
     let measured: Vec<Measured> =
         (0..count).into_par_iter().with_min_len(1024).map(pixel).collect();
-    let (mut sum, mut variance, mut pixels) = (0.0, 0.0, 0.0);
+    let (mut sum, mut variance, mut pixels) = (0.0, [0.0; 4], 0.0);
     for (measured, shine) in measured.iter().zip(&seen.shine) {
         if *shine == Rgb::ZERO {
             sum += f64::from(measured.radiance.element_sum());
-            variance += f64::from(measured.variance);
+            for (all, own) in variance.iter_mut().zip(measured.variance) {
+                *all += f64::from(own);
+            }
             pixels += 3.0;
         }
     }
     let pixels_out = measured.iter().map(|measured| measured.radiance).collect();
     let picture = Picture { width: seen.width, height: seen.height, pixels: pixels_out };
-    let error = (sum > 0.0).then(|| {
+    let errors = (sum > 0.0).then(|| {
         let mean = sum / pixels;
-        (variance / pixels / (mean * mean) + ALLOWANCE * ALLOWANCE).sqrt()
+        let square = |k: usize| FOUND[k] * variance[k] / pixels / (mean * mean);
+        let squares: [f64; 4] = std::array::from_fn(square);
+        let all = (squares.iter().sum::<f64>() + ALLOWANCE * ALLOWANCE).sqrt();
+        Errors { parts: squares.map(f64::sqrt), all }
     });
-    (picture, error)
+    (picture, errors)
 }

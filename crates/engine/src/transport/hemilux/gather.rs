@@ -1,7 +1,7 @@
 //! Tier 2, gather: rays all over the hemisphere of a point turn the coarse solution into its
 //! indirect irradiance, and tell how far that may be carried to the neighbours.
 
-use super::sequence::{Shifted, cosine_local};
+use super::sequence::{Seed, Shifted, cosine_local};
 use super::shoot::Coarse;
 use crate::hemicube::frame;
 use crate::radiometry::Rgb;
@@ -91,7 +91,7 @@ impl Record {
         &mut self,
         world: &World,
         coarse: &Coarse<'_>,
-        seed: u64,
+        seed: Seed,
         rays: u32,
         afresh: bool,
     ) {

@@ -4,7 +4,7 @@
 
 use super::fragments::{Fragment, Seen};
 use super::lights::Lights;
-use super::sequence::Shifted;
+use super::sequence::{Seed, Shifted};
 use super::shoot::Coarse;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
@@ -47,7 +47,7 @@ impl Gloss {
         lights: &Lights,
         coarse: &Coarse<'_>,
         seen: &Seen,
-        seed: u64,
+        seed: Seed,
     ) {
         let passes = self.passes;
         let all = self.sums.par_iter_mut().zip(&self.fragments).with_max_len(256);
@@ -80,7 +80,7 @@ fn lobe(
     coarse: &Coarse<'_>,
     seen: &Seen,
     fragment: &Fragment,
-    seed: u64,
+    seed: Seed,
     ray: u32,
 ) -> Rgb {
     let sequence = Shifted::new(seed, Stream::Gloss, u64::from(fragment.pixel));

@@ -3,7 +3,7 @@
 
 use super::fragments::{Fragment, Seen};
 use super::lights::{Lights, TRIES};
-use super::sequence::Shifted;
+use super::sequence::{Seed, Shifted};
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::transport::ray_traced::surface::World;
@@ -13,6 +13,8 @@ use rayon::prelude::*;
 const FIRST_RAYS: u32 = 1;
 /// Rays of fragments where rays disagree, each pass.
 const MORE_RAYS: u32 = 6;
+/// Rays of every fragment, each pass, where it does not matter whether they agree.
+const EVEN_RAYS: u32 = 2;
 /// Pixels of a picture of ordinary size; in smaller ones that is up to four times as many.
 const ORDINARY_PIXELS: u32 = 250_000;
 /// Every so many passes a fragment where they agree gets another ray.
@@ -50,6 +52,8 @@ pub struct Direct {
     pub(super) lit: Vec<Lit>,
     /// Rays of a disputed fragment in each pass.
     more_rays: u32,
+    /// Whether more rays go where they disagree.
+    adaptive: bool,
     pub(super) passes: u32,
     /// Shadow rays so far.
     pub rays: u64,
@@ -57,7 +61,7 @@ pub struct Direct {
 
 impl Direct {
     /// Without a ray.
-    pub fn new(lights: &Lights, seen: &Seen) -> Self {
+    pub fn new(lights: &Lights, seen: &Seen, adaptive: bool) -> Self {
         let unoccluded = |fragment: &Fragment| Lit {
             unoccluded: lights.unoccluded(fragment.point, fragment.normal).irradiance,
             ..Lit::default()
@@ -65,12 +69,15 @@ impl Direct {
         let lit = seen.fragments.par_iter().with_min_len(CHUNK).map(unoccluded).collect();
         // In small pictures neighbours are far apart, and rays are cheap.
         let generous = (ORDINARY_PIXELS / (seen.width * seen.height)).clamp(1, 4);
-        Self { lit, more_rays: MORE_RAYS * generous, passes: 0, rays: 0 }
+        Self { lit, more_rays: MORE_RAYS * generous, adaptive, passes: 0, rays: 0 }
     }
 
     /// Casts another pass of rays.
-    pub fn pass(&mut self, world: &World, lights: &Lights, seen: &Seen, seed: u64) {
-        if self.passes == 0 {
+    pub fn pass(&mut self, world: &World, lights: &Lights, seen: &Seen, seed: Seed) {
+        if !self.adaptive {
+            self.lit.iter_mut().for_each(|lit| lit.disputed = true);
+            self.cast(world, lights, seen, seed, |_, _| EVEN_RAYS);
+        } else if self.passes == 0 {
             self.cast(world, lights, seen, seed, |_, _| FIRST_RAYS);
             self.dispute(seen);
             let more = self.more_rays;
@@ -91,7 +98,7 @@ impl Direct {
         world: &World,
         lights: &Lights,
         seen: &Seen,
-        seed: u64,
+        seed: Seed,
         count: impl Fn(&Fragment, &Lit) -> u32 + Sync,
     ) {
         let chunks = self.lit.par_chunks_mut(CHUNK).zip(seen.fragments.par_chunks(CHUNK));
@@ -183,7 +190,7 @@ impl Lit {
         lights: &Lights,
         seen: &Seen,
         fragment: &Fragment,
-        seed: u64,
+        seed: Seed,
         count: u32,
     ) {
         let (x, y) = (fragment.pixel % seen.width, fragment.pixel / seen.width);

@@ -5,7 +5,7 @@
 //! large. Links of different patches are independent, so a second gather averages their noise
 //! away: on the Cornell box 100 times cheaper than shots for the same error of the picture.
 
-use super::sequence::{Shifted, cosine_direction};
+use super::sequence::{Seed, Shifted, cosine_direction};
 use super::shoot::{Coarse, Patched};
 use crate::patches::{NO_PATCH, PatchedScene, nth_cell};
 use crate::radiometry::Rgb;
@@ -60,7 +60,7 @@ impl Links {
 
     /// Traces `rays` more rays from each patch of ordinary size, fewer from smaller ones, which
     /// fewer rays meet; as long as there is room for them.
-    pub fn trace(&mut self, world: &World, coarse: &Coarse<'_>, seed: u64, rays: u32) {
+    pub fn trace(&mut self, world: &World, coarse: &Coarse<'_>, seed: Seed, rays: u32) {
         let area = &coarse.scene.patches.area;
         let patches = area.len();
         // Meshes of very many triangles have very many patches; the picture must not wait.

@@ -35,11 +35,13 @@ use crate::image::Picture;
 use crate::rays::Rays;
 use crate::render::{Limits, Observer, RenderError, RenderRequest, Rendered, StopReason};
 use crate::scene::Scene;
-use cache::{Cache, Gathering};
+use cache::{Cache, Gathering, Spacing};
+use estimate::Errors;
 use fragments::Seen;
 use gloss::Gloss;
 use light::Direct;
 use lights::Lights;
+use sequence::Seed;
 pub use settings::HemiluxSettings;
 use shoot::Coarse;
 use std::collections::BTreeMap;
@@ -131,8 +133,12 @@ impl Method for Hemilux {
             }
             None => ([0; 2], None),
         };
-        let coarse =
-            Coarse::new(&world, &lights, stage.scene.clone(), PATCH_POINTS, request.seed, direct);
+        let seed = Seed { number: request.seed, well_spread: options.well_spread };
+        let mut coarse =
+            Coarse::new(&world, &lights, stage.scene.clone(), PATCH_POINTS, seed, direct);
+        if !options.near_field {
+            coarse.ignore_near_field();
+        }
         clock.lap("seconds_patches");
         let shooting = match options.shoot {
             true => {
@@ -150,7 +156,7 @@ impl Method for Hemilux {
         );
         clock.lap("seconds_fragments");
         let mut tiers = Tiers {
-            direct: Direct::new(&lights, &seen),
+            direct: Direct::new(&lights, &seen, options.adaptive),
             gloss: Gloss::new(&seen),
             world: &world,
             lights: &lights,
@@ -159,9 +165,10 @@ impl Method for Hemilux {
             shooting,
             cache: Cache::default(),
             options,
-            seed: request.seed,
+            seed,
             before,
             clock,
+            errors: Errors::default(),
             picture_seconds: None,
         };
         if let Some(past) = past {
@@ -250,19 +257,26 @@ struct Tiers<'a> {
     direct: Direct,
     gloss: Gloss,
     options: HemiluxSettings,
-    seed: u64,
+    seed: Seed,
     /// Iterations of another camera's picture that the coarse solution and the records are from.
     before: u64,
     clock: Clock,
+    /// Of the last picture.
+    errors: Errors,
     /// What the last picture took.
     picture_seconds: Option<f64>,
 }
 
 impl Tiers<'_> {
+    /// What the radii of records follow after so many iterations.
+    fn spacing(&self, iterations: u64) -> Spacing {
+        Spacing { scale: scale(iterations), even: !self.options.adaptive }
+    }
+
     /// Goes over to another camera, with what `before` iterations have found out.
     fn turn(&mut self, before: u64) {
         self.before = before;
-        self.cache.turn(self.seen, scale(before));
+        self.cache.turn(self.seen, self.spacing(before));
     }
 
     /// Iterates until a limit is reached.
@@ -285,7 +299,7 @@ impl Tiers<'_> {
             let pause = ESTIMATE_PAUSE * self.picture_seconds.unwrap_or(0.0);
             if wanted || (run.report_is_due() && estimated.elapsed().as_secs_f64() >= pause) {
                 next_estimate = done + done.div_ceil(4);
-                run.estimated_error = self.picture().1;
+                run.estimated_error = self.picture().1.map(|errors| errors.all);
                 run.without_estimate = run.estimated_error.is_none();
                 estimated = Instant::now();
             }
@@ -297,8 +311,9 @@ impl Tiers<'_> {
         let done = run.tally.iterations;
         run.keep_solution(|parts| self.save(parts, done))?;
         run.bake(&self.coarse.scene, || self.coarse.irradiances().to_vec());
-        let (picture, error) = self.picture();
-        run.estimated_error = error;
+        let (picture, errors) = self.picture();
+        run.estimated_error = errors.map(|errors| errors.all);
+        self.errors = errors.unwrap_or_default();
         Ok((picture, stopped))
     }
 
@@ -339,7 +354,7 @@ impl Tiers<'_> {
                 rays: options.gather_rays,
                 new_rays: options.gather_rays * more,
                 afresh: options.gather_direct,
-                scale: scale(so_far),
+                spacing: self.spacing(so_far),
             };
             if !first && !known {
                 self.cache.refine(self.world, &self.coarse, gathering, number as usize);
@@ -362,7 +377,7 @@ impl Tiers<'_> {
     }
 
     /// The picture, and its estimated rRMSE.
-    fn picture(&mut self) -> (Picture, Option<f64>) {
+    fn picture(&mut self) -> (Picture, Option<Errors>) {
         self.clock.last = Instant::now();
         let began = Instant::now();
         let bounced = if self.options.gather {
@@ -381,6 +396,9 @@ impl Tiers<'_> {
     fn diagnostics(&self) -> BTreeMap<String, f64> {
         let mut figures: BTreeMap<String, f64> =
             self.clock.spent.iter().map(|(name, value)| ((*name).into(), *value)).collect();
+        for (cause, error) in estimate::CAUSES.iter().zip(self.errors.parts) {
+            figures.insert(format!("error_{cause}"), error);
+        }
         figures.insert("records".into(), self.cache.len() as f64);
         figures.insert("records_reused".into(), self.cache.reused as f64);
         figures.insert("gather_rays".into(), self.cache.rays() as f64);

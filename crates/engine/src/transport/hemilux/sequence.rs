@@ -13,12 +13,6 @@ const THREE: [u32; 3] = [3_518_319_155, 2_882_110_345, 2_360_945_575];
 /// Two of those in five dimensions.
 const FIVE: [u32; 2] = [3_785_032_107, 3_335_640_777];
 
-/// The fraction of `shift` + `index`·step, exact however large the index.
-#[inline]
-fn fraction(shift: u32, step: u32, index: u32) -> f32 {
-    (shift.wrapping_add(step.wrapping_mul(index)) >> 8) as f32 * (1.0 / 16_777_216.0)
-}
-
 /// Random numbers to find light out afresh with.
 #[derive(Clone, Copy)]
 pub struct Afresh {
@@ -48,24 +42,46 @@ impl Next {
     }
 }
 
+/// What numbers are drawn by.
+#[derive(Clone, Copy)]
+pub struct Seed {
+    /// Of the job.
+    pub number: u64,
+    /// Whether points are well spread, rather than plainly random.
+    pub well_spread: bool,
+}
+
 /// A shifted sequence.
 #[derive(Clone, Copy)]
 pub struct Shifted {
     shift: [u32; 7],
     index: u32,
+    well_spread: bool,
 }
 
 impl Shifted {
     /// The sequence of a purpose and a thing.
-    pub fn new(seed: u64, stream: Stream, thing: u64) -> Self {
-        let mut numbers = Numbers::new(seed, stream, thing);
+    pub fn new(seed: Seed, stream: Stream, thing: u64) -> Self {
+        let mut numbers = Numbers::new(seed.number, stream, thing);
         let shift = std::array::from_fn(|_| (numbers.fine() * 4_294_967_296.0) as u32);
-        Self { shift, index: 0 }
+        Self { shift, index: 0, well_spread: seed.well_spread }
     }
 
     /// The same sequence from another place on.
     pub fn at(self, index: u32) -> Self {
         Self { index, ..self }
+    }
+
+    /// The number of the `k`-th shift in steps of `step`: the fraction of shift + index·step, exact
+    /// however large the index.
+    #[inline]
+    fn number(&self, k: usize, step: u32) -> f32 {
+        let bits = if self.well_spread {
+            self.shift[k].wrapping_add(step.wrapping_mul(self.index))
+        } else {
+            pcg(self.shift[k] ^ pcg(self.index))
+        };
+        (bits >> 8) as f32 * (1.0 / 16_777_216.0)
     }
 
     /// The next point of the square.
@@ -78,33 +94,26 @@ impl Shifted {
     /// The point of the square at the present place.
     #[inline]
     pub fn pair(&self) -> [f32; 2] {
-        [fraction(self.shift[0], TWO[0], self.index), fraction(self.shift[1], TWO[1], self.index)]
+        [self.number(0, TWO[0]), self.number(1, TWO[1])]
     }
 
     /// Another point of the square at the same place.
     #[inline]
     pub fn second_pair(&self) -> [f32; 2] {
-        [
-            fraction(self.shift[3], THREE[1], self.index),
-            fraction(self.shift[4], THREE[2], self.index),
-        ]
+        [self.number(3, THREE[1]), self.number(4, THREE[2])]
     }
 
     /// Numbers to find light out afresh with, at the same place.
     #[inline]
     pub fn afresh(&self) -> Afresh {
-        let bounce = [0, 1].map(|k| fraction(self.shift[5 + k], FIVE[k], self.index));
+        let bounce = [0, 1].map(|k| self.number(5 + k, FIVE[k]));
         Afresh { light: self.triple(), bounce, next: Some(Next(pcg(self.shift[5] ^ self.index))) }
     }
 
     /// A point of the cube at the same place.
     #[inline]
     pub fn triple(&self) -> Vec3 {
-        Vec3::new(
-            fraction(self.shift[2], THREE[0], self.index),
-            fraction(self.shift[3], THREE[1], self.index),
-            fraction(self.shift[4], THREE[2], self.index),
-        )
+        Vec3::new(self.number(2, THREE[0]), self.number(3, THREE[1]), self.number(4, THREE[2]))
     }
 }
 
@@ -138,9 +147,26 @@ pub fn cosine_local(xi: [f32; 2]) -> (Vec2, f32) {
 mod tests {
     use super::*;
 
+    const SEED: Seed = Seed { number: 3, well_spread: true };
+
+    #[test]
+    fn plain_numbers_are_spread_as_random_ones_are() {
+        let mut sequence = Shifted::new(Seed { well_spread: false, ..SEED }, Stream::Gather, 5);
+        let mut cells = [0i32; 16];
+        const COUNT: i32 = 16_000;
+        for _ in 0..COUNT {
+            let [x, y] = sequence.next_pair();
+            cells[(x * 4.0) as usize * 4 + (y * 4.0) as usize] += 1;
+        }
+        // χ² with 15 degrees of freedom: far below it is as wrong as far above.
+        let mean = COUNT / 16;
+        let chi: f64 = cells.iter().map(|n| f64::from(n - mean).powi(2) / f64::from(mean)).sum();
+        assert!((4.0..38.0).contains(&chi), "{chi}");
+    }
+
     #[test]
     fn cosine_directions_have_the_right_moments() {
-        let mut sequence = Shifted::new(3, Stream::Gather, 5);
+        let mut sequence = Shifted::new(SEED, Stream::Gather, 5);
         let normal = Vec3::new(0.6, -0.48, 0.64);
         let (mut mean, mut square) = (Vec3::ZERO, 0.0);
         const COUNT: u32 = 4096;
@@ -157,7 +183,7 @@ mod tests {
     #[test]
     fn any_stretch_is_spread() {
         for start in [0, 1000, u32::MAX - 30] {
-            let mut sequence = Shifted::new(1, Stream::Gather, 2).at(start);
+            let mut sequence = Shifted::new(SEED, Stream::Gather, 2).at(start);
             let mut cells = [0; 16];
             for _ in 0..64 {
                 let [x, y] = sequence.next_pair();

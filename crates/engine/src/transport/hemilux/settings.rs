@@ -28,6 +28,12 @@ pub struct HemiluxSettings {
     pub light: bool,
     /// Whether neighbouring pixels share shadow rays while these are few.
     pub shadow_filter: bool,
+    /// Whether what gather rays meet nearby is looked at more closely than by its patch's mean.
+    pub near_field: bool,
+    /// Whether random points are well spread, rather than plainly random.
+    pub well_spread: bool,
+    /// Whether records and shadow rays follow what they find, rather than being evenly spread.
+    pub adaptive: bool,
     /// Sub-pixel samples, where the request names them.
     pub samples: u32,
 }
@@ -57,6 +63,9 @@ impl HemiluxSettings {
             gather_fit: settings.switch("gather_fit")?,
             light: settings.switch("light")?,
             shadow_filter: settings.switch("shadow_filter")?,
+            near_field: settings.switch("near_field")?,
+            well_spread: settings.switch("well_spread")?,
+            adaptive: settings.switch("adaptive")?,
             samples: settings.whole("pixel_samples", 1, 256)?.min(64) as u32,
         })
     }

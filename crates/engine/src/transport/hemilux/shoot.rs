@@ -4,7 +4,7 @@
 
 use super::lights::Lights;
 use super::links::{Links, PatchPoints};
-use super::sequence::{Afresh, Shifted, cosine_direction};
+use super::sequence::{Afresh, Seed, Shifted, cosine_direction};
 use crate::device::{KnownLight, Shooting, ShootingSettings, Sums};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
 use crate::patches::{Facet, PatchedScene, cell_index};
@@ -80,7 +80,7 @@ impl<'a> Coarse<'a> {
         lights: &'a Lights,
         scene: Arc<PatchedScene>,
         points: u32,
-        seed: u64,
+        seed: Seed,
         direct: Option<Vec<Patched>>,
     ) -> Self {
         let triangles = scene.scene.triangles.len();
@@ -149,7 +149,7 @@ impl<'a> Coarse<'a> {
     }
 
     /// Traces more links and solves for them, and makes that what hits look up.
-    pub fn link(&mut self, seed: u64, rays: u32) {
+    pub fn link(&mut self, seed: Seed, rays: u32) {
         let mut links = std::mem::take(&mut self.links);
         links.trace(self.world, self, seed, rays);
         links.solve(&self.scene, &self.albedo, &self.direct);
@@ -160,6 +160,11 @@ impl<'a> Coarse<'a> {
     /// Irradiance of each patch, direct and indirect.
     pub fn irradiances(&self) -> &[Rgb] {
         &self.both.patches
+    }
+
+    /// Takes what is near as what is far: by the means of its patches.
+    pub fn ignore_near_field(&mut self) {
+        self.near.fill(0.0);
     }
 
     /// Links so far.
@@ -300,7 +305,7 @@ fn light_patch(
     scene: &PatchedScene,
     patch: u32,
     points: u32,
-    seed: u64,
+    seed: Seed,
 ) -> Patched {
     let from = PatchPoints::new(world, scene, patch);
     let mut sequence = Shifted::new(seed, Stream::PatchLight, u64::from(patch));
