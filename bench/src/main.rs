@@ -11,6 +11,7 @@
 mod cell;
 mod form_factors;
 mod growth;
+mod load;
 mod methods;
 mod page;
 mod paper;
@@ -47,6 +48,8 @@ enum Benchmark {
     GrowthPoint(growth::PointArguments),
     /// A second camera of a solved scene against one by itself, and what checkpoints take.
     Views(second_views::Arguments),
+    /// The service under load: streams, posts against a full queue, memory, end.
+    Load(load::Arguments),
     /// Error against rays for every way to sample a pixel, with page and charts.
     Pixels(pixels::Arguments),
     /// How good the three-tier method is and why: ablation, calibration, growth, planning.
@@ -62,6 +65,7 @@ fn main() -> Result<(), results::Failure> {
         Benchmark::Growth(arguments) => growth::run(&arguments),
         Benchmark::GrowthPoint(arguments) => growth::point(&arguments),
         Benchmark::Views(arguments) => second_views::run(&arguments),
+        Benchmark::Load(arguments) => load::run(&arguments),
         Benchmark::Pixels(arguments) => pixels::run(&arguments),
         Benchmark::Tiers(arguments) => tiers::run(&arguments),
     }

@@ -277,6 +277,44 @@ test("links to jobs that are not there say so", async () => {
   expected = [];
 });
 
+test("a server with keys asks for one, and the page works with it", async () => {
+  const closed = new Server(HEMILUX, join(scratch, "closed"));
+  const key = closed.addKey("page");
+  await closed.start();
+  try {
+    expected = [/401/];
+    await page.goto(closed.url);
+    const field = page.locator(".key-dialog input");
+    await field.fill("hmx_wrong");
+    await page.getByRole("button", { name: "Use the key" }).click();
+    await until("the objection", async () => (await text("body")).includes("does not take the key"));
+    assert.deepEqual(await page.evaluate(nameless), []);
+    await field.fill(key);
+    await page.getByRole("button", { name: "Use the key" }).click();
+    await page.waitForSelector("body[data-ready]");
+    // Everything that was asked with the wrong key has been answered.
+    await page.waitForLoadState("networkidle");
+    expected = [];
+
+    const job = await closed.post({ scene: "cornell", width: 64, height: 48, time_budget_s: 2, snapshots: { every_s: 0.5 } });
+    await go(`#/jobs/${job.id}`);
+    await state("Running");
+    await until("events", async () => (await page.locator(".log li").count()) >= 2);
+    await state("Done");
+    const width = (selector) => page.locator(selector).first().evaluate((image) => image.naturalWidth);
+    await until("the picture", async () => (await width(".picture-image")) === 64);
+    await until("the thumbnail", async () => (await width(".thumbnail img")) === 64);
+    const [saved] = await Promise.all([page.waitForEvent("download"), page.locator(".job-actions a", { hasText: "PNG" }).click()]);
+    assert.equal((await readFile(await saved.path())).subarray(1, 4).toString(), "PNG");
+    // The key stays out of addresses and of what outlives the tab.
+    assert.ok(!page.url().includes(key));
+    assert.equal(await page.evaluate(() => Object.keys(localStorage).length + document.cookie.length), 0);
+  } finally {
+    await page.goto("about:blank");
+    await closed.stop();
+  }
+});
+
 test("the console stayed quiet and the policy was kept", () => {
   assert.deepEqual(complaints, []);
 });

@@ -1,6 +1,6 @@
 // A real server for the tests: own port, own data folder, ended by its process id.
 
-import { spawn } from "node:child_process";
+import { execFileSync, spawn } from "node:child_process";
 import { once } from "node:events";
 import { readFile } from "node:fs/promises";
 import { createInterface } from "node:readline";
@@ -12,6 +12,14 @@ export class Server {
     this.binary = binary;
     this.dataDir = dataDir;
     this.listen = "127.0.0.1:0";
+    this.key = "";
+  }
+
+  /** Makes an API key and uses it from now on. */
+  addKey(name) {
+    const args = ["keys", "--data-dir", this.dataDir, "add", name];
+    this.key = execFileSync(this.binary, args, { encoding: "utf8", stdio: ["ignore", "pipe", "ignore"] }).trim();
+    return this.key;
   }
 
   /** Starts; again on the port that it had before, so that an open page finds it. */
@@ -36,7 +44,8 @@ export class Server {
   }
 
   async #json(path, options) {
-    const response = await fetch(this.url + path, options);
+    const auth = this.key ? { authorization: `Bearer ${this.key}` } : {};
+    const response = await fetch(this.url + path, { ...options, headers: { ...auth, ...options?.headers } });
     const text = await response.text();
     if (!response.ok) throw new Error(`${path}: ${response.status} ${text}`);
     return text ? JSON.parse(text) : null;

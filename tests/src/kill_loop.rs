@@ -20,8 +20,9 @@ pub struct Plan {
     pub clients: usize,
     /// Iterations of a job.
     pub iterations: u64,
-    /// How long the server lives between two kills, milliseconds: shortest and longest.
-    pub uptime_ms: (u64, u64),
+    /// How long the server lives between two kills, shortest and longest, in times that an
+    /// undisturbed job takes on this machine now.
+    pub uptime: (f64, f64),
     /// Seed of the moments.
     pub seed: u64,
 }
@@ -45,6 +46,8 @@ pub struct Tally {
     pub most_attempts: u64,
     /// Longest time from a kill to the next server's readiness, seconds.
     pub longest_restart_s: f64,
+    /// Seconds that an undisturbed job ran, the median.
+    pub job_s: f64,
     /// Seconds of the disturbed part.
     pub seconds: f64,
 }
@@ -54,7 +57,7 @@ pub struct Tally {
 /// # Panics
 /// Where a promise is broken.
 pub fn run(plan: &Plan) -> Tally {
-    let undisturbed = undisturbed(plan);
+    let (undisturbed, job_s) = undisturbed(plan);
     let folder = TempDir::new().expect("a temporary folder");
     let stage = Stage {
         plan: plan.clone(),
@@ -65,7 +68,9 @@ pub fn run(plan: &Plan) -> Tally {
         accepted: Mutex::default(),
     };
     let began = Instant::now();
-    let mut tally = Tally::default();
+    let mut tally = Tally { job_s, ..Tally::default() };
+    let millis = |times: f64| (1e3 * times * job_s) as u64;
+    let uptime_ms = (millis(plan.uptime.0), millis(plan.uptime.1));
     let server = std::thread::scope(|scope| {
         let clients: Vec<_> =
             (0..plan.clients).map(|_| scope.spawn(|| stage.be_a_client())).collect();
@@ -78,7 +83,7 @@ pub fn run(plan: &Plan) -> Tally {
                 tally.longest_restart_s = tally.longest_restart_s.max(took.as_secs_f64());
             }
             stage.moved_to(&server);
-            std::thread::sleep(Duration::from_millis(chance.between(plan.uptime_ms)));
+            std::thread::sleep(Duration::from_millis(chance.between(uptime_ms)));
             let running = server.get("/v1/jobs?state=running").json();
             tally.kills_of_running_jobs +=
                 u64::from(running["jobs"].as_array().is_some_and(|jobs| !jobs.is_empty()));
@@ -114,12 +119,17 @@ fn wish(seed: usize, iterations: u64) -> Value {
     })
 }
 
-/// Hashes of the pictures, by seed, of a server that nobody kills.
-fn undisturbed(plan: &Plan) -> Vec<Value> {
+/// Hashes of the pictures, by seed, of a server that nobody kills, and the median of the seconds
+/// that a job ran.
+fn undisturbed(plan: &Plan) -> (Vec<Value>, f64) {
     let server = Server::start();
     let submit = |seed| server.submit(&wish(seed, plan.iterations));
     let jobs: Vec<String> = (0..plan.jobs).map(submit).collect();
-    jobs.iter().map(|job| hashes(&server.wait(job))).collect()
+    let records: Vec<Value> = jobs.iter().map(|job| server.wait(job)).collect();
+    let ran = |job: &Value| job["timings"]["running_s"].as_f64().expect("a time");
+    let mut seconds: Vec<f64> = records.iter().map(ran).collect();
+    seconds.sort_unstable_by(f64::total_cmp);
+    (records.iter().map(hashes).collect(), seconds[seconds.len() / 2])
 }
 
 fn hashes(job: &Value) -> Value {

@@ -18,7 +18,10 @@ pub fn program() -> &'static Path {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     PROGRAM.get_or_init(|| {
         let test = std::env::current_exe().expect("a test has a path");
-        let folder = test.ancestors().nth(2).expect("tests lie in <profile>/deps").to_owned();
+        // Tests lie in <profile>/deps, programs that use these helpers in <profile>.
+        let folder = test.parent().expect("a program lies in a folder");
+        let outer = folder.parent().filter(|_| folder.ends_with("deps"));
+        let folder = outer.unwrap_or(folder).to_owned();
         let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
         let mut build = Command::new(cargo);
         build.args(["build", "--quiet", "--package", "hemilux", "--bin", "hemilux"]);
@@ -43,7 +46,9 @@ pub fn scene(name: &str) -> Vec<u8> {
 
 /// A running server; killed when dropped.
 pub struct Server {
-    child: Child,
+    /// `None` where whoever started it ends it.
+    child: Option<Child>,
+    id: u32,
     /// `host:port`.
     pub address: String,
     _folder: Option<TempDir>,
@@ -88,21 +93,30 @@ impl Server {
         let output = child.stdout.take().expect("stdout is piped");
         BufReader::new(output).read_line(&mut line).expect("the server says where it listens");
         let address = line.trim().strip_prefix("http://").expect("an address").to_owned();
-        Self { child, address, _folder: None }
+        Self { id: child.id(), child: Some(child), address, _folder: None }
+    }
+
+    /// A server that somebody else started and will end.
+    pub fn attach(address: &str, id: u32) -> Self {
+        Self { child: None, id, address: address.to_owned(), _folder: None }
+    }
+
+    fn child(&mut self) -> &mut Child {
+        self.child.as_mut().expect("the server was started here")
     }
 
     /// Kills it at once, as a crash or the kernel would.
     pub fn kill(mut self) {
-        self.child.kill().expect("it can be killed");
-        self.child.wait().expect("it ends");
+        self.child().kill().expect("it can be killed");
+        self.child().wait().expect("it ends");
     }
 
     /// Asks it to end (SIGTERM); how long that took.
     pub fn terminate(mut self) -> Duration {
         let began = Instant::now();
-        let sent = Command::new("kill").arg(self.child.id().to_string()).status();
+        let sent = Command::new("kill").arg(self.id.to_string()).status();
         assert!(sent.expect("kill runs").success());
-        let status = self.child.wait().expect("it ends");
+        let status = self.child().wait().expect("it ends");
         assert!(status.success(), "{status}");
         began.elapsed()
     }
@@ -119,7 +133,7 @@ impl Server {
 
     /// The processes that it started and that still run.
     pub fn children(&self) -> Vec<u32> {
-        let server = self.child.id();
+        let server = self.id;
         let threads = std::fs::read_dir(format!("/proc/{server}/task"));
         threads
             .into_iter()
@@ -133,12 +147,12 @@ impl Server {
 
     /// Its process id.
     pub fn pid(&self) -> u32 {
-        self.child.id()
+        self.id
     }
 
     /// Whether the process still runs.
     pub fn is_alive(&mut self) -> bool {
-        matches!(self.child.try_wait(), Ok(None))
+        matches!(self.child().try_wait(), Ok(None))
     }
 
     /// Sends a request and reads the whole answer.
@@ -200,6 +214,11 @@ impl Server {
         assert_eq!(status, 200);
         assert!(headers.iter().any(|(n, v)| n == "content-type" && v.starts_with("text/event")));
         Events { lines: BufReader::new(body) }
+    }
+
+    /// The headers of an event stream's answer.
+    pub fn events_head(&self, path: &str) -> Vec<(String, String)> {
+        self.open("GET", path, &[], b"").1
     }
 
     fn open(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> Head {
@@ -264,8 +283,10 @@ fn request(
 
 impl Drop for Server {
     fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        if let Some(child) = &mut self.child {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
     }
 }
 

@@ -155,9 +155,19 @@ fn a_process_that_dies_while_idle_costs_nothing() {
 /// The server dies at each point where something was just promised or is about to be.
 #[test]
 fn jobs_survive_the_server_dying_at_any_step() {
-    for point in
-        ["created", "claim", "claimed", "report", "artifact", "artifact-kept", "finish", "finished"]
-    {
+    let points = [
+        "created",
+        "claim",
+        "claimed",
+        "report",
+        "artifact",
+        "artifact-kept",
+        "finish",
+        "finished",
+        // A failed attempt is put back.
+        "render(attempt 1)=error;release",
+    ];
+    for point in points {
         let folder = TempDir::new().unwrap();
         let rules = folder.path().join("failpoints");
         std::fs::write(&rules, "").unwrap();

@@ -13,8 +13,8 @@ fn nothing_is_lost_or_doubled_by_kill_9() {
         jobs: setting("HEMILUX_KILL_LOOP_JOBS", 10) as usize,
         kills: setting("HEMILUX_KILL_LOOP_KILLS", 12) as usize,
         clients: 4,
-        iterations: setting("HEMILUX_KILL_LOOP_ITERATIONS", 600),
-        uptime_ms: (150, 900),
+        iterations: setting("HEMILUX_KILL_LOOP_ITERATIONS", 1200),
+        uptime: (0.2, 2.5),
         seed: setting("HEMILUX_KILL_LOOP_SEED", 1),
     };
     println!("{plan:#?}");

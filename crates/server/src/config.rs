@@ -1,6 +1,11 @@
 //! What an operator can set.
 
+mod guard;
+
+pub use guard::GuardConfig;
+
 use crate::api::limits::{HARD_MAX_PIXELS, HARD_MAX_SIDE, JobLimits};
+use crate::telemetry::LogFormat;
 use clap::{Args, ValueEnum};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -11,8 +16,8 @@ pub struct Config {
     /// Address and port to listen on; port 0 picks a free one.
     #[arg(long, env = "HEMILUX_LISTEN", default_value = "127.0.0.1:8080")]
     pub listen: SocketAddr,
-    /// Allow a --listen address that other machines can reach. There is no authentication:
-    /// everyone who reaches the port can use the service.
+    /// Allow a --listen address that other machines can reach while no API keys are asked for:
+    /// everyone who reaches the port can then use the service.
     #[arg(long, env = "HEMILUX_ALLOW_REMOTE", action = clap::ArgAction::SetTrue, value_parser = clap::builder::BoolishValueParser::new())]
     pub allow_remote: bool,
     /// Folder of the database and the files; created if missing.
@@ -50,6 +55,12 @@ pub struct Config {
     /// extend it or to take other views; 0 keeps none beyond the end.
     #[arg(long, env = "HEMILUX_KEEP_SOLUTIONS_MB", default_value_t = 256, value_parser = clap::value_parser!(u64).range(0..=65_536))]
     pub keep_solutions_mb: u64,
+    /// How the log on standard error is written.
+    #[arg(long, env = "HEMILUX_LOG_FORMAT", value_enum, default_value_t)]
+    pub log_format: LogFormat,
+    /// Access, quotas, admission, webhooks, retention.
+    #[command(flatten)]
+    pub guard: GuardConfig,
     /// Where jobs run: in a process per device, so that nothing that a job does can end the
     /// server, or in threads of the server.
     #[arg(long, env = "HEMILUX_ISOLATION", value_enum, default_value_t = Isolation::Process)]

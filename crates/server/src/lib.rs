@@ -4,21 +4,28 @@
 //! [`worker`], which owns a device and renders; pictures go to [`artifacts`], [`events`] wake
 //! whoever follows. [`service`] holds it all together; [`cli`] is the program around it.
 
+pub mod access;
 pub mod api;
 pub mod artifacts;
 pub mod builtin;
 pub mod bundle;
 pub mod cli;
 pub mod config;
+pub mod disk;
 pub mod events;
 pub mod failpoints;
 pub mod http;
 pub mod job_state;
 pub mod leases;
+pub mod memory;
 pub mod metrics;
 pub mod queue;
+pub mod retention;
 pub mod service;
 pub mod store;
+pub mod telemetry;
+pub mod trace_context;
+pub mod webhooks;
 pub mod worker;
 
 /// What a panic said.

@@ -1,15 +1,21 @@
 //! The running service: everything that handlers and workers share, its start and its end.
 
+use crate::access::KeyUses;
 use crate::api::limits::Vocabulary;
 use crate::artifacts::Artifacts;
 use crate::config::Config;
+use crate::disk::Disk;
 use crate::events::Bell;
 use crate::http;
+use crate::http::rate::RateLimiter;
 use crate::leases::{self, Leases};
+use crate::memory;
 use crate::metrics::Metrics;
 use crate::queue::Queue;
+use crate::retention::{self, Keeper, Removed};
 use crate::store::sqlite::SqliteStore;
 use crate::store::{Store, StoreError};
+use crate::webhooks;
 use crate::worker::{self, Pool};
 use std::fs::{File, TryLockError};
 use std::net::SocketAddr;
@@ -24,8 +30,8 @@ use tokio_util::sync::CancellationToken;
 const IMPORTS_AT_ONCE: usize = 2;
 /// How long open requests and running jobs get to end.
 const GRACE: Duration = Duration::from_secs(8);
-/// How long a deleted job is kept for streams that still follow it.
-const PURGE_AFTER_MS: i64 = 60_000;
+/// How long open requests get: a client that reads nothing must not hold the end up.
+const REQUEST_GRACE: Duration = Duration::from_secs(4);
 
 /// What handlers and workers share.
 pub struct Service {
@@ -49,6 +55,16 @@ pub struct Service {
     pub vocabulary: Vocabulary,
     /// Turns at importing scenes.
     pub imports: Arc<Semaphore>,
+    /// How often each caller asked.
+    pub rates: RateLimiter,
+    /// Which keys were used.
+    pub key_uses: KeyUses,
+    /// How full the disk is.
+    pub disk: Disk,
+    /// Most bytes that a job may need by estimate; `None` where the system does not say.
+    pub max_job_bytes: Option<u64>,
+    /// What goes, and when.
+    pub keeper: Keeper,
     /// Cancelled when the service is to end.
     pub shutdown: CancellationToken,
 }
@@ -58,7 +74,7 @@ pub struct Service {
 pub enum ServeError {
     /// The address reaches beyond this machine.
     #[error(
-        "--listen {0} can be reached from other machines and the service has no authentication; add --allow-remote if that is meant"
+        "--listen {0} can be reached from other machines and there is no API key yet; make one with `hemilux keys add`, or add --require-keys; --allow-remote serves everyone who reaches the port, if that is meant"
     )]
     Remote(SocketAddr),
     /// The address cannot be had.
@@ -103,9 +119,6 @@ pub async fn serve(
     stop: CancellationToken,
     ready: impl FnOnce(SocketAddr),
 ) -> Result<(), ServeError> {
-    if !config.listen.ip().is_loopback() && !config.allow_remote {
-        return Err(ServeError::Remote(config.listen));
-    }
     let devices = worker::devices::choose(&config.devices).map_err(ServeError::Devices)?;
     let _lock = lock_data_folder(&config)?;
     let folder_trouble = |source| ServeError::DataFolder { path: config.data_dir.clone(), source };
@@ -114,6 +127,10 @@ pub async fn serve(
     let database = config.data_dir.join("hemilux.sqlite");
     let trouble = |source| ServeError::Database { path: database.clone(), source };
     let store: Arc<dyn Store> = Arc::new(SqliteStore::open(&database).await.map_err(trouble)?);
+    let is_closed = config.guard.require_keys || store.any_keys().await.map_err(trouble)?;
+    if !config.listen.ip().is_loopback() && !is_closed && !config.allow_remote {
+        return Err(ServeError::Remote(config.listen));
+    }
     // The lock proves that whoever holds leases here is gone; nothing needs to run out.
     for job in store.recover().await.map_err(trouble)? {
         tracing::warn!(%job, "an earlier process left this job running");
@@ -124,16 +141,27 @@ pub async fn serve(
     let address = listener.local_addr()?;
 
     let bell = Bell::default();
+    let keeper = Keeper::new(store.clone(), artifacts.clone(), bell.clone());
+    // What cannot be looked through now can be at the next start; it is in nobody's way.
+    let orphans = keeper.sweep().await.unwrap_or_else(|error| {
+        tracing::error!(%error, "cannot look for files that nothing names");
+        0
+    });
     let service = Arc::new(Service {
         queue: Queue::new(store.clone(), bell.clone()),
         store,
         artifacts,
+        keeper,
         bell,
         leases: Arc::default(),
         metrics: Metrics::default(),
         pool: Pool::new(&devices),
         vocabulary: worker::vocabulary(),
         imports: Arc::new(Semaphore::new(IMPORTS_AT_ONCE)),
+        rates: RateLimiter::default(),
+        key_uses: KeyUses::default(),
+        disk: Disk::new(config.data_dir.clone(), config.guard.min_free_mb),
+        max_job_bytes: config.guard.max_job_memory_mb.map(|mb| mb << 20).or_else(memory::total),
         shutdown: stop.clone(),
         config,
     });
@@ -143,24 +171,26 @@ pub async fn serve(
         news.ring(lease.claim.job);
     })?;
     let workers = worker::start(&service)?;
-    let purge = tokio::spawn(purge_deleted(service.clone()));
+    retention::report(&service, Removed { orphans, ..Removed::default() });
+    let purge = tokio::spawn(retention::keep_order(service.clone()));
+    let webhooks = tokio::spawn(webhooks::deliver(service.clone()));
     tracing::info!(%address, data = %service.config.data_dir.display(), "listening");
     ready(address);
 
-    let server = axum::serve(listener, http::router(service.clone()))
-        .with_graceful_shutdown(stop.clone().cancelled_owned());
-    let server = tokio::spawn(server.into_future());
+    let app = http::router(service.clone());
+    let server = tokio::spawn(http::listen::serve(listener, app, stop.clone(), REQUEST_GRACE));
     stop.cancelled().await;
     tracing::info!("shutting down");
     // Event streams and workers hear of it through the same token.
     let deadline = tokio::time::Instant::now() + GRACE;
-    if tokio::time::timeout_at(deadline, server).await.is_err() {
+    if !matches!(server.await, Ok(true)) {
         tracing::warn!("some requests did not end in time");
     }
     if tokio::time::timeout_at(deadline, workers.joined()).await.is_err() {
         tracing::warn!("some workers did not stop in time; their jobs go back to the queue");
     }
     purge.abort();
+    webhooks.abort();
     let released = service.store.release_all().await?;
     if released > 0 {
         tracing::info!(released, "running jobs went back to the queue");
@@ -184,23 +214,5 @@ fn lock_data_folder(config: &Config) -> Result<File, ServeError> {
         Ok(()) => Ok(lock),
         Err(TryLockError::WouldBlock) => Err(ServeError::InUse(config.data_dir.clone())),
         Err(TryLockError::Error(error)) => Err(trouble(error)),
-    }
-}
-
-/// Forgets deleted jobs and removes their files, now and then.
-async fn purge_deleted(service: Arc<Service>) {
-    let mut ticks = tokio::time::interval(Duration::from_secs(20));
-    loop {
-        ticks.tick().await;
-        match service.store.purge(PURGE_AFTER_MS).await {
-            Ok(jobs) => {
-                for job in jobs {
-                    if let Err(error) = service.artifacts.remove_job(job).await {
-                        tracing::warn!(%job, %error, "cannot remove the files of a deleted job");
-                    }
-                }
-            }
-            Err(error) => tracing::error!(%error, "cannot purge deleted jobs"),
-        }
     }
 }

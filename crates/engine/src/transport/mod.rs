@@ -64,6 +64,18 @@ pub const METHODS: &[&str] = &[
     "hemilux",
 ];
 
+/// Memory that a method takes at least, bytes, for so many triangles and a picture of that size;
+/// `None` for methods that do not say, `auto` among them, which picks one that fits.
+pub fn needed_bytes(method: &str, triangles: u64, width: u32, height: u32) -> Option<u64> {
+    match method {
+        "hemilux" => Some(hemilux::needed_bytes_for(triangles, width, height)),
+        "ray-traced" | "illumination-map" => {
+            Some(ray_traced::needed_bytes(triangles, width, height))
+        }
+        _ => None,
+    }
+}
+
 /// The method that `auto` stands for, and why.
 fn pick(request: &RenderRequest) -> (&'static str, Vec<String>) {
     if unseen::lets_light_through(&request.scene) {

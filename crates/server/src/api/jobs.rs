@@ -2,6 +2,7 @@
 
 use super::Warning;
 use super::scenes::CameraName;
+use super::webhooks::WebhookTarget;
 use crate::job_state::JobState;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -77,6 +78,10 @@ pub struct JobRequest {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(read_only, nullable = false)]
     pub view_of: Option<Uuid>,
+    /// Who is told when the job ends.
+    #[serde(default)]
+    #[schema(nullable = false)]
+    pub webhook: Option<WebhookTarget>,
 }
 
 fn default_method() -> String {
@@ -316,7 +321,7 @@ pub struct Stats {
 /// Why a job failed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct JobError {
-    /// A short name for programs: `parameter`, `scene`, `device`, `panic`, `poisoned`, `storage`.
+    /// A short name for programs: `parameter`, `scene`, `device`, `panic`, `picture`, `poisoned`.
     #[schema(example = "device")]
     pub code: String,
     /// What happened, in words.
@@ -377,6 +382,8 @@ pub struct Job {
     /// When it ended.
     #[schema(required, value_type = Option<String>, format = DateTime)]
     pub finished_at: Option<Timestamp>,
+    /// Whether it stays until it is deleted, however old it gets.
+    pub pinned: bool,
     /// Counted attempts; a worker that died makes another one necessary.
     pub attempts: u32,
     /// Whether a cancel is on its way to the worker.

@@ -105,6 +105,9 @@ impl JobRequest {
         if self.view_of.is_some() {
             wrong("view_of", "POST the view to /v1/jobs/{id}/views instead".into());
         }
+        for error in self.webhook.iter().flat_map(|webhook| webhook.problems("webhook")) {
+            wrong(&error.field, error.detail);
+        }
         self.label_problems(&mut wrong);
         self.option_problems(limits, vocabulary, &mut wrong);
         self.camera_shape_problems(&mut wrong);

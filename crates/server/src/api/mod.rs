@@ -3,9 +3,11 @@
 
 pub mod events;
 pub mod jobs;
+pub mod keys;
 pub mod limits;
 pub mod scenes;
 pub mod solutions;
+pub mod webhooks;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -98,6 +98,7 @@ impl ViewRequest {
             priority: self.priority,
             labels: self.labels.clone(),
             view_of: None,
+            webhook: None,
             ..job.clone()
         }
     }

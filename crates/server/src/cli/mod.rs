@@ -3,14 +3,15 @@
 mod compare;
 mod devices;
 mod health;
+mod keys;
 mod render;
 mod serve;
 
 use crate::config::Config;
+use crate::telemetry::{self, LogFormat};
 use clap::{Parser, Subcommand};
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::process::ExitCode;
-use tracing_subscriber::EnvFilter;
 
 /// Global illumination by hemicube shooting: a render server and a command-line renderer.
 #[derive(Parser)]
@@ -32,6 +33,8 @@ enum Command {
     Devices,
     /// Ask a running server whether it can take jobs; exit code 1 if it cannot.
     Health(health::Arguments),
+    /// Make, list and end API keys.
+    Keys(keys::Arguments),
     /// Print the API's description (OpenAPI, YAML).
     Openapi,
     /// Run jobs on a device for the server that started this and holds its pipes.
@@ -42,28 +45,31 @@ enum Command {
         /// Most memory, MiB of address space.
         #[arg(long)]
         memory_mb: Option<u64>,
+        /// How the log is written.
+        #[arg(long, value_enum, default_value_t)]
+        log_format: LogFormat,
     },
 }
 
 /// Runs the program. Exit codes: 0 done, 1 failed, 2 wrong usage.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let serves = matches!(arguments.command, Command::Serve(_) | Command::DeviceWorker { .. });
-    let default = if serves { "info" } else { "warn" };
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
-        .init();
+    let (format, default) = match &arguments.command {
+        Command::Serve(config) => (config.log_format, "info"),
+        // It writes to the log of the server that started it.
+        Command::DeviceWorker { log_format, .. } => (*log_format, "info"),
+        _ => (LogFormat::Text, "warn"),
+    };
+    let _telemetry = telemetry::start(format, default);
     let done = match arguments.command {
         Command::Serve(config) => serve::run(*config),
         Command::Render(arguments) => render::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Devices => devices::run(),
         Command::Health(arguments) => health::run(&arguments),
+        Command::Keys(arguments) => keys::run(arguments),
         Command::Openapi => print(&crate::http::openapi::yaml()),
-        Command::DeviceWorker { device, memory_mb } => {
+        Command::DeviceWorker { device, memory_mb, .. } => {
             crate::worker::child::run(&device, memory_mb).map_err(Failure::failed)
         }
     };

@@ -1,5 +1,7 @@
 // The server's API as the page uses it.
 
+import * as key from "./key.js";
+
 /** A failed request: a problem document; with status 0 the server was not reached at all. */
 export class Problem extends Error {
   constructor(status, document) {
@@ -24,11 +26,13 @@ async function request(path, options = {}) {
   let response;
   let text;
   try {
-    response = await fetch(path, { signal: AbortSignal.timeout(15_000), ...options });
+    const headers = { ...key.headers(), ...options.headers };
+    response = await fetch(path, { signal: AbortSignal.timeout(15_000), ...options, headers });
     text = await response.text();
   } catch {
     throw unreachable();
   }
+  if (response.status === 401) dispatchEvent(new Event("keyneeded"));
   if (!response.ok) throw new Problem(response.status, parse(text));
   return { response, text };
 }
@@ -91,6 +95,7 @@ export function uploadScene(files, onProgress) {
   return new Promise((resolve, reject) => {
     const upload = new XMLHttpRequest();
     upload.open("POST", "/v1/scenes");
+    for (const [name, value] of Object.entries(key.headers())) upload.setRequestHeader(name, value);
     upload.upload.addEventListener("progress", (event) => {
       if (event.lengthComputable && event.total > 0) onProgress(event.loaded / event.total);
     });
@@ -109,5 +114,6 @@ const shellQuoted = (text) => `'${text.replaceAll("'", `'\\''`)}'`;
 /** The command line that posts this job. */
 export function curlFor(job) {
   const body = shellQuoted(JSON.stringify(job));
-  return `curl ${location.origin}/v1/jobs \\\n  -H 'Content-Type: application/json' \\\n  -d ${body}`;
+  const auth = key.key() ? ` \\\n  -H "Authorization: Bearer $HEMILUX_KEY"` : "";
+  return `curl ${location.origin}/v1/jobs \\\n  -H 'Content-Type: application/json'${auth} \\\n  -d ${body}`;
 }

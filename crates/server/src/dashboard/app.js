@@ -6,6 +6,7 @@ import { clock, isTerminal, shortHash } from "./format.js";
 import { JobForm } from "./form.js";
 import { Header } from "./header.js";
 import { JobView } from "./job.js";
+import { askForKey, followLink } from "./key.js";
 import { JobList } from "./list.js";
 import { goneNotice, welcome } from "./welcome.js";
 
@@ -194,6 +195,11 @@ document.addEventListener("visibilitychange", () => {
   if (!document.hidden) refresh();
 });
 addEventListener("online", refresh);
+addEventListener("keyneeded", () => askForKey(() => {
+  showRoute();
+  refresh();
+}));
+document.addEventListener("click", followLink);
 
 showRoute();
 refresh();

@@ -1,5 +1,6 @@
 // The list of jobs. Rows are kept and updated in place, so that focus and scrolling survive.
 
+import { loadable } from "./key.js";
 import { h, setAttribute, setText, setVariable } from "./dom.js";
 import { ago, count, fullTime, isTerminal, percent, pixels, seconds, stateName } from "./format.js";
 
@@ -118,9 +119,14 @@ export class JobList {
     const { width, height } = job.request;
     const final = job.result?.find((picture) => picture.format === "png")?.url;
     const url = width * height <= MAX_THUMBNAIL_PIXELS ? (final ?? this.pictures.get(job.id)) : undefined;
-    if (url && row.thumbnail.getAttribute("src") !== url) {
-      row.thumbnail.src = url;
-      row.thumbnail.hidden = false;
+    if (url && row.shown !== url) {
+      row.shown = url;
+      loadable(url).then((address) => {
+        row.thumbnail.src = address;
+        row.thumbnail.hidden = false;
+      }, () => {
+        row.shown = undefined;
+      });
     }
   }
 }

@@ -1,5 +1,6 @@
 // The picture of a job: the newest one as it comes, or an earlier one to look back at.
 
+import { loadable } from "./key.js";
 import { h, icon, setAttribute, setText, setVariable } from "./dom.js";
 import { percent, pixels, seconds } from "./format.js";
 
@@ -82,18 +83,19 @@ export class PictureView {
 
   /** Shows a picture once it is decoded, so that the one before stays until then. */
   async swap(url) {
-    if (this.image.getAttribute("src") === url) return;
+    if (this.shown === url) return;
     this.wanted = url;
     const loaded = new Image();
-    loaded.src = url;
     try {
+      loaded.src = await loadable(url);
       await loaded.decode();
     } catch {
       // Gone with its job, or the connection is; the next picture tries again.
       return;
     }
     if (this.wanted !== url) return;
-    this.image.src = url;
+    this.shown = url;
+    this.image.src = loaded.src;
     this.image.hidden = false;
     this.placeholder.hidden = true;
     this.onShown(url);

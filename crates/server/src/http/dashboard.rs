@@ -11,8 +11,8 @@ use axum::{Json, Router};
 use serde::Serialize;
 
 /// Only files of this server run and style the page; nothing may frame it. Snapshots are ordinary
-/// files of this server.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; \
+/// files of this server, or what a script fetched with a key (`blob:`).
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; \
     connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 const HTML: &str = "text/html; charset=utf-8";
@@ -40,6 +40,7 @@ const FILES: &[(&str, &str, &[u8])] = &[
     page_file!("/assets/form.js", SCRIPT, "form.js"),
     page_file!("/assets/header.js", SCRIPT, "header.js"),
     page_file!("/assets/job.js", SCRIPT, "job.js"),
+    page_file!("/assets/key.js", SCRIPT, "key.js"),
     page_file!("/assets/list.js", SCRIPT, "list.js"),
     page_file!("/assets/picture.js", SCRIPT, "picture.js"),
     page_file!("/assets/welcome.js", SCRIPT, "welcome.js"),

@@ -87,8 +87,11 @@ pub async fn stream_events(
     let stream = futures_util::stream::unfold(follower, |mut follower| async move {
         follower.next().await.map(|event| (Ok::<_, Infallible>(event), follower))
     });
-    Ok(Sse::new(Box::pin(stream) as std::pin::Pin<Box<dyn Stream<Item = _> + Send>>)
-        .keep_alive(KeepAlive::new().interval(Duration::from_secs(15))))
+    // A proxy in between is to pass events on as they come.
+    let unbuffered = [("x-accel-buffering", "no")];
+    let stream = Sse::new(Box::pin(stream) as std::pin::Pin<Box<dyn Stream<Item = _> + Send>>)
+        .keep_alive(KeepAlive::new().interval(Duration::from_secs(15)));
+    Ok((unbuffered, stream))
 }
 
 /// One client's position in a job's events.

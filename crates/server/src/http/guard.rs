@@ -7,7 +7,7 @@
 use super::App;
 use super::problem::Problem;
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, Method};
+use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::net::IpAddr;
@@ -19,15 +19,22 @@ pub async fn refuse_foreign_pages(
     next: Next,
 ) -> Response {
     let on_loopback = !app.config.allow_remote && app.config.listen.ip().is_loopback();
-    match refusal(on_loopback, request.method(), request.headers()) {
+    let origins = &app.config.guard.cors_origin;
+    match refusal(on_loopback, origins, request.method(), request.headers()) {
         Some(detail) => Problem::forbidden(detail).into_response(),
         None => next.run(request).await,
     }
 }
 
-fn refusal(on_loopback: bool, method: &Method, headers: &HeaderMap) -> Option<&'static str> {
+fn refusal(
+    on_loopback: bool,
+    origins: &[HeaderValue],
+    method: &Method,
+    headers: &HeaderMap,
+) -> Option<&'static str> {
     let header = |name: &str| headers.get(name).and_then(|value| value.to_str().ok());
-    if header("sec-fetch-site") == Some("cross-site") && !method.is_safe() {
+    let is_invited = headers.get("origin").is_some_and(|origin| origins.contains(origin));
+    if header("sec-fetch-site") == Some("cross-site") && !method.is_safe() && !is_invited {
         return Some("a page of another site sent this request");
     }
     if on_loopback && header("host").is_some_and(|host| !is_loopback_host(host)) {

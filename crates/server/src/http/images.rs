@@ -4,6 +4,7 @@ use super::App;
 use super::jobs::find;
 use super::problem::{Problem, documented};
 use super::read::{JobId, is_held, prefers};
+use crate::access::Caller;
 use crate::api::jobs::{Picture, PictureFormat};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -87,6 +88,7 @@ pub async fn newest_exr(
 )]
 pub async fn snapshot(
     State(app): State<App>,
+    caller: Caller,
     Path((id, file)): Path<(String, String)>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
@@ -95,7 +97,11 @@ pub async fn snapshot(
     let (sha256, suffix) = file.split_once('.').ok_or_else(unknown)?;
     let format = PictureFormat::parse(suffix).ok_or_else(unknown)?;
     let picture = app.store.picture(id, sha256, format).await?.ok_or_else(unknown)?;
-    let cache = "public, max-age=31536000, immutable";
+    // What a key protects must not come out of a cache that others share.
+    let cache = match caller.key() {
+        Some(_) => "private, max-age=31536000, immutable",
+        None => "public, max-age=31536000, immutable",
+    };
     send(&app, id, &picture, &headers, cache).await
 }
 

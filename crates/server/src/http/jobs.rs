@@ -4,13 +4,15 @@ use super::App;
 use super::problem::{Problem, documented};
 use super::read::{self, JobId, MAX_JSON_BYTES, Query, in_range, media_type};
 use super::upload;
+use crate::access::Caller;
 use crate::api::FieldError;
 use crate::api::jobs::{Job, JobPage, JobRequest};
 use crate::api::scenes::Scene;
 use crate::artifacts::sha256_hex;
 use crate::builtin;
 use crate::job_state::JobState;
-use crate::store::{Accepted, JobFilter, NewJob};
+use crate::store::{Accepted, JobFilter, NewJob, Submitter};
+use crate::trace_context::TraceParent;
 use crate::worker;
 use axum::Json;
 use axum::extract::{Request, State};
@@ -21,6 +23,9 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
+
+/// How long a waiting request trusts that no news is no news.
+const RECHECK: Duration = Duration::from_secs(10);
 
 /// A job and its scene in one request.
 #[derive(ToSchema)]
@@ -55,10 +60,15 @@ pub struct JobWithScene {
         documented::TooLarge,
         documented::UnsupportedMedia,
         documented::Invalid,
-        documented::QueueFull,
+        documented::OverLimit,
     )
 )]
-pub async fn create_job(State(app): State<App>, request: Request) -> Result<Response, Problem> {
+pub async fn create_job(
+    State(app): State<App>,
+    caller: Caller,
+    request: Request,
+) -> Result<Response, Problem> {
+    let trace_parent = request.extensions().get::<TraceParent>().map(|p| p.as_str().to_owned());
     let idempotency_key = idempotency_key(request.headers())?;
     let (mut job, scene) = match media_type(request.headers()).as_str() {
         "application/json" => {
@@ -68,7 +78,7 @@ pub async fn create_job(State(app): State<App>, request: Request) -> Result<Resp
             let body = upload::small_body(body, MAX_JSON_BYTES, too_large).await?;
             let job: JobRequest = read::json(&body)?;
             check(&app, &job)?;
-            let scene = named_scene(&app, &job).await?;
+            let scene = named_scene(&app, &caller, &job).await?;
             (job, scene)
         }
         "multipart/form-data" => {
@@ -79,8 +89,8 @@ pub async fn create_job(State(app): State<App>, request: Request) -> Result<Resp
             };
             check(&app, &job)?;
             let scene = match (parts.has_scene(), &job.scene) {
-                (true, None) => parts.store(&app).await?.0,
-                (false, _) => named_scene(&app, &job).await?,
+                (true, None) => parts.store(&app, &caller).await?.0,
+                (false, _) => named_scene(&app, &caller, &job).await?,
                 (true, Some(_)) => {
                     let twice = "given both as a part and by id";
                     return Err(Problem::invalid(vec![FieldError::new("scene", twice)]));
@@ -96,19 +106,39 @@ pub async fn create_job(State(app): State<App>, request: Request) -> Result<Resp
     if let Some(detail) = job.camera_problem(&scene.cameras) {
         return Err(Problem::invalid(vec![FieldError::new("camera", detail)]));
     }
+    check_memory(&app, &job, &scene)?;
     job.scene = Some(scene.id.clone());
+    let webhook = job.webhook.clone().or_else(|| caller.key().and_then(|key| key.webhook.clone()));
     let unserialisable = |error: serde_json::Error| Problem::internal(error.to_string());
     let canonical = serde_json::to_vec(&job).map_err(unserialisable)?;
-    let render_key = render_key(&job).map_err(unserialisable)?;
+    let render_key = render_key(caller.owner(), &job).map_err(unserialisable)?;
     let new = NewJob {
         id: Uuid::now_v7(),
         scene_id: scene.id,
         request: job,
         idempotency_key,
         request_hash: sha256_hex(&canonical),
+        submitter: Submitter { webhook, ..submitter(&caller, trace_parent) },
         render_key,
     };
-    match app.store.accept(new, app.config.max_queued).await? {
+    answer(&app, &caller, app.store.accept(new, app.config.max_queued).await?)
+}
+
+/// Who submits a job, told by the webhook of the key.
+pub fn submitter(caller: &Caller, trace_parent: Option<String>) -> Submitter {
+    Submitter {
+        owner: caller.owner().to_owned(),
+        billed_to: caller.billed_to().to_owned(),
+        max_queued: caller.limits.jobs_queued,
+        max_running: caller.limits.jobs_running,
+        webhook: caller.key().and_then(|key| key.webhook.clone()),
+        trace_parent,
+    }
+}
+
+/// The answer to who submitted a job.
+pub fn answer(app: &App, caller: &Caller, accepted_as: Accepted) -> Result<Response, Problem> {
+    match accepted_as {
         Accepted::New(job) => {
             app.queue.wake();
             app.bell.ring(job.id);
@@ -118,26 +148,37 @@ pub async fn create_job(State(app): State<App>, request: Request) -> Result<Resp
         Accepted::KeyConflict => Err(Problem::key_conflict(
             "this Idempotency-Key was used for another request; use a new key for a new job",
         )),
-        Accepted::QueueFull => Err(Problem::queue_full(5)),
+        Accepted::QueueFull => {
+            app.metrics.count_refusal("queue");
+            Err(Problem::queue_full(5))
+        }
+        Accepted::OwnQueueFull => {
+            app.metrics.count_refusal("jobs_queued");
+            let most = caller.limits.jobs_queued.unwrap_or(0);
+            let detail = format!("{most} jobs of this caller wait already, which is its limit");
+            Err(Problem::over_limit("jobs_queued", detail, 5.0))
+        }
+        Accepted::SceneGone => Err(Problem::not_found("the scene was removed; send it again")),
     }
 }
 
 /// Hash of all that a job's picture depends on, where that determines it: only jobs that end by
 /// their iterations, since a time budget makes the picture depend on what else the machine does,
-/// and that ask for no snapshots, since who does wants to see it happen.
-fn render_key(job: &JobRequest) -> Result<Option<String>, serde_json::Error> {
+/// and that ask for no snapshots, since who does wants to see it happen. Nobody shares the jobs of
+/// another owner: the event that says so names them.
+fn render_key(owner: &str, job: &JobRequest) -> Result<Option<String>, serde_json::Error> {
     let determined = job.max_iterations.is_some() && job.time_budget_s.is_none();
     if job.fresh || !determined || job.snapshots.is_some() {
         return Ok(None);
     }
     // Without what travels with the job but does not show in the picture.
-    let shown = JobRequest { priority: 0, labels: BTreeMap::new(), ..job.clone() };
-    let whole = serde_json::to_vec(&(env!("CARGO_PKG_VERSION"), shown))?;
+    let shown = JobRequest { priority: 0, labels: BTreeMap::new(), webhook: None, ..job.clone() };
+    let whole = serde_json::to_vec(&(env!("CARGO_PKG_VERSION"), owner, shown))?;
     Ok(Some(sha256_hex(&whole)))
 }
 
 /// The answer to a job that is accepted.
-pub fn accepted(job: Job, again: bool) -> Response {
+fn accepted(job: Job, again: bool) -> Response {
     let location = [(header::LOCATION, format!("/v1/jobs/{}", job.id))];
     let mut response = (StatusCode::ACCEPTED, location, Json(job)).into_response();
     if again {
@@ -168,8 +209,24 @@ pub fn check(app: &App, job: &JobRequest) -> Result<(), Problem> {
     if errors.is_empty() { Ok(()) } else { Err(Problem::invalid(errors)) }
 }
 
+/// Refuses a job that could never fit into this server's memory, rather than to let it fail.
+pub fn check_memory(app: &App, job: &JobRequest, scene: &Scene) -> Result<(), Problem> {
+    let needed = worker::needed_bytes(job, scene.triangles);
+    let Some((needed, most)) = needed.zip(app.max_job_bytes) else { return Ok(()) };
+    if needed <= most {
+        return Ok(());
+    }
+    app.metrics.count_refusal("memory");
+    let (needed, most) = (needed >> 20, most >> 20);
+    let detail = format!(
+        "{} needs about {needed} MiB for this scene and picture, and jobs may have {most} MiB; ask for a smaller picture, a simpler scene or another method",
+        job.method
+    );
+    Err(Problem::too_much_memory(detail))
+}
+
 /// The scene that a job names: a stored one, or a built-in one, which is stored on first use.
-async fn named_scene(app: &App, job: &JobRequest) -> Result<Scene, Problem> {
+async fn named_scene(app: &App, caller: &Caller, job: &JobRequest) -> Result<Scene, Problem> {
     let Some(name) = &job.scene else {
         let rule = "required: the id of a stored scene, or the name of a built-in one";
         return Err(Problem::invalid(vec![FieldError::new("scene", rule)]));
@@ -177,9 +234,11 @@ async fn named_scene(app: &App, job: &JobRequest) -> Result<Scene, Problem> {
     if let Some(bytes) = builtin::scene(name) {
         let format = crate::api::scenes::SceneFormat::Gltf;
         let id = sha256_hex(bytes);
-        return Ok(upload::store_scene(app, id, format, bytes.into(), None).await?.0);
+        return Ok(upload::store_scene(app, caller, id, format, bytes.into(), None).await?.0);
     }
-    app.store.scene(name).await?.ok_or_else(|| {
+    let may_see = caller.sees_all() || app.store.holds_scene(name, caller.billed_to()).await?;
+    let found = if may_see { app.store.scene(name).await? } else { None };
+    found.ok_or_else(|| {
         let detail = format!(
             "no stored scene has this id; POST it to /v1/scenes first, or name one of {:?}",
             builtin::names()
@@ -217,6 +276,7 @@ pub struct ListQuery {
 )]
 pub async fn list_jobs(
     State(app): State<App>,
+    caller: Caller,
     Query(query): Query<ListQuery>,
 ) -> Result<Json<JobPage>, Problem> {
     let limit = in_range("limit", query.limit.unwrap_or(50), 1..=200)?;
@@ -227,7 +287,8 @@ pub async fn list_jobs(
     };
     let before = query.cursor.map(|cursor| cursor.parse::<Uuid>()).transpose();
     let before = before.map_err(|_| Problem::unreadable("cursor must be a next_cursor"))?;
-    let filter = JobFilter { state: query.state, label, before, limit: limit + 1 };
+    let owner = (!caller.sees_all()).then(|| caller.owner().to_owned());
+    let filter = JobFilter { state: query.state, label, before, owner, limit: limit + 1 };
     let mut jobs = app.store.jobs(&filter).await?;
     let more = jobs.len() > limit as usize;
     jobs.truncate(limit as usize);
@@ -242,6 +303,20 @@ pub struct WaitQuery {
     /// Answer when the job has ended, or after so many seconds.
     #[param(minimum = 0.0, maximum = 60.0)]
     wait: Option<f64>,
+    /// What to wait for: the job's end, which is the default, or any change of its state.
+    #[param(inline)]
+    until: Option<Until>,
+}
+
+/// What a request with `wait` waits for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Until {
+    /// The job has ended.
+    #[default]
+    End,
+    /// The job's state is another than when the request came, or the job has ended.
+    Change,
 }
 
 /// Get a job.
@@ -261,15 +336,21 @@ pub async fn get_job(
 ) -> Result<Json<Job>, Problem> {
     let wait = in_range("wait", query.wait.unwrap_or(0.0), 0.0..=60.0)?;
     let deadline = tokio::time::Instant::now() + Duration::from_secs_f64(wait);
+    let until = query.until.unwrap_or_default();
     let mut listener = app.bell.listen();
+    let mut first = None;
     loop {
         let job = find(&app, id).await?;
-        if job.state.is_terminal() || tokio::time::Instant::now() >= deadline {
+        let changed = *first.get_or_insert(job.state) != job.state;
+        let is_there = job.state.is_terminal() || until == Until::Change && changed;
+        if is_there || tokio::time::Instant::now() >= deadline {
             return Ok(Json(job));
         }
         tokio::select! {
             () = listener.news_of(id) => {}
             () = tokio::time::sleep_until(deadline) => {}
+            // What changed the state may have forgotten to ring.
+            () = tokio::time::sleep(RECHECK) => {}
             () = app.shutdown.cancelled() => return Ok(Json(job)),
         }
     }

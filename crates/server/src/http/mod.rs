@@ -1,5 +1,7 @@
 //! The HTTP side of the service.
 
+mod access;
+mod cors;
 mod dashboard;
 mod docs;
 mod events;
@@ -7,14 +9,19 @@ mod gauge;
 mod guard;
 mod images;
 mod jobs;
+pub mod listen;
 pub mod openapi;
+mod pin;
 mod probes;
 pub mod problem;
+pub mod rate;
 mod read;
 mod scenes;
 mod solutions;
+mod trace;
 mod traces;
 mod upload;
+mod webhooks;
 
 use crate::service::Service;
 use axum::Router;
@@ -42,6 +49,8 @@ fn api() -> OpenApiRouter<App> {
         .routes(routes!(solutions::create_view))
         .routes(routes!(solutions::manifest))
         .routes(routes!(solutions::solution_glb))
+        .routes(routes!(pin::pin_job, pin::unpin_job))
+        .routes(routes!(webhooks::list_deliveries))
         .routes(routes!(events::stream_events))
         .routes(routes!(images::newest_image))
         .routes(routes!(images::newest_png))
@@ -61,15 +70,21 @@ fn api() -> OpenApiRouter<App> {
 /// The whole application.
 pub fn router(app: App) -> Router {
     let (api, _) = api().split_for_parts();
-    api.merge(docs::swagger_ui())
+    let api = api
+        .merge(docs::swagger_ui())
         .merge(dashboard::pages())
         // Uploads count their own bytes; everything else is small.
         .layer(DefaultBodyLimit::disable())
+        .layer(from_fn_with_state(app.clone(), access::check))
         .layer(CatchPanicLayer::custom(problem::from_panic))
         .layer(from_fn_with_state(app.clone(), guard::refuse_foreign_pages))
-        .layer(from_fn(problem::write_problems))
+        .layer(from_fn(problem::write_problems));
+    let origins = &app.config.guard.cors_origin;
+    let api = if origins.is_empty() { api } else { api.layer(cors::layer(origins)) };
+    api
         // Outside the problems, which read the framework's own error texts.
         .layer(CompressionLayer::new())
         .layer(from_fn_with_state(app.clone(), probes::count_requests))
+        .layer(from_fn(trace::name_request))
         .with_state(app)
 }

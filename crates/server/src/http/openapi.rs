@@ -10,6 +10,7 @@ use utoipa::openapi::path::Parameter;
 use utoipa::openapi::schema::{
     AdditionalProperties, KnownFormat, ObjectBuilder, Schema, SchemaFormat, SchemaType, Type,
 };
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{Ref, RefOr, Response};
 
 #[derive(OpenApi)]
@@ -38,15 +39,33 @@ pub fn base() -> utoipa::openapi::OpenApi {
 /// The whole description.
 pub fn document() -> utoipa::openapi::OpenApi {
     let (_, mut document) = super::api().split_for_parts();
-    for item in document.paths.paths.values_mut() {
+    for (path, item) in &mut document.paths.paths {
+        let is_closed = path.starts_with("/v1/");
         let operations = [&mut item.get, &mut item.post, &mut item.delete]
             .into_iter()
             .filter_map(Option::as_mut);
         for operation in operations {
             operation.parameters.iter_mut().flatten().for_each(leave_out_rather_than_null);
             let responses = &mut operation.responses.responses;
+            if is_closed {
+                // Either of them: a server without keys asks for none.
+                operation.security = Some(vec![
+                    SecurityRequirement::default(),
+                    SecurityRequirement::new("api_key", Vec::<String>::new()),
+                ]);
+                for (status, text) in [
+                    ("401", "The server asks for an API key, and there is none or a wrong one."),
+                    ("429", "A limit of this caller is reached; see `limit` and Retry-After."),
+                ] {
+                    let answer = || RefOr::T(problem(text));
+                    responses.entry(status.into()).or_insert_with(answer);
+                }
+            }
             for (status, text) in [
-                ("403", "A page of another site sent the request, or the Host header is foreign."),
+                (
+                    "403",
+                    "A page of another site sent the request, the Host header is foreign, or the API key lacks a scope.",
+                ),
                 ("500", "A fault of the server; its log has more."),
                 ("503", "Not now; see Retry-After."),
             ] {
@@ -59,6 +78,17 @@ pub fn document() -> utoipa::openapi::OpenApi {
             }
         }
     }
+    document.components.get_or_insert_default().security_schemes.insert(
+        "api_key".into(),
+        RefOr::T(SecurityScheme::Http(
+            HttpBuilder::new()
+                .scheme(HttpAuthScheme::Bearer)
+                .description(Some(
+                    "An API key, `hmx_…`, as `hemilux keys add` makes them. A server without keys asks for none.",
+                ))
+                .build(),
+        )),
+    );
     describe_resources(&mut document, "SceneFiles");
     describe_resources(&mut document, "JobWithScene");
     name_the_vocabulary(&mut document);
@@ -84,6 +114,11 @@ fn add_example(status: &str, response: &mut Response) {
         "400" => {
             ("unreadable", "The request cannot be read", "limit must be between 1 and 200, is 0")
         }
+        "401" => (
+            "unauthenticated",
+            "An API key is needed",
+            "the API key is unknown, expired or revoked",
+        ),
         "403" => {
             ("forbidden", "The request is not allowed", "a page of another site sent this request")
         }
@@ -107,9 +142,11 @@ fn add_example(status: &str, response: &mut Response) {
             "The request cannot be met as asked",
             "width: must be between 1 and 8192, is 0",
         ),
-        "429" => {
-            ("queue-full", "The queue is full", "too many jobs are waiting; try again in 5 seconds")
-        }
+        "429" => (
+            "over-limit",
+            "A limit of this caller is reached",
+            "more than 100 requests a second; slow down",
+        ),
         "500" => {
             ("internal", "The server failed", "an unexpected fault; the server's log has more")
         }
@@ -123,7 +160,11 @@ fn add_example(status: &str, response: &mut Response) {
         "status": status.parse::<u16>().unwrap_or(500),
         "detail": detail,
         "instance": "/v1/jobs",
+        "request_id": "019364d0-5c1e-7b3a-9d55-6a1f0c2b7e11",
     });
+    if status == "429" {
+        example["limit"] = json!("requests_per_second");
+    }
     if status == "422" {
         let errors = json!([{"field": "width", "detail": "must be between 1 and 8192, is 0"}]);
         example["errors"] = errors;

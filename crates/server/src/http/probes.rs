@@ -2,14 +2,16 @@
 
 use super::App;
 use super::problem::Problem;
+use crate::access::Caller;
 use crate::api::{DeviceList, DeviceStatus};
-use crate::metrics;
+use crate::metrics::{self, Present};
 use axum::Json;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::header;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
+use std::time::Instant;
 use utoipa::ToSchema;
 
 /// A probe's answer.
@@ -52,8 +54,14 @@ pub async fn readyz(State(app): State<App>) -> Result<Json<Healthy>, Problem> {
     responses((status = 200, description = "The metrics.", body = String, content_type = "application/openmetrics-text"))
 )]
 pub async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
-    let counts = app.store.counts().await?;
-    let text = app.metrics.encode(&counts).map_err(|error| Problem::internal(error.to_string()))?;
+    let present = Present {
+        jobs: app.store.counts().await?,
+        devices: app.pool.devices(),
+        webhooks_pending: app.store.undelivered().await?,
+        disk_free_bytes: app.disk.free_bytes(),
+    };
+    let text =
+        app.metrics.encode(&present).map_err(|error| Problem::internal(error.to_string()))?;
     Ok(([(header::CONTENT_TYPE, metrics::MEDIA_TYPE)], text).into_response())
 }
 
@@ -62,8 +70,19 @@ pub async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
     get, path = "/v1/devices", tag = "operations",
     responses((status = 200, description = "The devices.", body = DeviceList))
 )]
-pub async fn list_devices(State(app): State<App>) -> Json<DeviceList> {
-    Json(DeviceList { devices: app.pool.devices() })
+pub async fn list_devices(
+    State(app): State<App>,
+    caller: Caller,
+) -> Result<Json<DeviceList>, Problem> {
+    let mut devices = app.pool.devices();
+    if !caller.sees_all() {
+        for device in &mut devices {
+            let Some(job) = device.job else { continue };
+            let owner = app.store.job_owner(job).await?;
+            device.job = device.job.filter(|_| owner.as_deref() == Some(caller.owner()));
+        }
+    }
+    Ok(Json(DeviceList { devices }))
 }
 
 /// Middleware: counts requests by method, route and status.
@@ -74,7 +93,9 @@ pub async fn count_requests(State(app): State<App>, request: Request, next: Next
         .extensions()
         .get::<MatchedPath>()
         .map_or_else(|| "none".to_owned(), |path| path.as_str().to_owned());
+    let begun = Instant::now();
     let response = next.run(request).await;
-    app.metrics.count_request(&method, route, response.status());
+    let seconds = begun.elapsed().as_secs_f64();
+    app.metrics.count_request(&method, route, response.status(), seconds);
     response
 }

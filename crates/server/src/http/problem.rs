@@ -2,7 +2,9 @@
 
 use crate::api::FieldError;
 use crate::artifacts::ArtifactError;
+use crate::retention::RetentionError;
 use crate::store::StoreError;
+use crate::trace_context::RequestId;
 use axum::body::Body;
 use axum::extract::Request;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -30,6 +32,14 @@ pub struct ProblemDocument {
     /// The path that was asked.
     #[schema(format = "uri-reference")]
     pub instance: String,
+    /// The id of the request, as the answer's `x-request-id` and the server's log have it.
+    #[serde(default)]
+    pub request_id: String,
+    /// Which limit was met, for programs: `requests_per_second`, `jobs_queued`, `scene_bytes`,
+    /// `queue`, `disk`, `memory`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub limit: Option<String>,
     /// What is wrong, field by field.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub errors: Vec<FieldError>,
@@ -44,6 +54,29 @@ pub struct Problem {
     detail: String,
     errors: Vec<FieldError>,
     retry_after_s: Option<u32>,
+    limit: Option<&'static str>,
+    challenge: Challenge,
+}
+
+/// What a refused caller is told about keys (RFC 6750).
+#[derive(Clone, Copy, Debug)]
+enum Challenge {
+    None,
+    KeyNeeded,
+    WrongKey,
+    ScopeNeeded,
+}
+
+impl Challenge {
+    fn header(self) -> Option<HeaderValue> {
+        let text = match self {
+            Self::None => return None,
+            Self::KeyNeeded => "Bearer realm=\"hemilux\"",
+            Self::WrongKey => "Bearer realm=\"hemilux\", error=\"invalid_token\"",
+            Self::ScopeNeeded => "Bearer realm=\"hemilux\", error=\"insufficient_scope\"",
+        };
+        Some(HeaderValue::from_static(text))
+    }
 }
 
 impl Problem {
@@ -53,12 +86,39 @@ impl Problem {
         title: &'static str,
         detail: impl Into<String>,
     ) -> Self {
-        Self { status, kind, title, detail: detail.into(), errors: Vec::new(), retry_after_s: None }
+        Self {
+            status,
+            kind,
+            title,
+            detail: detail.into(),
+            errors: Vec::new(),
+            retry_after_s: None,
+            limit: None,
+            challenge: Challenge::None,
+        }
     }
 
     /// 400: the request cannot be read.
     pub fn unreadable(detail: impl Into<String>) -> Self {
         Self::new(StatusCode::BAD_REQUEST, "unreadable", "The request cannot be read", detail)
+    }
+
+    /// 401: without a key, or with a wrong one.
+    pub fn unauthenticated(detail: impl Into<String>, wrong_key: bool) -> Self {
+        let title = "An API key is needed";
+        Self {
+            challenge: if wrong_key { Challenge::WrongKey } else { Challenge::KeyNeeded },
+            ..Self::new(StatusCode::UNAUTHORIZED, "unauthenticated", title, detail)
+        }
+    }
+
+    /// 403: the key is good, but not for this.
+    pub fn insufficient_scope(detail: impl Into<String>) -> Self {
+        let title = "The API key does not allow this";
+        Self {
+            challenge: Challenge::ScopeNeeded,
+            ..Self::new(StatusCode::FORBIDDEN, "insufficient-scope", title, detail)
+        }
     }
 
     /// 404: there is no such thing.
@@ -124,7 +184,35 @@ impl Problem {
         let detail = format!("too many jobs are waiting; try again in {retry_after_s} seconds");
         Self {
             retry_after_s: Some(retry_after_s),
+            limit: Some("queue"),
             ..Self::new(status, "queue-full", "The queue is full", detail)
+        }
+    }
+
+    /// 429: over a limit of this caller's own, which has room again after `wait_s` or so.
+    pub fn over_limit(limit: &'static str, detail: impl Into<String>, wait_s: f64) -> Self {
+        let status = StatusCode::TOO_MANY_REQUESTS;
+        Self {
+            retry_after_s: Some(wait_s.clamp(1.0, 3600.0).ceil() as u32),
+            limit: Some(limit),
+            ..Self::new(status, "over-limit", "A limit of this caller is reached", detail)
+        }
+    }
+
+    /// 422: the job could never fit into this server's memory.
+    pub fn too_much_memory(detail: impl Into<String>) -> Self {
+        let status = StatusCode::UNPROCESSABLE_ENTITY;
+        let title = "The job does not fit into this server's memory";
+        Self { limit: Some("memory"), ..Self::new(status, "too-much-memory", title, detail) }
+    }
+
+    /// 503: the disk is nearly full; nothing new is taken.
+    pub fn disk_full(detail: impl Into<String>) -> Self {
+        let status = StatusCode::SERVICE_UNAVAILABLE;
+        Self {
+            retry_after_s: Some(30),
+            limit: Some("disk"),
+            ..Self::new(status, "disk-full", "The server's disk is nearly full", detail)
         }
     }
 
@@ -152,6 +240,9 @@ impl Problem {
     fn of_status(status: StatusCode, detail: String) -> Self {
         let (kind, title) = match status {
             StatusCode::NOT_FOUND => ("not-found", "There is no such thing"),
+            StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE => {
+                ("too-large", "The request is too large")
+            }
             StatusCode::METHOD_NOT_ALLOWED => {
                 ("method-not-allowed", "The method is not allowed here")
             }
@@ -166,13 +257,15 @@ impl Problem {
         Self::new(status, kind, title, detail)
     }
 
-    fn document(self, instance: &str) -> ProblemDocument {
+    fn document(self, instance: &str, request_id: &str) -> ProblemDocument {
         ProblemDocument {
             r#type: format!("urn:hemilux:problem:{}", self.kind),
             title: self.title.into(),
             status: self.status.as_u16(),
             detail: self.detail,
             instance: instance.into(),
+            request_id: request_id.into(),
+            limit: self.limit.map(str::to_owned),
             errors: self.errors,
         }
     }
@@ -185,6 +278,9 @@ impl IntoResponse for Problem {
         let mut response = self.status.into_response();
         if let Some(seconds) = self.retry_after_s {
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+        }
+        if let Some(challenge) = self.challenge.header() {
+            response.headers_mut().insert(header::WWW_AUTHENTICATE, challenge);
         }
         response.extensions_mut().insert(self);
         response
@@ -200,6 +296,15 @@ impl From<StoreError> for Problem {
                 Self::unavailable(format!("the database: {what}; an operator can {remedy}"))
             }
             _ => Self::internal("the database holds something unexpected; see the server's log"),
+        }
+    }
+}
+
+impl From<RetentionError> for Problem {
+    fn from(error: RetentionError) -> Self {
+        match error {
+            RetentionError::Store(error) => error.into(),
+            RetentionError::Artifacts(error) => error.into(),
         }
     }
 }
@@ -220,6 +325,8 @@ impl From<ArtifactError> for Problem {
 /// Middleware: turns every error answer, the framework's own included, into a document.
 pub async fn write_problems(request: Request, next: Next) -> Response {
     let instance = request.uri().path().to_owned();
+    let request_id = request.extensions().get::<RequestId>().map(|id| id.0.clone());
+    let request_id = request_id.unwrap_or_default();
     let is_head = request.method() == axum::http::Method::HEAD;
     let mut response = next.run(request).await;
     let status = response.status();
@@ -241,7 +348,8 @@ pub async fn write_problems(request: Request, next: Next) -> Response {
             Problem::of_status(status, detail)
         }
     };
-    let document = serde_json::to_vec(&problem.document(&instance)).unwrap_or_default();
+    let document =
+        serde_json::to_vec(&problem.document(&instance, &request_id)).unwrap_or_default();
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(MEDIA_TYPE));
     headers.insert(header::CONTENT_LENGTH, HeaderValue::from(document.len()));
@@ -280,6 +388,6 @@ pub mod documented {
         TooLarge 413 "The request is over a size limit."
         UnsupportedMedia 415 "The content type is not supported."
         Invalid 422 "Readable, but some fields cannot be met; `errors` names them."
-        QueueFull 429 "Too many jobs are waiting; see Retry-After."
+        OverLimit 429 "Too many jobs wait, or a limit of this caller is reached; see `limit` and Retry-After."
     }
 }

@@ -4,6 +4,7 @@ use super::App;
 use super::problem::{Problem, documented};
 use super::read::{Query, in_range, media_type};
 use super::upload;
+use crate::access::Caller;
 use crate::api::scenes::{Scene, ScenePage};
 use axum::Json;
 use axum::extract::{Path, Request, State};
@@ -46,16 +47,20 @@ pub struct SceneFiles {
         documented::TooLarge,
         documented::UnsupportedMedia,
         documented::Invalid,
+        documented::OverLimit,
     )
 )]
 pub async fn create_scene(
     State(app): State<App>,
+    caller: Caller,
     request: Request,
 ) -> Result<impl IntoResponse, Problem> {
     let (scene, is_new) = match media_type(request.headers()).as_str() {
-        "multipart/form-data" => upload::parts(&app, request, false).await?.store(&app).await?,
+        "multipart/form-data" => {
+            upload::parts(&app, request, false).await?.store(&app, &caller).await?
+        }
         "model/gltf-binary" | "application/octet-stream" | "model/gltf+json" => {
-            upload::scene_from_body(&app, request.into_body()).await?
+            upload::scene_from_body(&app, &caller, request.into_body()).await?
         }
         other => {
             let detail = format!(
@@ -111,13 +116,19 @@ pub struct PageQuery {
 )]
 pub async fn list_scenes(
     State(app): State<App>,
+    caller: Caller,
     Query(page): Query<PageQuery>,
 ) -> Result<Json<ScenePage>, Problem> {
     let limit = in_range("limit", page.limit.unwrap_or(50), 1..=200)?;
     if page.cursor.as_ref().is_some_and(|cursor| cursor.len() > 64) {
         return Err(Problem::unreadable("cursor must be a next_cursor"));
     }
-    let mut scenes = app.store.scenes(page.cursor.as_deref(), limit + 1).await?;
+    let cursor = page.cursor.as_deref();
+    let mut scenes = if caller.sees_all() {
+        app.store.scenes(cursor, limit + 1).await?
+    } else {
+        app.store.scenes_of(caller.billed_to(), cursor, limit + 1).await?
+    };
     let more = scenes.len() > limit as usize;
     scenes.truncate(limit as usize);
     let next_cursor = scenes.last().filter(|_| more).map(|scene| scene.id.clone());

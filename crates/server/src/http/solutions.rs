@@ -2,16 +2,18 @@
 //! light.
 
 use super::App;
-use super::jobs::{accepted, check, find, idempotency_key};
+use super::jobs::{answer, check, check_memory, find, idempotency_key, submitter};
 use super::problem::{Problem, documented};
 use super::read::{self, JobId, MAX_JSON_BYTES, is_held, media_type};
 use super::upload;
+use crate::access::Caller;
 use crate::api::FieldError;
 use crate::api::jobs::{Job, JobRequest};
 use crate::api::solutions::{Begins, ExtendRequest, Manifest, Solution, ViewRequest};
 use crate::artifacts::sha256_hex;
 use crate::store::solutions::Extended;
 use crate::store::{Accepted, NewJob};
+use crate::trace_context::TraceParent;
 use axum::Json;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, StatusCode, header};
@@ -39,7 +41,7 @@ const TRIES: u32 = 3;
         documented::TooLarge,
         documented::UnsupportedMedia,
         documented::Invalid,
-        documented::QueueFull,
+        documented::OverLimit,
     )
 )]
 pub async fn extend_job(
@@ -89,24 +91,27 @@ pub async fn extend_job(
         documented::TooLarge,
         documented::UnsupportedMedia,
         documented::Invalid,
-        documented::QueueFull,
+        documented::OverLimit,
     )
 )]
 pub async fn create_view(
     State(app): State<App>,
+    caller: Caller,
     JobId(id): JobId,
     request: Request,
 ) -> Result<Response, Problem> {
+    let trace_parent = request.extensions().get::<TraceParent>().map(|p| p.as_str().to_owned());
     let idempotency_key = idempotency_key(request.headers())?;
     let view: ViewRequest = body(request).await?;
     let job = find(&app, id).await?;
     let mut request = view.apply(&job.request);
     check(&app, &request)?;
     let scene = app.store.scene(&job.scene).await?;
-    let cameras = scene.map(|scene| scene.cameras).unwrap_or_default();
-    if let Some(detail) = request.camera_problem(&cameras) {
+    let scene = scene.ok_or_else(|| Problem::not_found("the scene was removed; send it again"))?;
+    if let Some(detail) = request.camera_problem(&scene.cameras) {
         return Err(Problem::invalid(vec![FieldError::new("camera", detail)]));
     }
+    check_memory(&app, &request, &scene)?;
     request.view_of = Some(id);
     let canonical = serde_json::to_vec(&request).map_err(|e| Problem::internal(e.to_string()))?;
     let new = NewJob {
@@ -115,6 +120,7 @@ pub async fn create_view(
         request,
         idempotency_key,
         request_hash: sha256_hex(&canonical),
+        submitter: submitter(&caller, trace_parent),
         // What it shows depends on what it begins with.
         render_key: None,
     };
@@ -124,18 +130,7 @@ pub async fn create_view(
     if !matches!(accepted_as, Ok(Accepted::New(_))) {
         app.artifacts.remove_job(new_id).await?;
     }
-    match accepted_as? {
-        Accepted::New(job) => {
-            app.queue.wake();
-            app.bell.ring(job.id);
-            Ok(accepted(*job, false))
-        }
-        Accepted::Again(job) => Ok(accepted(*job, true)),
-        Accepted::KeyConflict => Err(Problem::key_conflict(
-            "this Idempotency-Key was used for another request; use a new key for a new job",
-        )),
-        Accepted::QueueFull => Err(Problem::queue_full(5)),
-    }
+    answer(&app, &caller, accepted_as?)
 }
 
 /// The record of a result: hashes, parameters, seed, versions, device, timings.

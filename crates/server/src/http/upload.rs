@@ -4,6 +4,7 @@
 use super::App;
 use super::gauge::Gauge;
 use super::problem::Problem;
+use crate::access::Caller;
 use crate::api::FieldError;
 use crate::api::scenes::{Scene, SceneFormat};
 use crate::artifacts::{hex, sha256_hex};
@@ -124,19 +125,23 @@ async fn spool<E>(
 }
 
 /// Stores a scene that is the whole body.
-pub async fn scene_from_body(app: &App, body: Body) -> Result<(Scene, bool), Problem> {
+pub async fn scene_from_body(
+    app: &App,
+    caller: &Caller,
+    body: Body,
+) -> Result<(Scene, bool), Problem> {
     let cut = |error: axum::Error| Problem::unreadable(format!("the upload broke off: {error}"));
     let spooled = spool(app, body.into_data_stream(), &mut Allowance::new(app), cut).await?;
     if spooled.size == 0 {
         return Err(Problem::bad_scene("the body is empty; send a .glb or .gltf file"));
     }
-    if let Some(scene) = kept(app, &spooled.sha256, true).await? {
+    if let Some(scene) = stored_scene(app, caller, &spooled.sha256, true).await? {
         return Ok((scene, false));
     }
     let id = spooled.sha256.clone();
     let turn = import_turn(app).await?;
     let bytes = Bytes::from(spooled.read().await?);
-    store_scene(app, id, SceneFormat::Gltf, bytes, Some(turn)).await
+    store_scene(app, caller, id, SceneFormat::Gltf, bytes, Some(turn)).await
 }
 
 /// A multipart request, taken apart.
@@ -230,7 +235,7 @@ impl Parts {
     }
 
     /// Stores the scene with its resources.
-    pub async fn store(self, app: &App) -> Result<(Scene, bool), Problem> {
+    pub async fn store(self, app: &App, caller: &Caller) -> Result<(Scene, bool), Problem> {
         let Some(scene) = self.scene else {
             let rule = "send the scene as a part named scene, or ending in .gltf or .glb";
             return Err(Problem::invalid(vec![FieldError::new("scene", rule)]));
@@ -239,7 +244,7 @@ impl Parts {
         if self.resources.is_empty() {
             let id = scene.sha256.clone();
             let bytes = scene.read().await?.into();
-            return store_scene(app, id, SceneFormat::Gltf, bytes, Some(turn)).await;
+            return store_scene(app, caller, id, SceneFormat::Gltf, bytes, Some(turn)).await;
         }
         let main = scene.read().await?;
         let mut resources = BTreeMap::new();
@@ -248,7 +253,7 @@ impl Parts {
         }
         let packed = bundle::pack(&main, &resources);
         let id = sha256_hex(&packed);
-        store_scene(app, id, SceneFormat::Bundle, packed.into(), Some(turn)).await
+        store_scene(app, caller, id, SceneFormat::Bundle, packed.into(), Some(turn)).await
     }
 }
 
@@ -281,15 +286,17 @@ async fn kept(app: &App, id: &str, thorough: bool) -> Result<Option<Scene>, Prob
 /// not kept. Without a `turn` it waits for one where there is something to import.
 pub async fn store_scene(
     app: &App,
+    caller: &Caller,
     id: String,
     format: SceneFormat,
     bytes: Bytes,
     turn: Option<OwnedSemaphorePermit>,
 ) -> Result<(Scene, bool), Problem> {
     // Built-in scenes, which come without a turn, are asked for with every job.
-    if let Some(scene) = kept(app, &id, turn.is_some()).await? {
+    if let Some(scene) = stored_scene(app, caller, &id, turn.is_some()).await? {
         return Ok((scene, false));
     }
+    check_quota(app, caller, bytes.len() as u64).await?;
     let turn = match turn {
         Some(turn) => turn,
         None => import_turn(app).await?,
@@ -303,9 +310,39 @@ pub async fn store_scene(
     .await
     .map_err(|error| Problem::internal(error.to_string()))?;
     let scene = described.map_err(scene_problem)?;
-    app.artifacts.put_scene(&id, bytes).await?;
-    let is_new = app.store.put_scene(&scene).await?;
+    let is_new = app.keeper.keep_scene(&scene, bytes, caller.billed_to()).await?;
     Ok((scene, is_new))
+}
+
+/// The scene of that id, if it is there already and sound; it is the caller's too from now on.
+async fn stored_scene(
+    app: &App,
+    caller: &Caller,
+    id: &str,
+    thorough: bool,
+) -> Result<Option<Scene>, Problem> {
+    let Some(scene) = kept(app, id, thorough).await? else { return Ok(None) };
+    if !app.store.holds_scene(id, caller.billed_to()).await? {
+        check_quota(app, caller, scene.size).await?;
+        app.store.hold_scene(id, caller.billed_to()).await?;
+    }
+    // It may have been collected since it was read.
+    Ok(app.store.use_scene(id).await?.then_some(scene))
+}
+
+/// Refuses scenes over the caller's quota. Uploads at the same time may each find room: then it
+/// is exceeded by as many as may be imported at once.
+async fn check_quota(app: &App, caller: &Caller, size: u64) -> Result<(), Problem> {
+    let Some(most) = caller.limits.scene_bytes else { return Ok(()) };
+    let held = app.store.scene_bytes_of(caller.billed_to()).await?;
+    if held.saturating_add(size) <= most {
+        return Ok(());
+    }
+    app.metrics.count_refusal("scene_bytes");
+    let detail = format!(
+        "this caller has {held} bytes of scenes and may have {most}; this one has {size}, and what no job uses expires"
+    );
+    Err(Problem::over_limit("scene_bytes", detail, 600.0))
 }
 
 fn scene_problem(refusal: SceneRefusal) -> Problem {

@@ -36,6 +36,7 @@ macro_rules! suite {
             leases_of_the_living_are_left_alone
             a_lease_with_a_sign_of_life_does_not_expire
             identical_jobs_wait_for_the_one_that_runs
+            quotas_count_each_submitter_for_itself
             pictures_are_found_while_their_job_is
             two_processes_never_hold_the_same_job
             progress_is_thinned_and_its_ends_are_kept
@@ -82,6 +83,7 @@ fn wish(priority: i32) -> NewJob {
         request,
         idempotency_key: None,
         request_hash: String::new(),
+        submitter: Submitter::default(),
         render_key: None,
     }
 }
@@ -454,4 +456,43 @@ pub async fn progress_is_thinned_and_its_ends_are_kept(place: &dyn Place) {
     let states = store.events(id, 0, u32::MAX).await.unwrap();
     let states = states.iter().filter(|event| matches!(event.data, EventData::State(_)));
     assert_eq!(states.count(), 2, "only progress is thinned");
+}
+
+/// A job of `who`, of whom `max_queued` may wait and `max_running` run.
+fn billed(who: &str, max_queued: u64, max_running: u64, key: Option<&str>) -> NewJob {
+    NewJob {
+        idempotency_key: key.map(str::to_owned),
+        submitter: Submitter {
+            owner: who.into(),
+            billed_to: who.into(),
+            max_queued: Some(max_queued),
+            max_running: Some(max_running),
+            ..Submitter::default()
+        },
+        ..wish(0)
+    }
+}
+
+pub async fn quotas_count_each_submitter_for_itself(place: &dyn Place) {
+    let store = furnished(place).await;
+    let first = queue(&*store, billed("a", 2, 1, None)).await;
+    let second = queue(&*store, billed("a", 2, 1, None)).await;
+    let refused = store.accept(billed("a", 2, 1, None), 100).await.unwrap();
+    assert!(matches!(refused, Accepted::OwnQueueFull));
+    let third = queue(&*store, billed("b", 1, 2, None)).await;
+    // One of a runs; the second waits though it is older than that of b.
+    let running = claim(&*store).await;
+    assert_eq!(running.job, first);
+    assert_eq!(claim(&*store).await.job, third);
+    assert!(store.claim("cpu").await.unwrap().is_none());
+    store.finish(running, done()).await.unwrap();
+    assert_eq!(claim(&*store).await.job, second);
+    // Idempotency keys are each submitter's own.
+    queue(&*store, billed("a", 2, 1, Some("k"))).await;
+    queue(&*store, billed("b", 2, 1, Some("k"))).await;
+    let again = store.accept(billed("a", 2, 1, Some("k")), 100).await.unwrap();
+    assert!(matches!(again, Accepted::Again(_)));
+    // What was removed is not taken by a job any more.
+    let gone = NewJob { scene_id: "no scene".into(), ..wish(0) };
+    assert!(matches!(store.accept(gone, 100).await.unwrap(), Accepted::SceneGone));
 }

@@ -3,6 +3,9 @@
 
 #[cfg(test)]
 mod conformance;
+pub mod keys;
+pub mod outbox;
+pub mod retention;
 pub mod solutions;
 pub mod sqlite;
 
@@ -14,6 +17,9 @@ use crate::job_state::{JobState, Refusal};
 use async_trait::async_trait;
 use uuid::Uuid;
 
+pub use keys::{Keys, Submitter};
+pub use outbox::Outbox;
+pub use retention::Retention;
 /// Progress events that a job may keep; beyond it every second one of the older half goes.
 pub const MAX_PROGRESS_EVENTS: i64 = 2048;
 
@@ -89,6 +95,8 @@ pub struct NewJob {
     pub idempotency_key: Option<String>,
     /// Hash of the request, to tell a repetition from another request under the same key.
     pub request_hash: String,
+    /// On whose behalf.
+    pub submitter: Submitter,
     /// Hash of everything that the picture depends on, where that determines it: jobs of the
     /// same key can share one result.
     pub render_key: Option<String>,
@@ -105,6 +113,10 @@ pub enum Accepted {
     KeyConflict,
     /// The queue is full.
     QueueFull,
+    /// As many jobs of this submitter wait as may.
+    OwnQueueFull,
+    /// The scene was removed meanwhile.
+    SceneGone,
 }
 
 /// A worker's claim on a job. Writes under an outdated claim fail with
@@ -174,6 +186,8 @@ pub struct JobFilter {
     pub label: Option<(String, String)>,
     /// Only jobs older than this one.
     pub before: Option<Uuid>,
+    /// Only jobs of this key.
+    pub owner: Option<String>,
     /// At most so many.
     pub limit: u32,
 }
@@ -187,7 +201,7 @@ pub struct JobCounts {
 
 /// The store of one service.
 #[async_trait]
-pub trait Store: solutions::Solutions + Send + Sync {
+pub trait Store: Keys + Outbox + Retention + solutions::Solutions {
     /// Stores a scene; false where it was there already.
     async fn put_scene(&self, scene: &Scene) -> Result<bool, StoreError>;
     /// The scene of that id.

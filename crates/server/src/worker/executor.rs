@@ -28,7 +28,8 @@ impl Executor {
     pub fn start(device: &str, config: &Config) -> io::Result<Self> {
         let (body, said) = match config.isolation {
             Isolation::Process => {
-                let (process, said) = Process::start(device, config.job_memory_mb)?;
+                let (process, said) =
+                    Process::start(device, config.job_memory_mb, config.log_format)?;
                 (Body::Process(process), said)
             }
             Isolation::Thread => {

@@ -18,10 +18,11 @@ pub mod scenes;
 mod watch;
 mod wire;
 
-use crate::api::jobs::OptionValue;
+use crate::api::jobs::{Job, JobRequest, OptionValue};
 use crate::api::limits::{OptionWord, Vocabulary};
 use crate::api::{DeviceStatus, DeviceView, FieldError};
 use crate::service::Service;
+use crate::trace_context::TraceParent;
 use executor::Executor;
 use hemilux_engine::render::RenderError;
 use hemilux_engine::transport::options::Settings;
@@ -29,6 +30,8 @@ use hemilux_engine::transport::{METHODS, OPTIONS};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+use tracing::Instrument;
+use tracing::field::Empty;
 use uuid::Uuid;
 
 /// Longest wait before a device that does not open is tried again.
@@ -56,6 +59,12 @@ pub fn setting_problem(options: &BTreeMap<String, OptionValue>) -> Option<FieldE
         RenderError::Parameter { parameter, what } => Some(FieldError::new(parameter, what)),
         error => Some(FieldError::new("options", error.to_string())),
     }
+}
+
+/// Memory that a job needs at least, bytes, by the estimate of its method; `None` where the method
+/// has none.
+pub fn needed_bytes(job: &JobRequest, triangles: u64) -> Option<u64> {
+    hemilux_engine::transport::needed_bytes(&job.method, triangles, job.width, job.height)
 }
 
 /// What the devices do, for whoever asks.
@@ -158,6 +167,19 @@ async fn work(service: &Arc<Service>, id: &str) {
     }
 }
 
+/// The span of an attempt, part of the trace of the request that asked for the job.
+async fn job_span(service: &Service, device: &str, job: &Job) -> tracing::Span {
+    let attempt = job.attempts;
+    let span = tracing::info_span!("job", id = %job.id, attempt, device, trace_id = Empty);
+    let parent = service.store.trace_parent(job.id).await;
+    let parent = parent.ok().flatten().and_then(|text| TraceParent::parse(&text));
+    if let Some(parent) = parent {
+        span.record("trace_id", parent.trace_id());
+        crate::telemetry::continue_trace(&span, &parent);
+    }
+    span
+}
+
 /// Starts an executor and waits until its device is open.
 async fn open(service: &Service, id: &str) -> Result<Executor, String> {
     let mut executor =
@@ -196,7 +218,9 @@ async fn run_jobs(service: &Arc<Service>, id: &str, executor: &mut Executor) -> 
             return Err(fault);
         }
         service.pool.set(id, DeviceStatus::Busy, Some(job.id), None);
-        let ran = job::run(service, executor, claim, &job).await;
+        service.metrics.count_wait(job.timings.queued_s);
+        let span = job_span(service, id, &job).await;
+        let ran = job::run(service, executor, claim, &job).instrument(span).await;
         service.bell.ring(job.id);
         ran?;
     }

@@ -3,6 +3,7 @@
 
 use super::perform::ROOM;
 use super::wire::{self, Message, Order, Said};
+use crate::telemetry::LogFormat;
 use std::io::{self, BufReader, BufWriter};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
@@ -28,9 +29,13 @@ impl Process {
     pub fn start(
         device: &str,
         memory_mb: Option<u64>,
+        log_format: LogFormat,
     ) -> io::Result<(Self, mpsc::Receiver<Message<Said>>)> {
         let mut command = Command::new(own_program()?);
         command.args(["device-worker", device]);
+        if log_format == LogFormat::Json {
+            command.args(["--log-format", "json"]);
+        }
         if let Some(limit) = memory_mb {
             command.args(["--memory-mb", &limit.to_string()]);
         }

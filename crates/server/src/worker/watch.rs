@@ -248,7 +248,9 @@ async fn keep_snapshot(
     progress: Progress,
     formats: Vec<PictureFormat>,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+    let begun = Instant::now();
     let pictures = keep_picture(service, claim, Arc::new(picture), formats).await?;
+    service.metrics.count_snapshot(begun.elapsed().as_secs_f64());
     let report = Report { snapshots: vec![(pictures, progress)], ..Report::default() };
     service.store.report(claim, report).await?;
     service.bell.ring(claim.job);

@@ -30,12 +30,12 @@ const NEARLY_NOTHING: f32 = 0.02;
 const SIDE: f32 = 500.0;
 /// Radius of a record in harmonic mean distances, and its limits in pixels.
 const RADIUS: f32 = 0.35;
-const LEAST_PIXELS: f32 = 5.0;
-const MOST_PIXELS: f32 = 40.0;
+const LEAST_PIXELS: f32 = 6.0;
+const MOST_PIXELS: f32 = 20.0;
 /// Radius in pixels where it does not follow what is near.
 const EVEN_PIXELS: f32 = 14.0;
 /// How much farther neighbours are heard than they are shown.
-const HEARD: f32 = 1.3;
+const HEARD: f32 = 1.8;
 /// Pixels along a tile of the index of records.
 const TILE: u32 = 16;
 

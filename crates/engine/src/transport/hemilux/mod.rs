@@ -219,9 +219,13 @@ fn worth_by_limits(limits: &Limits) -> (u32, usize) {
 
 /// Memory at the peak, bytes.
 pub fn needed_bytes(scene: &Scene, width: u32, height: u32) -> u64 {
+    needed_bytes_for(scene.triangles.len() as u64, width, height)
+}
+
+/// Memory at the peak for a scene of so many triangles, bytes.
+pub fn needed_bytes_for(triangles: u64, width: u32, height: u32) -> u64 {
     const PER_PIXEL: u64 = 360;
     const PER_TRIANGLE: u64 = 1500;
-    let triangles = scene.triangles.len() as u64;
     let pixels = u64::from(width) * u64::from(height);
     Rays::needed_bytes(triangles) + triangles * PER_TRIANGLE + pixels * PER_PIXEL
 }

@@ -113,10 +113,15 @@ impl Method for RayTraced {
     }
 }
 
+/// Memory of the scene, as rays see it, and of the film, bytes.
+pub fn needed_bytes(triangles: u64, width: u32, height: u32) -> u64 {
+    World::needed_bytes(triangles) + Film::needed_bytes(width, height)
+}
+
 /// Refuses what would not fit into memory before anything is allocated.
 fn check_memory(request: &RenderRequest) -> Result<(), DeviceError> {
-    let needed_bytes = World::needed_bytes(request.scene.triangles.len() as u64)
-        + Film::needed_bytes(request.width, request.height);
+    let triangles = request.scene.triangles.len() as u64;
+    let needed_bytes = needed_bytes(triangles, request.width, request.height);
     let available_bytes = free_memory();
     if needed_bytes > available_bytes {
         let device = CpuDevice::describe().id;

@@ -1,12 +1,12 @@
 //! The life of jobs in SQLite. Callers hold the transaction; nothing here commits.
 
-use super::{events, now_ms, rows};
+use super::{events, now_ms, outbox, rows};
 use crate::api::events::{EventData, ProgressEvent, SnapshotEvent, StateEvent};
 use crate::api::jobs::{Job, JobError, JobRequest, Picture};
 use crate::job_state::{Event, JobState, Life, Refusal};
 use crate::store::{
     Accepted, Claim, JobCounts, JobFilter, Lease, MAX_PROGRESS_EVENTS, NewJob, Outcome, Report,
-    StoreError,
+    StoreError, Submitter,
 };
 use sqlx::sqlite::{SqliteConnection, SqlitePool, SqliteRow};
 use sqlx::{Connection, QueryBuilder, Row, Sqlite};
@@ -36,8 +36,10 @@ pub async fn accept(
 ) -> Result<Accepted, StoreError> {
     if let Some(key) = &job.idempotency_key {
         let before = sqlx::query(
-            "SELECT id, request_hash FROM jobs WHERE idempotency_key = ? AND deleted_ms IS NULL",
+            "SELECT id, request_hash FROM jobs
+             WHERE owner = ? AND idempotency_key = ? AND deleted_ms IS NULL",
         )
+        .bind(&job.submitter.owner)
         .bind(key)
         .fetch_optional(&mut *connection)
         .await?;
@@ -52,10 +54,23 @@ pub async fn accept(
     if waiting(connection).await? >= max_queued {
         return Ok(Accepted::QueueFull);
     }
+    if own_queue_is_full(connection, &job.submitter).await? {
+        return Ok(Accepted::OwnQueueFull);
+    }
+    let scene = sqlx::query("UPDATE scenes SET used_ms = max(used_ms, ?) WHERE id = ?")
+        .bind(now_ms())
+        .bind(&job.scene_id)
+        .execute(&mut *connection)
+        .await?;
+    if scene.rows_affected() == 0 {
+        return Ok(Accepted::SceneGone);
+    }
+    let max_running = job.submitter.max_running.map(|most| i64::try_from(most).unwrap_or(i64::MAX));
     sqlx::query(
         "INSERT INTO jobs (id, scene_id, state, priority, created_ms, idempotency_key,
-                           request_hash, request, render_key)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                           request_hash, request, owner, billed_to, max_running, trace_parent,
+                           render_key)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(job.id.to_string())
     .bind(&job.scene_id)
@@ -65,9 +80,16 @@ pub async fn accept(
     .bind(&job.idempotency_key)
     .bind(&job.request_hash)
     .bind(rows::to_json(&job.request))
+    .bind(&job.submitter.owner)
+    .bind(&job.submitter.billed_to)
+    .bind(max_running)
+    .bind(&job.submitter.trace_parent)
     .bind(&job.render_key)
     .execute(&mut *connection)
     .await?;
+    if let Some(webhook) = &job.submitter.webhook {
+        outbox::register(connection, job.id, webhook).await?;
+    }
     for (key, value) in &job.request.labels {
         sqlx::query("INSERT INTO job_labels (job_id, key, value) VALUES (?, ?, ?)")
             .bind(job.id.to_string())
@@ -90,6 +112,22 @@ pub async fn waiting(connection: &mut SqliteConnection) -> Result<u64, StoreErro
     Ok(row.get::<i64, _>("waiting").unsigned_abs())
 }
 
+/// Whether as many jobs of the submitter wait as may.
+async fn own_queue_is_full(
+    connection: &mut SqliteConnection,
+    submitter: &Submitter,
+) -> Result<bool, StoreError> {
+    let Some(most) = submitter.max_queued else { return Ok(false) };
+    let row = sqlx::query(
+        "SELECT count(*) AS waiting FROM jobs
+         WHERE billed_to = ? AND state = 'queued' AND deleted_ms IS NULL",
+    )
+    .bind(&submitter.billed_to)
+    .fetch_one(connection)
+    .await?;
+    Ok(row.get::<i64, _>("waiting").unsigned_abs() >= most)
+}
+
 /// Jobs, newest first.
 pub async fn list(pool: &SqlitePool, filter: &JobFilter) -> Result<Vec<Job>, StoreError> {
     let mut query: QueryBuilder<Sqlite> =
@@ -100,6 +138,9 @@ pub async fn list(pool: &SqlitePool, filter: &JobFilter) -> Result<Vec<Job>, Sto
     if let Some((key, value)) = &filter.label {
         query.push(" AND id IN (SELECT job_id FROM job_labels WHERE key = ").push_bind(key.clone());
         query.push(" AND value = ").push_bind(value.clone()).push(")");
+    }
+    if let Some(owner) = &filter.owner {
+        query.push(" AND owner = ").push_bind(owner.clone());
     }
     if let Some(before) = filter.before {
         query.push(" AND id < ").push_bind(before.to_string());
@@ -282,8 +323,8 @@ pub async fn delete(connection: &mut SqliteConnection, id: Uuid) -> Result<bool,
     }
 }
 
-/// Takes the next job of the queue: highest priority, then oldest. A job whose identical twin
-/// runs now waits for its result.
+/// Takes the next job of the queue: highest priority, then oldest. It passes over the jobs of
+/// submitters of whom as many run as may; a job whose identical twin runs now waits for its result.
 pub async fn claim(
     connection: &mut SqliteConnection,
     device: &str,
@@ -294,6 +335,9 @@ pub async fn claim(
          WHERE state = 'queued' AND deleted_ms IS NULL AND NOT EXISTS (
              SELECT 1 FROM jobs AS twin
              WHERE twin.render_key = waiting.render_key AND twin.state = 'running')
+           AND (max_running IS NULL OR max_running > (
+               SELECT count(*) FROM jobs AS others WHERE others.billed_to = waiting.billed_to
+                 AND others.state = 'running' AND others.deleted_ms IS NULL))
          ORDER BY priority DESC, id LIMIT 1",
     )
     .fetch_optional(&mut *connection)

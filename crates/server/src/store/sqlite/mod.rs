@@ -6,6 +6,9 @@
 
 mod events;
 mod jobs;
+mod keys;
+mod outbox;
+mod retention;
 mod rows;
 mod solutions;
 #[cfg(test)]
@@ -125,11 +128,13 @@ fn failpoint(point: &'static str, about: impl std::fmt::Debug) -> Result<(), Sto
 impl Store for SqliteStore {
     async fn put_scene(&self, scene: &Scene) -> Result<bool, StoreError> {
         let done = sqlx::query(
-            "INSERT INTO scenes (id, created_ms, record) VALUES (?, ?, ?) ON CONFLICT DO NOTHING",
+            "INSERT INTO scenes (id, created_ms, record, used_ms) VALUES (?, ?, ?, ?)
+             ON CONFLICT DO NOTHING",
         )
         .bind(&scene.id)
         .bind(scene.created_at.as_millisecond())
         .bind(rows::to_json(scene))
+        .bind(now_ms())
         .execute(&self.writer)
         .await?;
         Ok(done.rows_affected() == 1)

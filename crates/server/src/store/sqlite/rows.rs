@@ -72,6 +72,7 @@ pub fn job(row: &SqliteRow) -> Result<Job, StoreError> {
         created_at: time(created_ms)?,
         started_at: started_ms.map(time).transpose()?,
         finished_at: finished_ms.map(time).transpose()?,
+        pinned: row.get("pinned"),
         attempts: row.get("attempts"),
         cancel_requested: row.get("cancel_requested"),
         device: row.get("device"),

@@ -1,0 +1,188 @@
+//! `hemilux keys`: makes, lists and ends API keys, beside a running server or without one.
+
+use super::{Failure, print};
+use crate::access;
+use crate::api::keys::{KeyLimits, KeyRecord, Scope};
+use crate::api::webhooks::{Ending, WebhookTarget};
+use crate::store::keys::Keys;
+use crate::store::sqlite::SqliteStore;
+use clap::{Args, Subcommand};
+use jiff::{SignedDuration, Timestamp};
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Longest name of a key.
+const MAX_NAME_CHARS: usize = 64;
+
+/// Arguments of `hemilux keys`.
+#[derive(Args)]
+pub struct Arguments {
+    /// The server's data folder.
+    #[arg(long, env = "HEMILUX_DATA_DIR", default_value = "./hemilux-data", global = true)]
+    data_dir: PathBuf,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Make a key and print it: the only time that it is shown.
+    Add(Box<New>),
+    /// List all keys, with what they may do and when they were last used.
+    List,
+    /// End a key now; what it made stays.
+    Revoke {
+        /// The key's id or name.
+        key: String,
+    },
+}
+
+#[derive(Args)]
+struct New {
+    /// What to call it.
+    name: String,
+    /// What it may do: read (its own things), submit (send, cancel, delete), admin (all of it, of
+    /// everyone).
+    #[arg(long, value_delimiter = ',', default_value = "read,submit")]
+    scope: Vec<Scope>,
+    /// Days until it ends by itself.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=36_500))]
+    expires_days: Option<u32>,
+    /// Requests a second.
+    #[arg(long)]
+    rate_limit: Option<f64>,
+    /// Jobs that may wait.
+    #[arg(long)]
+    max_queued: Option<u64>,
+    /// Jobs that may run at the same time.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
+    max_running: Option<u64>,
+    /// MiB of scenes.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(..=1 << 40))]
+    max_scenes_mb: Option<u64>,
+    /// Tell this address when a job of the key ends, unless the job names another.
+    #[arg(long)]
+    webhook: Option<String>,
+    /// File whose first line signs the messages to --webhook.
+    #[arg(long, requires = "webhook")]
+    webhook_secret_file: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(arguments: Arguments) -> Result<(), Failure> {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(Failure::failed)?;
+    runtime.block_on(async {
+        let path = arguments.data_dir.join("hemilux.sqlite");
+        if !matches!(arguments.command, Command::Add(_)) && !path.exists() {
+            let folder = arguments.data_dir.display();
+            return Err(Failure::failed(format!("{folder} is no data folder of hemilux")));
+        }
+        std::fs::create_dir_all(&arguments.data_dir).map_err(Failure::failed)?;
+        let store = SqliteStore::open(&path).await.map_err(Failure::failed)?;
+        let done = match arguments.command {
+            Command::Add(new) => add(&store, *new).await,
+            Command::List => list(&store).await,
+            Command::Revoke { key } => match store.revoke_key(&key).await {
+                Ok(true) => Ok(()),
+                Ok(false) => Err(Failure::failed(format!("no good key is called {key:?}"))),
+                Err(error) => Err(Failure::failed(error)),
+            },
+        };
+        crate::store::Store::close(&store).await;
+        done
+    })
+}
+
+async fn add(store: &SqliteStore, new: New) -> Result<(), Failure> {
+    let name = new.name.trim().to_owned();
+    let is_fit = |c: char| !c.is_control();
+    if name.is_empty() || name.chars().count() > MAX_NAME_CHARS || !name.chars().all(is_fit) {
+        return Err(Failure::usage("a key's name has 1 to 64 visible characters"));
+    }
+    if new.rate_limit.is_some_and(|rate| !(rate > 0.0 && rate <= 1e6)) {
+        return Err(Failure::usage("--rate-limit must be above 0 and at most 1000000"));
+    }
+    let mut scopes = new.scope.clone();
+    scopes.dedup();
+    let now = Timestamp::now();
+    let days = |days: u32| now + SignedDuration::from_hours(24 * i64::from(days));
+    let record = KeyRecord {
+        id: access::new_id().map_err(Failure::failed)?,
+        name,
+        scopes,
+        limits: KeyLimits {
+            requests_per_s: new.rate_limit,
+            jobs_queued: new.max_queued,
+            jobs_running: new.max_running,
+            scene_bytes: new.max_scenes_mb.map(|mb| mb << 20),
+        },
+        webhook: webhook(&new)?,
+        created_at: now,
+        expires_at: new.expires_days.map(days),
+        revoked_at: None,
+        last_used_at: None,
+    };
+    let key = access::new_key().map_err(Failure::failed)?;
+    if !store.add_key(&record, &access::hash(&key)).await.map_err(Failure::failed)? {
+        return Err(Failure::failed(format!("there is a key called {:?} already", record.name)));
+    }
+    eprintln!("{} ({}); keep the key, it is not shown again:", record.id, record.name);
+    print(&format!("{key}\n"))
+}
+
+fn webhook(new: &New) -> Result<Option<WebhookTarget>, Failure> {
+    let Some(url) = new.webhook.clone() else { return Ok(None) };
+    let secret = match &new.webhook_secret_file {
+        Some(path) => {
+            let text = std::fs::read_to_string(path)
+                .map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
+            Some(text.lines().next().unwrap_or("").to_owned())
+        }
+        None => None,
+    };
+    let target = WebhookTarget { url, events: Ending::ALL.to_vec(), secret };
+    match target.problems("webhook").first() {
+        Some(error) => Err(Failure::usage(format!("{}: {}", error.field, error.detail))),
+        None => Ok(Some(target)),
+    }
+}
+
+async fn list(store: &SqliteStore) -> Result<(), Failure> {
+    let keys = store.keys().await.map_err(Failure::failed)?;
+    let now = Timestamp::now();
+    let mut text = String::new();
+    for key in keys {
+        let scopes: Vec<_> = key.scopes.iter().map(|scope| scope.as_str()).collect();
+        let state = match (&key.revoked_at, &key.expires_at) {
+            (Some(at), _) => format!("revoked {at:.0}"),
+            (None, Some(end)) if *end <= now => format!("expired {end:.0}"),
+            (None, Some(end)) => format!("good until {end:.0}"),
+            (None, None) => "good".into(),
+        };
+        let used = key.last_used_at.map_or("never used".into(), |at| format!("used {at:.0}"));
+        let _ = writeln!(
+            text,
+            "{}  {}  {}  {state}  {used}{}",
+            key.id,
+            key.name,
+            scopes.join(","),
+            limits(&key)
+        );
+    }
+    print(&text)
+}
+
+fn limits(key: &KeyRecord) -> String {
+    let KeyLimits { requests_per_s, jobs_queued, jobs_running, scene_bytes } = key.limits;
+    let parts = [
+        requests_per_s.map(|rate| format!("{rate} requests/s")),
+        jobs_queued.map(|jobs| format!("{jobs} queued")),
+        jobs_running.map(|jobs| format!("{jobs} running")),
+        scene_bytes.map(|bytes| format!("{} MiB of scenes", bytes >> 20)),
+        key.webhook.as_ref().map(|webhook| format!("tells {}", webhook.url)),
+    ];
+    parts.into_iter().flatten().fold(String::new(), |text, part| text + "  " + &part)
+}

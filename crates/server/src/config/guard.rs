@@ -1,0 +1,110 @@
+//! Settings of who may do how much, and of what is kept.
+
+use crate::api::keys::KeyLimits;
+use crate::webhooks::address::Network;
+use axum::http::HeaderValue;
+use clap::Args;
+use clap::builder::BoolishValueParser;
+
+/// Requests a second of one key or address on a service that other machines reach.
+const REMOTE_REQUESTS_PER_S: f64 = 100.0;
+
+/// Settings of `hemilux serve`: access, quotas, admission, webhooks, retention.
+#[derive(Args, Clone, Debug)]
+pub struct GuardConfig {
+    /// Ask for an API key even while `hemilux keys` has made none. With the first key every
+    /// request to /v1 needs one anyway.
+    #[arg(long, env = "HEMILUX_REQUIRE_KEYS", action = clap::ArgAction::SetTrue, value_parser = BoolishValueParser::new())]
+    pub require_keys: bool,
+    /// Ask for an API key at /metrics too.
+    #[arg(long, env = "HEMILUX_METRICS_NEED_KEY", action = clap::ArgAction::SetTrue, value_parser = BoolishValueParser::new())]
+    pub metrics_need_key: bool,
+    /// Origins whose web pages may use the API, such as https://example.org; comma-separated.
+    #[arg(long, env = "HEMILUX_CORS_ORIGIN", value_delimiter = ',', value_parser = parse_origin)]
+    pub cors_origin: Vec<HeaderValue>,
+    /// Requests a second of one key, or of one address where there are no keys; 0 is no limit.
+    /// 100 by default where other machines reach the service, else none.
+    #[arg(long, env = "HEMILUX_RATE_LIMIT", value_parser = parse_rate)]
+    pub rate_limit: Option<f64>,
+    /// Jobs of one key or address that may wait; no limit by default.
+    #[arg(long, env = "HEMILUX_MAX_QUEUED_EACH")]
+    pub max_queued_each: Option<u64>,
+    /// Jobs of one key or address that may run at the same time; no limit by default.
+    #[arg(long, env = "HEMILUX_MAX_RUNNING_EACH", value_parser = clap::value_parser!(u64).range(1..))]
+    pub max_running_each: Option<u64>,
+    /// MiB of scenes of one key or address; no limit by default.
+    #[arg(long, env = "HEMILUX_MAX_SCENES_MB_EACH", value_parser = clap::value_parser!(u64).range(..=1 << 40))]
+    pub max_scenes_mb_each: Option<u64>,
+    /// MiB that must stay free on the disk of the data folder; below it nothing new is taken.
+    #[arg(long, env = "HEMILUX_MIN_FREE_MB", default_value_t = 256, value_parser = clap::value_parser!(u64).range(..=1 << 40))]
+    pub min_free_mb: u64,
+    /// MiB of memory that one job may need by estimate; all of this machine's by default.
+    #[arg(long, env = "HEMILUX_MAX_JOB_MEMORY_MB", value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
+    pub max_job_memory_mb: Option<u64>,
+    /// Networks inside which webhooks may be sent, such as 10.1.0.0/16; comma-separated. Without
+    /// it, only public addresses.
+    #[arg(long, env = "HEMILUX_WEBHOOK_ALLOW", value_delimiter = ',')]
+    pub webhook_allow: Vec<Network>,
+    /// Days that ended jobs are kept, and scenes that no job uses; for ever by default.
+    #[arg(long, env = "HEMILUX_KEEP_DAYS", value_parser = parse_amount)]
+    pub keep_days: Option<f64>,
+    /// GiB of pictures and scenes beyond which the jobs that ended longest ago are removed; no
+    /// limit by default.
+    #[arg(long, env = "HEMILUX_KEEP_GB", value_parser = parse_amount)]
+    pub keep_gb: Option<f64>,
+}
+
+impl GuardConfig {
+    /// Quotas of a key that has none of its own, or of an address.
+    pub fn limits(&self, is_remote: bool) -> KeyLimits {
+        let rate = self.rate_limit.unwrap_or(if is_remote { REMOTE_REQUESTS_PER_S } else { 0.0 });
+        KeyLimits {
+            requests_per_s: (rate > 0.0).then_some(rate),
+            jobs_queued: self.max_queued_each,
+            jobs_running: self.max_running_each,
+            scene_bytes: self.max_scenes_mb_each.map(|mb| mb << 20),
+        }
+    }
+}
+
+/// An origin as browsers send it: scheme, host and perhaps a port, nothing after it.
+fn parse_origin(text: &str) -> Result<HeaderValue, String> {
+    let rule = || format!("{text:?} must read like https://example.org or http://localhost:3000");
+    let rest = text.strip_prefix("https://").or_else(|| text.strip_prefix("http://"));
+    let is_host = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || ".-:[]".contains(c);
+    match rest {
+        Some(rest) if !rest.is_empty() && rest.chars().all(is_host) => {
+            text.parse().map_err(|_| rule())
+        }
+        _ => Err(rule()),
+    }
+}
+
+fn parse_rate(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(rate) if (0.0..=1e6).contains(&rate) => Ok(rate),
+        _ => Err("must be a number between 0 and 1000000".into()),
+    }
+}
+
+fn parse_amount(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(amount) if amount > 0.0 && amount <= 1e6 => Ok(amount),
+        _ => Err("must be a number above 0 and at most 1000000".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn origins_are_whole_and_bare() {
+        for good in ["https://example.org", "http://localhost:3000", "http://[::1]:80"] {
+            assert!(parse_origin(good).is_ok(), "{good}");
+        }
+        for bad in ["", "*", "null", "example.org", "https://", "https://a/", "https://A.org"] {
+            assert!(parse_origin(bad).is_err(), "{bad}");
+        }
+    }
+}

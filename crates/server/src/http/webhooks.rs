@@ -1,0 +1,29 @@
+//! `/v1/jobs/{id}/webhooks`: what became of the messages about a job.
+
+use super::App;
+use super::jobs::find;
+use super::problem::{Problem, documented};
+use super::read::JobId;
+use crate::api::webhooks::DeliveryList;
+use axum::Json;
+use axum::extract::State;
+
+/// What became of the messages about a job's end.
+///
+/// They are kept for a week after they were delivered or given up.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/webhooks", tag = "jobs",
+    params(("id" = Uuid, Path, description = "The job's id.")),
+    responses(
+        (status = 200, description = "The messages, oldest first.", body = DeliveryList),
+        documented::BadRequest,
+        documented::NotFound,
+    )
+)]
+pub async fn list_deliveries(
+    State(app): State<App>,
+    JobId(id): JobId,
+) -> Result<Json<DeliveryList>, Problem> {
+    find(&app, id).await?;
+    Ok(Json(DeliveryList { deliveries: app.store.deliveries(id).await? }))
+}

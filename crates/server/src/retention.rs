@@ -1,0 +1,236 @@
+//! What goes, and when: deleted jobs, jobs past their time, scenes that nothing uses, files that
+//! nothing names.
+//!
+//! A record goes before its file, so a file that a record names is never removed; a crash in
+//! between leaves a file that nothing names, and the sweep at the next start finds it. Scenes are
+//! shared: the same bytes may be sent again at any time. So whoever stores a scene holds the lock
+//! for reading from its file to its record, and whoever removes one holds it for writing.
+
+use crate::api::scenes::Scene;
+use crate::artifacts::{ArtifactError, Artifacts};
+use crate::config::GuardConfig;
+use crate::events::Bell;
+use crate::service::Service;
+use crate::store::{Store, StoreError};
+use bytes::Bytes;
+use jiff::{SignedDuration, Timestamp};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::RwLock;
+use uuid::Uuid;
+
+/// How often deleted jobs are looked for.
+const PURGE_EVERY: Duration = Duration::from_secs(20);
+/// How often expired things are looked for: every so many rounds, and at the start.
+const EXPIRE_EVERY_ROUNDS: u32 = 3;
+/// How long a deleted job is kept for streams that still follow it.
+const PURGE_AFTER_MS: i64 = 60_000;
+/// Things looked at together.
+const BATCH: u32 = 100;
+/// Where only the space is short, scenes stay at least so long: their jobs may be on the way.
+const LEAST_SCENE_AGE: SignedDuration = SignedDuration::from_hours(1);
+
+/// Why something could not be removed.
+#[derive(Debug, thiserror::Error)]
+pub enum RetentionError {
+    /// The store failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The files failed.
+    #[error(transparent)]
+    Artifacts(#[from] ArtifactError),
+}
+
+/// How long and how much is kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Rules {
+    /// Longest time that ended jobs, and scenes without jobs, are kept.
+    pub age: Option<SignedDuration>,
+    /// Most bytes.
+    pub bytes: Option<u64>,
+}
+
+impl Rules {
+    /// As the operator has set them.
+    pub fn of(config: &GuardConfig) -> Self {
+        let seconds = |days: f64| SignedDuration::from_secs_f64(days * 86_400.0);
+        Self {
+            age: config.keep_days.map(seconds),
+            bytes: config.keep_gb.map(|gb| (gb * f64::from(1 << 30)) as u64),
+        }
+    }
+}
+
+/// What a round removed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Removed {
+    /// Jobs, hidden now and purged later.
+    pub jobs: u64,
+    /// Scenes with their files.
+    pub scenes: u64,
+    /// Files that nothing named.
+    pub orphans: u64,
+}
+
+/// Removes things, and stores what must not be removed meanwhile.
+#[derive(Clone)]
+pub struct Keeper {
+    store: Arc<dyn Store>,
+    artifacts: Artifacts,
+    bell: Bell,
+    collecting: Arc<RwLock<()>>,
+}
+
+impl Keeper {
+    /// A keeper of these records and files; there must be only one of them, or copies of one.
+    pub fn new(store: Arc<dyn Store>, artifacts: Artifacts, bell: Bell) -> Self {
+        Self { store, artifacts, bell, collecting: Arc::default() }
+    }
+
+    /// Stores a scene, file first; whether it is new.
+    ///
+    /// # Errors
+    /// Where file or record cannot be stored.
+    pub async fn keep_scene(
+        &self,
+        scene: &Scene,
+        bytes: Bytes,
+        holder: &str,
+    ) -> Result<bool, RetentionError> {
+        let _nothing_goes = self.collecting.read().await;
+        self.artifacts.put_scene(&scene.id, bytes).await?;
+        let is_new = self.store.put_scene(scene).await?;
+        // It may have been there and about to expire.
+        self.store.use_scene(&scene.id).await?;
+        self.store.hold_scene(&scene.id, holder).await?;
+        Ok(is_new)
+    }
+
+    /// Forgets jobs that were deleted so long ago, and removes their files.
+    ///
+    /// # Errors
+    /// Where the store fails. A file that stays is found by the next sweep.
+    pub async fn purge(&self, older_than_ms: i64) -> Result<u64, RetentionError> {
+        let jobs = self.store.purge(older_than_ms).await?;
+        for job in &jobs {
+            if let Err(error) = self.artifacts.remove_job(*job).await {
+                tracing::warn!(%job, %error, "cannot remove the files of a deleted job");
+            }
+        }
+        Ok(jobs.len() as u64)
+    }
+
+    /// Removes what the rules say. Jobs are hidden, as if deleted; [`Keeper::purge`] follows.
+    ///
+    /// # Errors
+    /// Where the store fails.
+    pub async fn expire(&self, rules: Rules, now: Timestamp) -> Result<Removed, RetentionError> {
+        let mut removed = Removed::default();
+        if let Some(age) = rules.age {
+            let before = now.saturating_sub(age).unwrap_or(Timestamp::MIN);
+            loop {
+                let jobs = self.store.expired(before, BATCH).await?;
+                removed.jobs += self.hide(&jobs).await?;
+                if jobs.len() < BATCH as usize {
+                    break;
+                }
+            }
+            removed.scenes += self.collect_scenes(before).await?;
+        }
+        if let Some(most) = rules.bytes {
+            while self.store.stored_bytes().await? > most {
+                let jobs = self.store.expired(now, BATCH / 10).await?;
+                removed.jobs += self.hide(&jobs).await?;
+                if jobs.is_empty() {
+                    let before = now.saturating_sub(LEAST_SCENE_AGE).unwrap_or(Timestamp::MIN);
+                    removed.scenes += self.collect_scenes(before).await?;
+                    break;
+                }
+            }
+        }
+        Ok(removed)
+    }
+
+    async fn hide(&self, jobs: &[Uuid]) -> Result<u64, RetentionError> {
+        for job in jobs {
+            self.store.delete(*job).await?;
+            self.bell.ring(*job);
+        }
+        Ok(jobs.len() as u64)
+    }
+
+    /// Removes scenes that no job names and that nobody sent or used since `before`.
+    async fn collect_scenes(&self, before: Timestamp) -> Result<u64, RetentionError> {
+        let mut removed = 0;
+        for scene in self.store.unused_scenes(before, BATCH).await? {
+            let _alone = self.collecting.write().await;
+            // Looks again, now that nobody can bring it back.
+            if self.store.forget_scene(&scene, before).await? {
+                self.artifacts.remove_scene(&scene).await?;
+                removed += 1;
+            }
+        }
+        Ok(removed)
+    }
+
+    /// Removes files that no record names. Only before anything else writes: a file is there
+    /// before its record is.
+    ///
+    /// # Errors
+    /// Where store or files fail.
+    pub async fn sweep(&self) -> Result<u64, RetentionError> {
+        let _alone = self.collecting.write().await;
+        let mut orphans = 0;
+        for job in self.artifacts.jobs_with_files().await? {
+            if !self.store.knows_job(job).await? {
+                self.artifacts.remove_job(job).await?;
+                orphans += 1;
+                continue;
+            }
+            let named = self.store.picture_hashes(job).await?;
+            orphans += self.artifacts.remove_pictures_but(job, &named).await?;
+        }
+        for scene in self.artifacts.scenes_with_files().await? {
+            if self.store.scene(&scene).await?.is_none() {
+                self.artifacts.remove_scene(&scene).await?;
+                orphans += 1;
+            }
+        }
+        Ok(orphans)
+    }
+}
+
+/// Removes what is to go, now and then, until the task is aborted.
+pub async fn keep_order(service: Arc<Service>) {
+    let mut ticks = tokio::time::interval(PURGE_EVERY);
+    let rules = Rules::of(&service.config.guard);
+    for round in 0_u32.. {
+        ticks.tick().await;
+        if let Err(error) = service.keeper.purge(PURGE_AFTER_MS).await {
+            tracing::error!(%error, "cannot purge deleted jobs");
+        }
+        if round % EXPIRE_EVERY_ROUNDS != 0 {
+            continue;
+        }
+        match service.keeper.expire(rules, Timestamp::now()).await {
+            Ok(removed) => report(&service, removed),
+            Err(error) => tracing::error!(%error, "cannot remove what is expired"),
+        }
+        if let Err(error) = service.store.forget_messages(crate::webhooks::KEEP).await {
+            tracing::error!(%error, "cannot forget old webhook messages");
+        }
+    }
+}
+
+/// Counts and logs what was removed.
+pub fn report(service: &Service, removed: Removed) {
+    if removed != Removed::default() {
+        tracing::info!(?removed, "retention");
+    }
+    service.metrics.count_collected("job", removed.jobs);
+    service.metrics.count_collected("scene", removed.scenes);
+    service.metrics.count_collected("orphan", removed.orphans);
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,256 @@
+//! Submits, endings, deletes, purges, expiry and sweeps in random order: what a record names is
+//! always there, and what nothing names goes.
+
+use super::*;
+use crate::api::jobs::{JobRequest, PictureFormat};
+use crate::api::scenes::SceneFormat;
+use crate::job_state::JobState;
+use crate::store::sqlite::SqliteStore;
+use crate::store::{Accepted, JobFilter, NewJob, Outcome, Submitter};
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicU64, Ordering};
+use tempfile::TempDir;
+
+/// Different scenes; few, so that they meet.
+const SCENES: u64 = 4;
+
+struct World {
+    keeper: Keeper,
+    store: Arc<dyn Store>,
+    artifacts: Artifacts,
+    folder: TempDir,
+}
+
+impl World {
+    async fn new() -> Self {
+        let folder = TempDir::new().unwrap();
+        let store: Arc<dyn Store> =
+            Arc::new(SqliteStore::open(&folder.path().join("db")).await.unwrap());
+        let artifacts = Artifacts::local(&folder.path().join("artifacts")).unwrap();
+        let keeper = Keeper::new(store.clone(), artifacts.clone(), Bell::default());
+        Self { keeper, store, artifacts, folder }
+    }
+
+    fn scene(number: u64) -> (Scene, Bytes) {
+        let bytes = Bytes::from(format!("scene {number}"));
+        let scene = Scene {
+            id: crate::artifacts::sha256_hex(&bytes),
+            format: SceneFormat::Gltf,
+            size: bytes.len() as u64,
+            created_at: Timestamp::now(),
+            triangles: 1,
+            vertices: 3,
+            materials: 1,
+            textures: 0,
+            lights: 0,
+            bounds: None,
+            cameras: Vec::new(),
+            warnings: Vec::new(),
+        };
+        (scene, bytes)
+    }
+
+    /// Sends a scene and asks for a picture of it, as the handlers do; `None` where it was
+    /// collected in between.
+    async fn submit(&self, number: u64) -> Option<Uuid> {
+        let (scene, bytes) = Self::scene(number);
+        if !self.store.use_scene(&scene.id).await.unwrap() {
+            self.keeper.keep_scene(&scene, bytes, "somebody").await.unwrap();
+        }
+        let request: JobRequest = serde_json::from_str("{}").unwrap();
+        let job = NewJob {
+            id: Uuid::now_v7(),
+            scene_id: scene.id.clone(),
+            request,
+            idempotency_key: None,
+            request_hash: String::new(),
+            submitter: Submitter::default(),
+            render_key: None,
+        };
+        match self.store.accept(job, 1_000_000).await.unwrap() {
+            Accepted::New(job) => {
+                // What was accepted can be rendered from now on.
+                self.artifacts.scene(&scene.id).await.expect("the scene of an accepted job");
+                Some(job.id)
+            }
+            Accepted::SceneGone => None,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// Runs the next job.
+    async fn run(&self) {
+        let Some((claim, job)) = self.store.claim("cpu").await.unwrap() else { return };
+        if self.artifacts.scene(&job.scene).await.is_err() {
+            let still = self.store.job(job.id).await.unwrap();
+            assert!(still.is_none(), "the scene of a running job is gone");
+            return;
+        }
+        let bytes = job.id.as_bytes().to_vec();
+        let picture = self.artifacts.put_picture(job.id, PictureFormat::Png, (1, 1), bytes).await;
+        let pictures = vec![picture.unwrap()];
+        let outcome = Outcome { pictures, ..Outcome::of(JobState::Succeeded) };
+        match self.store.finish(claim, outcome).await {
+            // It was deleted meanwhile; the worker removes what it wrote.
+            Err(StoreError::ClaimLost(_)) => self.artifacts.remove_job(job.id).await.unwrap(),
+            done => done.unwrap(),
+        }
+    }
+
+    /// Everything that a record names is there.
+    async fn check(&self) {
+        let filter = JobFilter { limit: 1_000_000, ..JobFilter::default() };
+        for job in self.store.jobs(&filter).await.unwrap() {
+            let scene = self.artifacts.scene(&job.scene).await;
+            assert!(scene.is_ok(), "the scene of job {} is gone", job.id);
+            for picture in job.result.iter().flatten() {
+                let bytes = self.artifacts.picture(job.id, &picture.sha256, picture.format).await;
+                assert!(bytes.is_ok(), "a picture of job {} is gone", job.id);
+            }
+        }
+        for scene in self.store.scenes(None, 1_000_000).await.unwrap() {
+            assert!(self.artifacts.scene(&scene.id).await.is_ok(), "scene {} is gone", scene.id);
+        }
+    }
+}
+
+/// Numbers that look random.
+struct Dice(AtomicU64);
+
+impl Dice {
+    fn below(&self, end: u64) -> u64 {
+        let mut x = self.0.fetch_add(0x9e37_79b9_7f4a_7c15, Ordering::Relaxed);
+        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (x ^ (x >> 31)) % end
+    }
+}
+
+async fn live(world: Arc<World>, dice: Arc<Dice>, steps: u64) {
+    let all = Rules { age: Some(SignedDuration::ZERO), bytes: None };
+    for _ in 0..steps {
+        let soon = || Timestamp::now() + SignedDuration::from_millis(2);
+        match dice.below(10) {
+            0..=3 => drop(world.submit(dice.below(SCENES)).await),
+            4..=5 => world.run().await,
+            6 => {
+                let filter = JobFilter { limit: 20, ..JobFilter::default() };
+                let jobs = world.store.jobs(&filter).await.unwrap();
+                if !jobs.is_empty() {
+                    let job = &jobs[dice.below(jobs.len() as u64) as usize];
+                    world.store.delete(job.id).await.unwrap();
+                }
+            }
+            7 => drop(world.keeper.purge(0).await.unwrap()),
+            8 => drop(world.keeper.expire(all, soon()).await.unwrap()),
+            _ => {
+                let few = Rules { age: None, bytes: Some(100) };
+                world.keeper.expire(few, soon()).await.unwrap();
+            }
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn nothing_that_a_record_names_is_ever_removed() {
+    let world = Arc::new(World::new().await);
+    let dice = Arc::new(Dice(AtomicU64::new(1)));
+    for _ in 0..6 {
+        let tasks: Vec<_> =
+            (0..4).map(|_| tokio::spawn(live(world.clone(), dice.clone(), 25))).collect();
+        for task in tasks {
+            task.await.unwrap();
+        }
+        world.check().await;
+    }
+    // In the end everything expires, and no file is left.
+    let filter = JobFilter { limit: 1_000_000, ..JobFilter::default() };
+    for job in world.store.jobs(&filter).await.unwrap() {
+        world.store.delete(job.id).await.unwrap();
+    }
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    world.keeper.purge(0).await.unwrap();
+    let all = Rules { age: Some(SignedDuration::ZERO), bytes: None };
+    world.keeper.expire(all, Timestamp::now()).await.unwrap();
+    assert_eq!(files(&world.folder.path().join("artifacts")), Vec::<String>::new());
+    assert_eq!(world.store.scenes(None, 10).await.unwrap(), []);
+}
+
+fn files(folder: &std::path::Path) -> Vec<String> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).into_iter().flatten() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(files(&path));
+        } else {
+            found.push(path.display().to_string());
+        }
+    }
+    found
+}
+
+#[tokio::test]
+async fn a_sweep_finds_what_a_crash_left_and_leaves_the_rest() {
+    let world = World::new().await;
+    let job = world.submit(0).await.unwrap();
+    world.run().await;
+    let folder = world.folder.path().join("artifacts");
+    let before: BTreeSet<_> = files(&folder).into_iter().collect();
+    // A picture without a record, the files of a job that is purged, a scene without a record,
+    // a file that was being written; and a file of a kind that the sweep does not know.
+    let art = &world.artifacts;
+    art.put_picture(job, PictureFormat::Exr, (1, 1), b"no record".to_vec()).await.unwrap();
+    let gone = Uuid::now_v7();
+    art.put_picture(gone, PictureFormat::Png, (1, 1), b"no job".to_vec()).await.unwrap();
+    art.put_scene(&"ab".repeat(32), Bytes::from_static(b"no record")).await.unwrap();
+    std::fs::write(folder.join(format!("jobs/{job}/half.png#1")), b"half").unwrap();
+    let other = folder.join(format!("jobs/{job}/checkpoint.bin"));
+    std::fs::write(&other, b"of another part").unwrap();
+
+    let reopened = Artifacts::local(&folder).unwrap();
+    let keeper = Keeper::new(world.store.clone(), reopened, Bell::default());
+    assert_eq!(keeper.sweep().await.unwrap(), 3);
+    let mut after: BTreeSet<_> = files(&folder).into_iter().collect();
+    assert!(after.remove(&other.display().to_string()));
+    assert_eq!(after, before);
+    assert_eq!(keeper.sweep().await.unwrap(), 0);
+    world.check().await;
+}
+
+#[tokio::test]
+async fn pinned_and_unfinished_jobs_stay_and_the_oldest_go_first() {
+    let world = World::new().await;
+    let mut jobs = Vec::new();
+    for number in 0..3 {
+        jobs.push(world.submit(number).await.unwrap());
+        world.run().await;
+        tokio::time::sleep(Duration::from_millis(2)).await;
+    }
+    let waiting = world.submit(0).await.unwrap();
+    assert!(world.store.pin(jobs[0], true).await.unwrap());
+    let now = || Timestamp::now() + SignedDuration::from_secs(1);
+    let left = async || {
+        let filter = JobFilter { limit: 10, ..JobFilter::default() };
+        let jobs = world.store.jobs(&filter).await.unwrap();
+        jobs.into_iter().map(|job| job.id).collect::<BTreeSet<_>>()
+    };
+    // Nothing is old or much enough.
+    let rules = Rules { age: Some(SignedDuration::from_hours(1)), bytes: Some(1 << 20) };
+    assert_eq!(world.keeper.expire(rules, now()).await.unwrap(), Removed::default());
+    // For want of space, those that ended first go, but not the pinned one.
+    let enough = world.store.stored_bytes().await.unwrap() - 1;
+    let rules = Rules { age: None, bytes: Some(enough) };
+    assert!(world.keeper.expire(rules, now()).await.unwrap().jobs >= 1);
+    assert!(!left().await.contains(&jobs[1]));
+    let rules = Rules { age: Some(SignedDuration::ZERO), bytes: None };
+    world.keeper.expire(rules, now()).await.unwrap();
+    assert_eq!(left().await, BTreeSet::from([jobs[0], waiting]));
+    // Their scenes stay with them.
+    world.keeper.purge(-10).await.unwrap();
+    world.keeper.expire(rules, now()).await.unwrap();
+    world.check().await;
+    assert!(world.store.pin(jobs[0], false).await.unwrap());
+    assert!(!world.store.pin(Uuid::now_v7(), true).await.unwrap());
+    world.keeper.expire(rules, now()).await.unwrap();
+    assert_eq!(left().await, BTreeSet::from([waiting]));
+}

@@ -1,0 +1,278 @@
+//! What the server refuses before it hurts, how waiting and streams behave, what can be traced.
+
+use hemilux_tests::server::{PATIENCE, Server, program, repository, scene};
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+fn quick() -> Value {
+    json!({"scene": "cornell", "width": 16, "height": 16, "max_iterations": 2,
+           "options": {"patches": 200}, "method": "stochastic"})
+}
+
+#[test]
+fn a_nearly_full_disk_takes_nothing_new_and_gives_what_there_is() {
+    let folder = TempDir::new().unwrap();
+    let server = Server::start_in(folder.path(), &[]);
+    let id = server.submit(&quick());
+    server.wait(&id);
+    server.terminate();
+    // No disk has so much free.
+    let server = Server::start_in(folder.path(), &["--min-free-mb", "1000000000000"]);
+    for answer in [server.post("/v1/jobs", &quick()), server.post_scene(&scene("cornell.glb"))] {
+        let problem = answer.problem(503);
+        assert_eq!(problem["limit"], "disk", "{problem}");
+        assert!(problem["detail"].as_str().unwrap().contains("MiB free"), "{problem}");
+        assert!(!answer.header("retry-after").is_empty());
+    }
+    for tail in ["", "/image.png", "/events"] {
+        assert_eq!(server.get(&format!("/v1/jobs/{id}{tail}")).status, 200, "{tail}");
+    }
+    assert_eq!(server.send("POST", &format!("/v1/jobs/{id}/cancel"), &[], b"").status, 200);
+    assert_eq!(server.send("DELETE", &format!("/v1/jobs/{id}"), &[], b"").status, 204);
+    assert!(server.get("/metrics").text().contains("hemilux_refusals_total{limit=\"disk\"} 2"));
+}
+
+#[test]
+fn a_job_that_can_never_fit_is_refused_by_name() {
+    let server = Server::start_with(&["--max-job-memory-mb", "64"]);
+    for method in ["hemilux", "ray-traced", "illumination-map"] {
+        let wish = json!({"scene": "cornell", "width": 2048, "height": 2048, "method": method,
+                          "max_iterations": 1});
+        let problem = server.post("/v1/jobs", &wish).problem(422);
+        assert_eq!(problem["limit"], "memory", "{problem}");
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(detail.contains(method) && detail.contains("64 MiB"), "{detail}");
+    }
+    server.wait(&server.submit(&quick()));
+}
+
+#[test]
+fn waiting_for_a_change_ends_with_the_change() {
+    let server = Server::start();
+    let endless = json!({"scene": "cornell", "width": 16, "height": 16, "time_budget_s": 600});
+    let blocker = server.submit(&endless);
+    server.wait_until(&blocker, |job| job["state"] == "running");
+    let id = server.submit(&endless);
+    let change = |id: &str, wait: &str| {
+        server.get(&format!("/v1/jobs/{id}?wait={wait}&until=change")).json()["state"].clone()
+    };
+    let begun = Instant::now();
+    assert_eq!(change(&id, "0.5"), "queued", "nothing changed");
+    assert!(begun.elapsed() >= Duration::from_millis(500));
+    let waited = std::thread::scope(|scope| {
+        let waiting = scope.spawn(|| {
+            let begun = Instant::now();
+            (change(&id, "60"), begun.elapsed())
+        });
+        std::thread::sleep(Duration::from_millis(300));
+        server.send("POST", &format!("/v1/jobs/{blocker}/cancel"), &[], b"");
+        waiting.join().unwrap()
+    });
+    assert_eq!(waited.0, "running");
+    assert!(waited.1 < Duration::from_secs(20), "{:?}", waited.1);
+    assert_eq!(change(&blocker, "60"), "cancelled", "an end is there already");
+    for wrong in ["wait=61", "wait=-1", "wait=x", "until=never"] {
+        server.get(&format!("/v1/jobs/{id}?{wrong}")).problem(400);
+    }
+    // Shutdown does not wait for the waiting.
+    let path = format!("/v1/jobs/{id}?wait=60&until=change");
+    let mut idle = open(&server, &path);
+    std::thread::sleep(Duration::from_millis(100));
+    let took = server.terminate();
+    assert!(took < Duration::from_secs(8), "{took:?}");
+    let mut answer = String::new();
+    let _ = idle.read_to_string(&mut answer);
+}
+
+/// A connection that has sent a request and read nothing.
+fn open(server: &Server, path: &str) -> TcpStream {
+    let mut stream = TcpStream::connect(&server.address).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    write!(stream, "GET {path} HTTP/1.1\r\nhost: {}\r\n\r\n", server.address).unwrap();
+    stream
+}
+
+/// Resident memory of a process in bytes.
+fn resident_bytes(server: &Server) -> u64 {
+    let text = std::fs::read_to_string(format!("/proc/{}/status", server.pid())).unwrap();
+    let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+    line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() << 10
+}
+
+#[test]
+fn clients_that_read_nothing_hold_neither_memory_nor_the_end() {
+    let server = Server::start();
+    let wish = json!({"scene": "cornell", "width": 512, "height": 512, "time_budget_s": 600,
+                      "method": "stochastic", "options": {"patches": 300},
+                      "snapshots": {"every_s": 0.1, "formats": ["exr"]}});
+    let id = server.submit(&wish);
+    let path = format!("/v1/jobs/{id}/events");
+    let head = server.events_head(&path);
+    assert!(head.iter().any(|(n, v)| n == "x-accel-buffering" && v == "no"), "{head:?}");
+    assert!(head.iter().any(|(n, v)| n == "cache-control" && v.contains("no-cache")), "{head:?}");
+    let mut reader = server.events(&path, &[]);
+    let snapshots = |reader: &mut dyn Iterator<Item = hemilux_tests::server::Event>, n| {
+        reader.filter(|event| event.name == "snapshot").take(n).for_each(drop);
+    };
+    snapshots(&mut reader, 2);
+    let before = resident_bytes(&server);
+    // Each snapshot is megabytes; what none of these takes must not pile up.
+    let deaf: Vec<_> = (0..40).map(|_| open(&server, &format!("{path}?inline=exr"))).collect();
+    // Others are half-open: a request that never ends, a head that never comes.
+    let mut half = TcpStream::connect(&server.address).unwrap();
+    half.write_all(b"POST /v1/jobs HTTP/1.1\r\nhost: 127.0.0.1\r\ncontent-le").unwrap();
+    let mut stuck = TcpStream::connect(&server.address).unwrap();
+    stuck
+        .write_all(b"POST /v1/scenes HTTP/1.1\r\nhost: 127.0.0.1\r\ncontent-type: model/gltf-binary\r\ncontent-length: 1000\r\n\r\nx")
+        .unwrap();
+    snapshots(&mut reader, 6);
+    let grown = resident_bytes(&server).saturating_sub(before);
+    println!("40 clients that read nothing: {} MiB more", grown >> 20);
+    // A picture's event and the buffers of the connection, for each; not six pictures.
+    assert!(grown < 40 * (12 << 20), "{} MiB", grown >> 20);
+    // The server goes on meanwhile, and ends in time.
+    assert_eq!(server.get("/livez").status, 200);
+    let took = server.terminate();
+    assert!(took < Duration::from_secs(10), "{took:?}");
+    drop((deaf, half, stuck));
+}
+
+#[test]
+fn requests_can_be_traced_from_the_client_to_the_job() {
+    let folder = TempDir::new().unwrap();
+    let mut child = Command::new(program())
+        .args(["serve", "--listen", "127.0.0.1:0", "--devices", "cpu", "--log-format", "json"])
+        .arg("--data-dir")
+        .arg(folder.path())
+        .env("RUST_LOG", "hemilux=debug")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut line = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    let server = Server::attach(line.trim().strip_prefix("http://").unwrap(), child.id());
+    let trace = "0af7651916cd43dd8448eb211c80319c";
+    let headers = [
+        ("content-type", "application/json"),
+        ("x-request-id", "mine-1"),
+        ("traceparent", &format!("00-{trace}-b7ad6b7169203331-01")),
+    ];
+    let accepted = server.send("POST", "/v1/jobs", &headers, quick().to_string().as_bytes());
+    assert_eq!((accepted.status, accepted.header("x-request-id")), (202, "mine-1"));
+    let id = accepted.json()["id"].as_str().unwrap().to_owned();
+    server.wait(&id);
+    // A problem names its request; made-up ids differ.
+    let missing = server.send("GET", "/v1/jobs/none", &[("x-request-id", "mine-2")], b"");
+    assert_eq!(missing.problem(404)["request_id"], "mine-2");
+    let (one, two) = (server.get("/v1/jobs/none"), server.get("/v1/jobs/none"));
+    assert_eq!(one.problem(404)["request_id"], one.header("x-request-id"));
+    assert_ne!(one.header("x-request-id"), two.header("x-request-id"));
+    assert!(Command::new("kill").arg(child.id().to_string()).status().unwrap().success());
+    let mut log = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut log).unwrap();
+    assert!(child.wait().unwrap().success());
+    let lines: Vec<Value> = log
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap_or_else(|_| panic!("no JSON: {line}")))
+        .collect();
+    let span =
+        |name: &str, member: &str, value: &str| {
+            lines.iter().filter_map(|line| line["spans"].as_array()).flatten().any(|span| {
+                span["name"] == name && span[member] == value && span["trace_id"] == trace
+            })
+        };
+    assert!(span("request", "id", "mine-1"), "{log}");
+    assert!(span("job", "id", &id), "{log}");
+}
+
+/// The metrics that a text of OpenMetrics declares, by the names that queries use.
+fn exported(text: &str) -> BTreeSet<String> {
+    let declared = text.lines().filter_map(|line| line.strip_prefix("# TYPE "));
+    let names = declared.filter_map(|line| line.split_once(' ')).flat_map(|(name, kind)| {
+        let endings: &[&str] = match kind {
+            "counter" => &["_total"],
+            "histogram" => &["_bucket", "_sum", "_count"],
+            "info" => &["_info"],
+            _ => &[""],
+        };
+        endings.iter().map(move |ending| format!("{name}{ending}"))
+    });
+    names.collect()
+}
+
+/// The metrics that a text names.
+fn named(text: &str) -> BTreeSet<String> {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    text.split(|c: char| !is_part(c))
+        .filter(|word| word.starts_with("hemilux_"))
+        .map(str::to_owned)
+        .collect()
+}
+
+#[test]
+fn the_grafana_dashboard_and_the_server_know_the_same_metrics() {
+    let server = Server::start();
+    // Routes appear with their first request.
+    assert_eq!(server.get("/livez").status, 200);
+    let exported = exported(&server.get("/metrics").text());
+    assert!(exported.len() > 25, "{exported:?}");
+    let text = std::fs::read_to_string(repository().join("docs/grafana.json")).unwrap();
+    let dashboard: Value = serde_json::from_str(&text).unwrap();
+    let panels = dashboard["panels"].as_array().unwrap();
+    assert!(panels.len() >= 10);
+    let queries: String = panels
+        .iter()
+        .flat_map(|panel| panel["targets"].as_array().into_iter().flatten())
+        .map(|target| format!("{}\n", target["expr"].as_str().unwrap()))
+        .collect();
+    let shown = named(&queries);
+    let unknown: Vec<_> = shown.difference(&exported).collect();
+    assert!(
+        unknown.is_empty(),
+        "the dashboard asks for what the server does not export: {unknown:?}"
+    );
+    // And what is exported is shown, or written about.
+    let written = std::fs::read_to_string(repository().join("docs/operations.md")).unwrap();
+    let base = |name: &String| {
+        ["_total", "_bucket", "_sum", "_count", "_info"]
+            .iter()
+            .fold(name.clone(), |name, end| name.trim_end_matches(end).to_owned())
+    };
+    for name in exported.iter().map(base).collect::<BTreeSet<_>>() {
+        assert!(written.contains(&name), "docs/operations.md leaves {name} out");
+    }
+    // The comparison itself finds a name that is not there.
+    assert!(!exported.is_superset(&named("rate(hemilux_nonsense_total[5m])")));
+}
+
+#[test]
+fn what_expires_goes_and_what_is_pinned_stays() {
+    let folder = TempDir::new().unwrap();
+    let server = Server::start_in(folder.path(), &[]);
+    let (old, kept) = (server.submit(&quick()), server.submit(&quick()));
+    for id in [&old, &kept] {
+        assert_eq!(server.wait(id)["pinned"], false);
+    }
+    let pinned = server.send("POST", &format!("/v1/jobs/{kept}/pin"), &[], b"");
+    assert_eq!((pinned.status, pinned.json()["pinned"].clone()), (200, json!(true)));
+    server.terminate();
+    std::thread::sleep(Duration::from_millis(20));
+    // A hundredth of a second.
+    let server = Server::start_in(folder.path(), &["--keep-days", "0.0000001"]);
+    let deadline = Instant::now() + PATIENCE;
+    while server.get(&format!("/v1/jobs/{old}")).status != 404 {
+        assert!(Instant::now() < deadline, "the old job never went");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert_eq!(server.get(&format!("/v1/jobs/{kept}/image.png")).status, 200);
+    assert!(server.get("/metrics").text().contains("hemilux_collected_total{kind=\"job\"} 1"));
+    let unpinned = server.send("DELETE", &format!("/v1/jobs/{kept}/pin"), &[], b"");
+    assert_eq!(unpinned.json()["pinned"], false);
+    server.send("POST", "/v1/jobs/nothing/pin", &[], b"").problem(404);
+}
