@@ -1,7 +1,8 @@
 //! Benchmarks. `shots` measures whole iterations a second on every device side by side; `paper`
 //! measures the claims of the paper that the method comes from; `methods` compares all methods,
 //! `form-factors` the routes to a form factor, `growth` what more patches cost; `pixels` measures
-//! ways to sample the pixels of a ray-traced picture.
+//! ways to sample the pixels of a ray-traced picture, `views` what a solved scene saves its next
+//! picture.
 //!
 //! Errors, statistics, tables, charts and contact sheets are those of [`hemilux_charts`]; what
 //! benchmarks share beyond that: [`views`] (scenes), [`cell`] (errors over seeds), [`page`] (how
@@ -16,6 +17,7 @@ mod page;
 mod paper;
 mod pixels;
 mod results;
+mod second_views;
 mod shots;
 mod tiers;
 mod views;
@@ -44,6 +46,8 @@ enum Benchmark {
     /// One point of `growth`, in a process of its own.
     #[command(hide = true)]
     GrowthPoint(growth::PointArguments),
+    /// A second camera of a solved scene against one by itself, and what checkpoints take.
+    Views(second_views::Arguments),
     /// The service under load: streams, posts against a full queue, memory, end.
     Load(load::Arguments),
     /// Error against rays for every way to sample a pixel, with page and charts.
@@ -60,6 +64,7 @@ fn main() -> Result<(), results::Failure> {
         Benchmark::FormFactors(arguments) => form_factors::run(&arguments),
         Benchmark::Growth(arguments) => growth::run(&arguments),
         Benchmark::GrowthPoint(arguments) => growth::point(&arguments),
+        Benchmark::Views(arguments) => second_views::run(&arguments),
         Benchmark::Load(arguments) => load::run(&arguments),
         Benchmark::Pixels(arguments) => pixels::run(&arguments),
         Benchmark::Tiers(arguments) => tiers::run(&arguments),

@@ -3,6 +3,7 @@
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::device::{Device, DeviceError};
 use crate::image::Picture;
+use crate::scene::gltf::BakedMesh;
 use crate::scene::{Camera, Scene, Warning};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -234,6 +235,13 @@ pub trait Observer {
     /// What [`Observer::wants_checkpoint`] or [`Observer::wants_solution`] asked for, unless it
     /// would be too large.
     fn checkpoint(&mut self, _checkpoint: Checkpoint) {}
+    /// Whether the light of the surfaces is wanted at the end, as a mesh.
+    fn wants_baked(&self) -> bool {
+        false
+    }
+    /// The mesh that [`Observer::wants_baked`] asked for; none comes of methods without patches,
+    /// and none whose file would be larger than [`Observer::most_checkpoint_bytes`].
+    fn baked(&mut self, _mesh: BakedMesh) {}
     /// Whether to stop now.
     fn cancelled(&self) -> bool {
         false

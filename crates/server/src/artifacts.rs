@@ -1,6 +1,8 @@
 //! Files: uploaded scenes and finished pictures. Content is hashed, written atomically and
 //! fsynced before it is named anywhere.
 
+mod kept;
+
 use crate::api::jobs::{Picture, PictureFormat};
 use crate::failpoints;
 use bytes::Bytes;

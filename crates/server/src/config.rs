@@ -47,6 +47,14 @@ pub struct Config {
     /// Most triangles of a scene after instancing.
     #[arg(long, env = "HEMILUX_MAX_TRIANGLES", default_value_t = 4_000_000)]
     pub max_triangles: usize,
+    /// Seconds between checkpoints of a running job, more where writing them would cost over 2 %
+    /// of the time; 0 for none.
+    #[arg(long, env = "HEMILUX_CHECKPOINT_EVERY_S", default_value_t = 10.0, value_parser = parse_pause)]
+    pub checkpoint_every_s: f64,
+    /// Largest checkpoint, MiB, and so the largest solution that is kept of an ended job, to
+    /// extend it or to take other views; 0 keeps none beyond the end.
+    #[arg(long, env = "HEMILUX_KEEP_SOLUTIONS_MB", default_value_t = 256, value_parser = clap::value_parser!(u64).range(0..=65_536))]
+    pub keep_solutions_mb: u64,
     /// How the log on standard error is written.
     #[arg(long, env = "HEMILUX_LOG_FORMAT", value_enum, default_value_t)]
     pub log_format: LogFormat,
@@ -78,6 +86,13 @@ pub enum Isolation {
     Process,
     /// In threads of the server.
     Thread,
+}
+
+fn parse_pause(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if (0.0..=86_400.0).contains(&seconds) => Ok(seconds),
+        _ => Err("must be a number from 0 to 86400".into()),
+    }
 }
 
 fn parse_seconds(text: &str) -> Result<f64, String> {

@@ -151,6 +151,11 @@ impl Checkpoint {
         Reader::new(&self.bound)
     }
 
+    /// Bytes of the part that any camera can use.
+    pub fn shared_size(&self) -> u64 {
+        self.shared.len() as u64
+    }
+
     /// Bytes that it takes, but for its header.
     pub fn size(&self) -> u64 {
         (self.shared.len() + self.bound.len()) as u64

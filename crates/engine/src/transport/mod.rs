@@ -1,6 +1,7 @@
 //! Methods: who decides which shots to run, and when the picture is good enough. One trait, one
 //! registry, one toolbox, so that a comparison of methods is fair.
 
+mod bake;
 mod batches;
 mod hemilux;
 mod illumination_map;

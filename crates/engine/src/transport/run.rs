@@ -1,9 +1,12 @@
 //! A job under way, whatever its method: clock, limits, counts, and who is told about them.
 
+use super::bake::{bake, baked_bytes};
 use super::kept::{Owner, Parts};
 use crate::checkpoint::{Checkpoint, Writer};
 use crate::device::{DeviceError, Tally};
 use crate::image::Picture;
+use crate::patches::PatchedScene;
+use crate::radiometry::Rgb;
 use crate::render::{Begin, Limits, Observer, Progress, RenderRequest, StopReason};
 use std::time::Instant;
 
@@ -97,6 +100,16 @@ impl<'a> Run<'a> {
         match self.observer.wants_solution(&progress) {
             true => self.keep(&progress, state),
             false => Ok(()),
+        }
+    }
+
+    /// Bakes the solution, if that is wanted.
+    pub fn bake(&mut self, scene: &PatchedScene, irradiance: impl FnOnce() -> Vec<Rgb>) {
+        if self.observer.wants_baked()
+            && baked_bytes(scene) <= self.observer.most_checkpoint_bytes()
+        {
+            let mesh = bake(scene, &irradiance());
+            self.observer.baked(mesh);
         }
     }
 

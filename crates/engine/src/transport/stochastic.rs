@@ -88,7 +88,9 @@ impl Method for Stochastic {
         shooting.known = known.map(Arc::new);
         let batches = Batches::new(options.burn_in);
         let scene = stage.scene.clone();
-        let result = solve(&mut run, batches, device, scene, &shooting, &measurement, past)?;
+        let (result, irradiance) =
+            solve(&mut run, batches, device, scene, &shooting, &measurement, past)?;
+        run.bake(&stage.scene, || irradiance);
         Ok(stage.rendered(run, result, BTreeMap::new()))
     }
 }
@@ -170,7 +172,7 @@ fn solve(
     settings: &ShootingSettings,
     measurement: &Measurement,
     past: Option<Past<'_>>,
-) -> Result<(Picture, StopReason), RenderError> {
+) -> Result<((Picture, StopReason), Vec<Rgb>), RenderError> {
     let patches = scene.patches.len();
     let known = settings.known.clone();
     let mut shooting = device.begin(scene, settings)?;
@@ -239,7 +241,8 @@ fn solve(
         batches.add(shooting.drain()?);
     }
     run.estimated_error = batches.relative_error(measurement, &weights);
-    Ok((measurement.picture(&batches.mean()), stopped))
+    let mean = batches.mean();
+    Ok(((measurement.picture(&mean), stopped), mean.irradiance))
 }
 
 /// All of it is on the surfaces, but for sums of lobes towards the camera; those of another one

@@ -74,6 +74,10 @@ pub struct JobRequest {
     #[serde(default)]
     #[schema(schema_with = labels_schema)]
     pub labels: BTreeMap<String, String>,
+    /// The job whose solution this one begins with; `POST /v1/jobs/{id}/views` makes such jobs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(read_only, nullable = false)]
+    pub view_of: Option<Uuid>,
     /// Who is told when the job ends.
     #[serde(default)]
     #[schema(nullable = false)]
@@ -88,7 +92,7 @@ fn default_side() -> u32 {
     512
 }
 
-fn labels_schema() -> Object {
+pub(super) fn labels_schema() -> Object {
     let text = |least| {
         ObjectBuilder::new()
             .schema_type(Type::String)

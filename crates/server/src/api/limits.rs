@@ -102,6 +102,9 @@ impl JobRequest {
         if !(-100..=100).contains(&self.priority) {
             wrong("priority", format!("must be between -100 and 100, is {}", self.priority));
         }
+        if self.view_of.is_some() {
+            wrong("view_of", "POST the view to /v1/jobs/{id}/views instead".into());
+        }
         for error in self.webhook.iter().flat_map(|webhook| webhook.problems("webhook")) {
             wrong(&error.field, error.detail);
         }

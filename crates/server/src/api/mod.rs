@@ -6,6 +6,7 @@ pub mod jobs;
 pub mod keys;
 pub mod limits;
 pub mod scenes;
+pub mod solutions;
 pub mod webhooks;
 
 use serde::{Deserialize, Serialize};

@@ -4,9 +4,11 @@ use super::Failure;
 use crate::worker::{devices, scenes};
 use crate::{builtin, panic_text};
 use clap::Args;
+use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::image::{Exposure, Picture};
 use hemilux_engine::render::{
-    CameraChoice, Limits, Observer, Plan, Progress, RenderError, RenderRequest, Rendered, render,
+    Begin, CameraChoice, Limits, Observer, Plan, Progress, RenderError, RenderRequest, Rendered,
+    render,
 };
 use hemilux_engine::scene::{Scene, Warning};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -21,6 +23,8 @@ use std::time::{Duration, Instant};
 
 /// Largest file that is read, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 30;
+/// Time between checkpoints.
+const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Arguments of `hemilux render`.
 #[derive(Args)]
@@ -63,6 +67,15 @@ pub struct Arguments {
     /// Exposure of PNG files: `auto`, or stops.
     #[arg(long, default_value = "auto", value_parser = parse_exposure, allow_hyphen_values = true, value_name = "auto|STOPS")]
     exposure: Exposure,
+    /// Write all that is known to this file, now and then and at the end, to go on from there.
+    #[arg(long, value_name = "FILE")]
+    checkpoint: Option<PathBuf>,
+    /// Go on from such a file; seconds and iterations of before count towards the limits.
+    #[arg(long, value_name = "FILE")]
+    resume: Option<PathBuf>,
+    /// Begin with what a picture from another camera has found out about the scene.
+    #[arg(long, value_name = "FILE", conflicts_with = "resume")]
+    view_of: Option<PathBuf>,
     /// Show no progress.
     #[arg(short, long)]
     quiet: bool,
@@ -135,10 +148,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         },
         seed: arguments.seed,
         options: arguments.settings.iter().cloned().collect::<BTreeMap<_, _>>(),
-        begin: Default::default(),
+        begin: begin(arguments)?,
     };
     let mut device = devices::open(&device_id).map_err(Failure::failed)?;
-    let mut console = Console::new(arguments.quiet);
+    let mut console = Console::new(arguments.quiet, arguments.checkpoint.clone());
     let rendered =
         catch_unwind(AssertUnwindSafe(|| render(device.as_mut(), &request, &mut console))).map_err(
             |panic| {
@@ -149,6 +162,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             },
         );
     console.finish();
+    if let Some(error) = &console.checkpoint_trouble {
+        return Err(Failure::failed(format!("cannot write the checkpoint: {error}")));
+    }
     let Rendered { picture, mut stats } = rendered?.map_err(|error| match error {
         RenderError::Parameter { .. } | RenderError::Checkpoint(_) => Failure::usage(error),
         RenderError::Device(_) => Failure::failed(error),
@@ -164,6 +180,21 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             .map_err(|error| Failure::failed(format!("cannot write {path:?}: {error}")))?;
     }
     Ok(())
+}
+
+fn begin(arguments: &Arguments) -> Result<Begin, Failure> {
+    let read = |path: &Path| {
+        let bytes = std::fs::read(path)
+            .map_err(|error| Failure::failed(format!("cannot read {path:?}: {error}")))?;
+        let checkpoint = Checkpoint::from_bytes(&bytes);
+        let refuse = |error| Failure::failed(format!("{}: {error}", path.display()));
+        checkpoint.map(Arc::new).map_err(refuse)
+    };
+    Ok(match (&arguments.resume, &arguments.view_of) {
+        (Some(path), _) => Begin::Continue(read(path)?),
+        (None, Some(path)) => Begin::View(read(path)?),
+        (None, None) => Begin::Afresh,
+    })
 }
 
 fn write_outputs(arguments: &Arguments, picture: &Picture) -> Result<(), Failure> {
@@ -227,10 +258,13 @@ struct Console {
     lines: bool,
     last_line: Instant,
     interrupted: Arc<AtomicBool>,
+    checkpoint: Option<PathBuf>,
+    last_checkpoint: Instant,
+    checkpoint_trouble: Option<std::io::Error>,
 }
 
 impl Console {
-    fn new(quiet: bool) -> Self {
+    fn new(quiet: bool, checkpoint: Option<PathBuf>) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let bar = (!quiet && terminal).then(|| {
             let bar = ProgressBar::new(1000);
@@ -243,7 +277,16 @@ impl Console {
         });
         let interrupted = Arc::new(AtomicBool::new(false));
         listen_for_interrupt(interrupted.clone());
-        Self { bar, lines: !quiet && !terminal, last_line: Instant::now(), interrupted }
+        let now = Instant::now();
+        Self {
+            bar,
+            lines: !quiet && !terminal,
+            last_line: now,
+            interrupted,
+            checkpoint,
+            last_checkpoint: now,
+            checkpoint_trouble: None,
+        }
     }
 
     fn finish(&self) {
@@ -297,6 +340,28 @@ impl Observer for Console {
             self.last_line = Instant::now();
             let _ = writeln!(std::io::stderr(), "{text}");
         }
+    }
+
+    fn wants_checkpoint(&mut self, _progress: &Progress) -> bool {
+        self.checkpoint.is_some() && self.last_checkpoint.elapsed() >= CHECKPOINT_INTERVAL
+    }
+
+    fn wants_solution(&mut self, _progress: &Progress) -> bool {
+        self.checkpoint.is_some()
+    }
+
+    fn checkpoint(&mut self, checkpoint: Checkpoint) {
+        let Some(path) = &self.checkpoint else { return };
+        // Whenever the power fails, there is a whole file under the name.
+        let part = path.with_added_extension("part");
+        let written = std::fs::File::create(&part)
+            .and_then(|mut file| {
+                checkpoint.write(&mut file)?;
+                file.sync_all()
+            })
+            .and_then(|()| std::fs::rename(&part, path));
+        self.checkpoint_trouble = written.err();
+        self.last_checkpoint = Instant::now();
     }
 
     fn cancelled(&self) -> bool {

@@ -116,7 +116,8 @@ impl Follower {
                 self.ended = event.data.is_terminal();
                 return Some(self.write(event).await);
             }
-            if self.ended {
+            // An extended job has events behind its first end.
+            if self.ended && self.nothing_will_come().await {
                 return None;
             }
             let events = self.app.store.events(self.job, self.after, BATCH).await;

@@ -118,17 +118,27 @@ pub async fn create_job(
         request: job,
         idempotency_key,
         request_hash: sha256_hex(&canonical),
-        submitter: Submitter {
-            owner: caller.owner().to_owned(),
-            billed_to: caller.billed_to().to_owned(),
-            max_queued: caller.limits.jobs_queued,
-            max_running: caller.limits.jobs_running,
-            webhook,
-            trace_parent,
-        },
+        submitter: Submitter { webhook, ..submitter(&caller, trace_parent) },
         render_key,
     };
-    match app.store.accept(new, app.config.max_queued).await? {
+    answer(&app, &caller, app.store.accept(new, app.config.max_queued).await?)
+}
+
+/// Who submits a job, told by the webhook of the key.
+pub fn submitter(caller: &Caller, trace_parent: Option<String>) -> Submitter {
+    Submitter {
+        owner: caller.owner().to_owned(),
+        billed_to: caller.billed_to().to_owned(),
+        max_queued: caller.limits.jobs_queued,
+        max_running: caller.limits.jobs_running,
+        webhook: caller.key().and_then(|key| key.webhook.clone()),
+        trace_parent,
+    }
+}
+
+/// The answer to who submitted a job.
+pub fn answer(app: &App, caller: &Caller, accepted_as: Accepted) -> Result<Response, Problem> {
+    match accepted_as {
         Accepted::New(job) => {
             app.queue.wake();
             app.bell.ring(job.id);
@@ -167,6 +177,7 @@ fn render_key(owner: &str, job: &JobRequest) -> Result<Option<String>, serde_jso
     Ok(Some(sha256_hex(&whole)))
 }
 
+/// The answer to a job that is accepted.
 fn accepted(job: Job, again: bool) -> Response {
     let location = [(header::LOCATION, format!("/v1/jobs/{}", job.id))];
     let mut response = (StatusCode::ACCEPTED, location, Json(job)).into_response();
@@ -177,7 +188,8 @@ fn accepted(job: Job, again: bool) -> Response {
     response
 }
 
-fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
+/// The key under which repeating a request is safe.
+pub fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     let Some(key) = headers.get("idempotency-key") else { return Ok(None) };
     let key = key.to_str().unwrap_or("");
     if key.is_empty() || key.len() > 255 || !key.bytes().all(|byte| byte.is_ascii_graphic()) {
@@ -188,7 +200,8 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     Ok(Some(key.to_owned()))
 }
 
-fn check(app: &App, job: &JobRequest) -> Result<(), Problem> {
+/// Refuses what the server or the engine would not do.
+pub fn check(app: &App, job: &JobRequest) -> Result<(), Problem> {
     let mut errors = job.problems(&app.config.job_limits(), &app.vocabulary);
     if errors.is_empty() {
         errors.extend(worker::setting_problem(&job.options));
@@ -197,7 +210,7 @@ fn check(app: &App, job: &JobRequest) -> Result<(), Problem> {
 }
 
 /// Refuses a job that could never fit into this server's memory, rather than to let it fail.
-fn check_memory(app: &App, job: &JobRequest, scene: &Scene) -> Result<(), Problem> {
+pub fn check_memory(app: &App, job: &JobRequest, scene: &Scene) -> Result<(), Problem> {
     let needed = worker::needed_bytes(job, scene.triangles);
     let Some((needed, most)) = needed.zip(app.max_job_bytes) else { return Ok(()) };
     if needed <= most {

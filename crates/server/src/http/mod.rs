@@ -17,6 +17,7 @@ pub mod problem;
 pub mod rate;
 mod read;
 mod scenes;
+mod solutions;
 mod trace;
 mod traces;
 mod upload;
@@ -44,6 +45,10 @@ fn api() -> OpenApiRouter<App> {
         .routes(routes!(jobs::create_job, jobs::list_jobs))
         .routes(routes!(jobs::get_job, jobs::delete_job))
         .routes(routes!(jobs::cancel_job))
+        .routes(routes!(solutions::extend_job))
+        .routes(routes!(solutions::create_view))
+        .routes(routes!(solutions::manifest))
+        .routes(routes!(solutions::solution_glb))
         .routes(routes!(pin::pin_job, pin::unpin_job))
         .routes(routes!(webhooks::list_deliveries))
         .routes(routes!(events::stream_events))

@@ -143,6 +143,12 @@ impl Problem {
         Self::new(StatusCode::CONFLICT, "key-conflict", title, detail)
     }
 
+    /// 409: not to a job in its present state.
+    pub fn not_now(detail: impl Into<String>) -> Self {
+        let title = "That cannot be done with the job as it is";
+        Self::new(StatusCode::CONFLICT, "not-now", title, detail)
+    }
+
     /// 413: over a limit of this server.
     pub fn too_large(detail: impl Into<String>) -> Self {
         let status = StatusCode::PAYLOAD_TOO_LARGE;
@@ -378,6 +384,7 @@ pub mod documented {
         NotFound 404 "There is no such thing."
         TooSlow 408 "The request took too long to arrive."
         Conflict 409 "The idempotency key belongs to another request."
+        NotNow 409 "That cannot be done with the job as it is."
         TooLarge 413 "The request is over a size limit."
         UnsupportedMedia 415 "The content type is not supported."
         Invalid 422 "Readable, but some fields cannot be met; `errors` names them."

@@ -6,6 +6,7 @@ mod conformance;
 pub mod keys;
 pub mod outbox;
 pub mod retention;
+pub mod solutions;
 pub mod sqlite;
 
 use crate::api::Warning;
@@ -200,7 +201,7 @@ pub struct JobCounts {
 
 /// The store of one service.
 #[async_trait]
-pub trait Store: Keys + Outbox + Retention {
+pub trait Store: Keys + Outbox + Retention + solutions::Solutions {
     /// Stores a scene; false where it was there already.
     async fn put_scene(&self, scene: &Scene) -> Result<bool, StoreError>;
     /// The scene of that id.

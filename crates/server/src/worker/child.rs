@@ -36,6 +36,7 @@ pub fn run(device: &str, memory_mb: Option<u64>) -> io::Result<()> {
                 }
                 Order::Stop { run } => orders.stop(run),
                 Order::SnapshotKept { run } => orders.snapshot_kept(run),
+                Order::CheckpointKept { run, micros } => orders.checkpoint_kept(run, micros),
             }
         }
         // The server is gone or wants no more; nothing here is worth keeping.

@@ -66,6 +66,9 @@ impl Executor {
             (Body::Thread { switches, .. }, Order::SnapshotKept { run }) => {
                 switches.snapshot_kept(run);
             }
+            (Body::Thread { switches, .. }, Order::CheckpointKept { run, micros }) => {
+                switches.checkpoint_kept(run, micros);
+            }
         }
     }
 

@@ -1,6 +1,7 @@
 //! One attempt at one job, as the server sees it: hands the task to the device's executor, follows
 //! it, and stores how it ended.
 
+use super::checkpoints;
 use super::executor::Executor;
 use super::watch::{Ended, Followed, Stop, follow, keep_picture};
 use super::wire::{Failure, Message, Order, Task};
@@ -9,7 +10,6 @@ use crate::artifacts::ArtifactError;
 use crate::job_state::JobState;
 use crate::service::Service;
 use crate::store::{Claim, Outcome, Report, StoreError};
-use bytes::Bytes;
 use hemilux_engine::image;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -43,7 +43,7 @@ pub async fn run(
         record(service, claim, Ending::Shared(Box::new(outcome)), None, started).await;
         return Ok(());
     }
-    let (task, scene) = match prepare(service, executor, job).await {
+    let (task, parts) = match prepare(service, executor, job).await {
         Ok(ready) => ready,
         Err(Unready::Useless(failure)) => {
             record(service, claim, Ending::Failed(failure), None, started).await;
@@ -62,8 +62,7 @@ pub async fn run(
         }
     };
     let run = task.run;
-    executor.order(Message::about(Order::Run(Box::new(task)), scene.to_vec()));
-    drop(scene);
+    executor.order(Message { header: Order::Run(Box::new(task)), parts });
     let Followed { ended, stop, latest } = follow(service, executor, run, claim, job).await;
 
     let sound = match &ended {
@@ -90,6 +89,7 @@ pub async fn run(
         Ended::Lost(why) => Ending::PutBack { counted, why },
     };
     record(service, claim, ending, latest, started).await;
+    checkpoints::settle(service, claim.job).await;
     sound
 }
 
@@ -106,7 +106,7 @@ async fn prepare(
     service: &Service,
     executor: &mut Executor,
     job: &Job,
-) -> Result<(Task, Bytes), Unready> {
+) -> Result<(Task, Vec<Vec<u8>>), Unready> {
     let gone = |what: String| Unready::Useless(Failure::new("scene", what));
     let record = service.store.scene(&job.scene).await;
     let record = record.map_err(|error| Unready::NotNow(error.to_string()))?;
@@ -118,6 +118,16 @@ async fn prepare(
             Unready::NotNow(error.to_string())
         }
     })?;
+    let mut parts = vec![scene.to_vec()];
+    let (begins, begins_without) = match checkpoints::begin(service, job).await {
+        Ok(Some((begins, checkpoint))) => {
+            parts.push(checkpoint.to_vec());
+            (Some(begins), None)
+        }
+        Ok(None) => (None, None),
+        Err(why) => (None, Some(why)),
+    };
+    let config = &service.config;
     let task = Task {
         run: executor.next_run(),
         job: job.id,
@@ -126,8 +136,13 @@ async fn prepare(
         max_triangles: service.config.max_triangles,
         request: job.request.clone(),
         max_seconds: service.config.max_seconds,
+        begins,
+        begins_without,
+        checkpoint_every_s: config.checkpoint_every_s,
+        most_checkpoint_bytes: checkpoints::most_bytes(config),
+        keeps_solution: config.keep_solutions_mb > 0,
     };
-    Ok((task, scene))
+    Ok((task, parts))
 }
 
 /// The end of a job whose identical twin has one already. Anything that goes wrong means that the

@@ -6,10 +6,12 @@
 //! [`process`] and [`child`], in a process of the device's own. [`wire`] is what they say;
 //! [`executor`] hides which of the two it is.
 
+mod checkpoints;
 pub mod child;
 pub mod devices;
 mod executor;
 mod job;
+mod pacing;
 mod perform;
 mod process;
 pub mod scenes;

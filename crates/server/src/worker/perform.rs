@@ -1,17 +1,21 @@
 //! The engine's side of the line: opens a device and runs tasks on it. It knows neither the store
 //! nor HTTP; whether it runs in a thread of the server or in a process of its own is the same.
 
-use super::wire::{Failure, Message, Said, Size, Task};
+use super::pacing::Pacing;
+use super::wire::{Checkpointed, Failure, Message, Said, Size, Task};
 use super::{devices, scenes};
 use crate::api::jobs::{self as api, CameraRequest, SnapshotRequest};
+use crate::api::solutions::Begins;
 use crate::failpoints;
+use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::device::{Device, DeviceError};
 use hemilux_engine::image;
 use hemilux_engine::render::{
-    CameraChoice, ExplicitCamera, Limits, Observer, Plan, Progress, RenderError, RenderRequest,
-    Rendered, Stats, render,
+    Begin, CameraChoice, ExplicitCamera, Limits, Observer, Plan, Progress, RenderError,
+    RenderRequest, Rendered, Stats, render,
 };
 use hemilux_engine::scene::Warning;
+use hemilux_engine::scene::gltf::BakedMesh;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -38,6 +42,9 @@ pub struct Switches {
     stop: AtomicU64,
     /// The latest run whose snapshot is stored.
     kept: AtomicU64,
+    /// The latest run whose checkpoint is stored, and what that took, µs.
+    stored: AtomicU64,
+    stored_micros: AtomicU64,
     /// Whether nobody waits for any run any more.
     abandoned: AtomicBool,
 }
@@ -51,6 +58,12 @@ impl Switches {
     /// Lets a run send another snapshot.
     pub fn snapshot_kept(&self, run: u64) {
         self.kept.store(run, Ordering::Relaxed);
+    }
+
+    /// Lets a run send another checkpoint.
+    pub fn checkpoint_kept(&self, run: u64, micros: u64) {
+        self.stored_micros.store(micros, Ordering::Relaxed);
+        self.stored.store(run, Ordering::Release);
     }
 
     /// Asks everything to end.
@@ -101,7 +114,7 @@ pub fn perform(device_id: &str, tasks: &Tasks, switches: &Switches, mouth: &Mout
 fn attempt(
     device: &mut dyn Device,
     task: &Task,
-    mut parts: Vec<Vec<u8>>,
+    parts: Vec<Vec<u8>>,
     switches: &Switches,
     mouth: &Mouth,
 ) -> Result<Rendered, Failure> {
@@ -112,14 +125,16 @@ fn attempt(
         ..Failure::new("device", reason)
     };
     failpoints::pass("load", about).map_err(|injected| lost(injected.to_string()))?;
-    let scene_bytes = parts.pop().unwrap_or_default();
+    let mut parts = parts.into_iter();
+    let scene_bytes = parts.next().unwrap_or_default();
     let scene = scenes::load(task.scene_format, &scene_bytes, task.max_triangles)
         .map_err(|refusal| Failure::new("scene", refusal.to_string()))?;
     drop(scene_bytes);
     let _ = mouth.blocking_send(Said::Began.into());
     failpoints::pass("render", about).map_err(|injected| lost(injected.to_string()))?;
     let asked = &task.request;
-    let request = RenderRequest {
+    let (begin, trouble) = begin(task, parts.next());
+    let mut request = RenderRequest {
         scene: Arc::new(scene),
         camera: camera(asked.camera.as_ref()),
         width: asked.width,
@@ -128,10 +143,19 @@ fn attempt(
         limits: limits(asked, task.max_seconds),
         seed: asked.seed,
         options: asked.options.iter().map(|(k, v)| (k.clone(), v.to_string())).collect(),
-        begin: Default::default(),
+        begin,
     };
     let mut watcher = Watcher::new(task, switches, mouth);
-    let rendered = render(device, &request, &mut watcher).map_err(|error| match error {
+    watcher.beginning = trouble.map(begins_afresh);
+    let mut rendered = render(device, &request, &mut watcher);
+    if let Err(RenderError::Checkpoint(error)) = &rendered {
+        tracing::warn!(job = %task.job, %error, "begins afresh");
+        watcher.beginning = Some(begins_afresh(error.to_string()));
+        request.begin = Begin::Afresh;
+        rendered = render(device, &request, &mut watcher);
+    }
+    watcher.hand_over();
+    let rendered = rendered.map_err(|error| match error {
         RenderError::Parameter { parameter, what } => {
             Failure::new("parameter", format!("{parameter}: {what}"))
         }
@@ -141,6 +165,26 @@ fn attempt(
     })?;
     failpoints::pass("rendered", about).map_err(|injected| lost(injected.to_string()))?;
     Ok(rendered)
+}
+
+/// What a task begins with, and why not with what it should.
+fn begin(task: &Task, checkpoint: Option<Vec<u8>>) -> (Begin, Option<String>) {
+    let (Some(begins), Some(bytes)) = (task.begins, checkpoint) else {
+        return (Begin::Afresh, task.begins_without.clone());
+    };
+    match Checkpoint::from_bytes(&bytes).map(Arc::new) {
+        Ok(checkpoint) => match begins {
+            Begins::Continue => (Begin::Continue(checkpoint), None),
+            Begins::View => (Begin::View(checkpoint), None),
+        },
+        Err(error) => (Begin::Afresh, Some(error.to_string())),
+    }
+}
+
+/// Says that a job does not begin with what it should.
+fn begins_afresh(why: String) -> Warning {
+    let what = format!("what was kept of it cannot be used, so the job began afresh: {why}");
+    Warning::new("job", what)
 }
 
 fn camera(request: Option<&CameraRequest>) -> CameraChoice {
@@ -179,6 +223,13 @@ struct Watcher<'a> {
     /// Whether a snapshot is on its way and not yet stored.
     underway: bool,
     next_snapshot_s: f64,
+    most_checkpoint_bytes: u64,
+    keeps_solution: bool,
+    pacing: Pacing,
+    /// What is known at the end, and the light of the surfaces.
+    ending: Option<(Checkpoint, Option<BakedMesh>)>,
+    /// A warning about what the job begins with.
+    beginning: Option<Warning>,
 }
 
 impl<'a> Watcher<'a> {
@@ -193,13 +244,38 @@ impl<'a> Watcher<'a> {
             snapshots,
             taken: 0,
             underway: false,
+            most_checkpoint_bytes: task.most_checkpoint_bytes,
+            keeps_solution: task.keeps_solution,
+            pacing: Pacing::new(task.checkpoint_every_s),
+            ending: None,
+            beginning: None,
+        }
+    }
+
+    fn send(&self, checkpoint: &Checkpoint, baked: Option<BakedMesh>) {
+        let header = checkpoint.header();
+        let facts = Checkpointed {
+            method: header.method.clone(),
+            iterations: header.iterations,
+            seconds: finite(header.seconds),
+            estimated_error: header.estimated_error.filter(|error| error.is_finite()),
+        };
+        let mut parts = vec![checkpoint.to_bytes()];
+        parts.extend(baked.map(|mesh| mesh.to_glb()));
+        let _ = self.mouth.blocking_send(Message { header: Said::Checkpoint(facts), parts });
+    }
+
+    /// Hands over what is known at the end, before the picture, with which the run is over.
+    fn hand_over(&mut self) {
+        if let Some((checkpoint, baked)) = self.ending.take() {
+            self.send(&checkpoint, baked);
         }
     }
 }
 
 impl Observer for Watcher<'_> {
     fn planned(&mut self, plan: &Plan, warnings: &[Warning]) {
-        let warnings = warnings.iter().map(scenes::warning).collect();
+        let warnings = warnings.iter().chain(&self.beginning).map(scenes::warning).collect();
         // Nobody listening any more shows in `cancelled`.
         let _ = self.mouth.blocking_send(Said::Planned(to_plan(plan), warnings).into());
     }
@@ -228,6 +304,41 @@ impl Observer for Watcher<'_> {
         self.underway = true;
         let header = Said::Snapshot(to_progress(progress), Size(picture.width, picture.height));
         let _ = self.mouth.blocking_send(Message::about(header, to_bytes(picture)));
+    }
+
+    fn wants_checkpoint(&mut self, _progress: &Progress) -> bool {
+        if self.pacing.is_underway() && self.switches.stored.load(Ordering::Acquire) == self.run {
+            self.switches.stored.store(0, Ordering::Relaxed);
+            let micros = self.switches.stored_micros.load(Ordering::Relaxed);
+            self.pacing.stored(Duration::from_micros(micros));
+        }
+        self.pacing.is_due()
+    }
+
+    fn wants_solution(&mut self, _progress: &Progress) -> bool {
+        // Who stops it may be a server that shuts down; the next one goes on from here.
+        self.keeps_solution || self.cancelled()
+    }
+
+    fn most_checkpoint_bytes(&self) -> u64 {
+        self.most_checkpoint_bytes
+    }
+
+    fn checkpoint(&mut self, checkpoint: Checkpoint) {
+        match self.pacing.made() {
+            true => self.send(&checkpoint, None),
+            false => self.ending = Some((checkpoint, None)),
+        }
+    }
+
+    fn wants_baked(&self) -> bool {
+        self.keeps_solution && self.ending.is_some()
+    }
+
+    fn baked(&mut self, mesh: BakedMesh) {
+        if let Some((_, baked)) = &mut self.ending {
+            *baked = Some(mesh);
+        }
     }
 
     fn cancelled(&self) -> bool {

@@ -1,6 +1,7 @@
 //! Following a run: stores what its executor says, passes on a cancel or a shutdown, and ends an
 //! executor that says nothing or does not obey.
 
+use super::checkpoints;
 use super::executor::Executor;
 use super::perform::from_bytes;
 use super::wire::{Failure, Message, Order, Said};
@@ -10,6 +11,7 @@ use crate::store::{Claim, Report, StoreError};
 use hemilux_engine::image::{self, Exposure, ImageError};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use tokio::sync::Mutex;
 use tokio::task::JoinSet;
 
 /// How often events are written.
@@ -69,10 +71,13 @@ pub async fn follow(
         latest: None,
         pending: Report::default(),
         snapshots: JoinSet::new(),
+        checkpoints: JoinSet::new(),
+        turn: Arc::default(),
     };
     let ended = scribe.follow(executor, run).await;
     scribe.flush().await;
     while scribe.snapshots.join_next().await.is_some() {}
+    while scribe.checkpoints.join_next().await.is_some() {}
     Followed { ended, stop: scribe.stop, latest: scribe.latest }
 }
 
@@ -85,6 +90,10 @@ struct Scribe {
     latest: Option<Progress>,
     pending: Report,
     snapshots: JoinSet<()>,
+    /// How long each takes to store.
+    checkpoints: JoinSet<Duration>,
+    /// Whose turn it is to be stored.
+    turn: Arc<Mutex<()>>,
 }
 
 impl Scribe {
@@ -112,6 +121,10 @@ impl Scribe {
                 }
                 Some(_) = self.snapshots.join_next(), if !self.snapshots.is_empty() => {
                     executor.order(Order::SnapshotKept { run }.into());
+                }
+                Some(took) = self.checkpoints.join_next(), if !self.checkpoints.is_empty() => {
+                    let micros = took.unwrap_or_default().as_micros() as u64;
+                    executor.order(Order::CheckpointKept { run, micros }.into());
                 }
                 _ = flush.tick() => {
                     self.flush().await;
@@ -166,6 +179,13 @@ impl Scribe {
             Said::Progress(progress) => {
                 self.latest = Some(progress.clone());
                 self.pending.progress.push(progress);
+                None
+            }
+            Said::Checkpoint(facts) => {
+                let (service, claim, turn) = (self.service.clone(), self.claim, self.turn.clone());
+                self.checkpoints.spawn(async move {
+                    checkpoints::keep(&service, claim, facts, message.parts, &turn).await
+                });
                 None
             }
             Said::Snapshot(progress, size) => match picture(size) {

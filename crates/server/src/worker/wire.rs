@@ -7,6 +7,7 @@
 use crate::api::Warning;
 use crate::api::jobs::{JobRequest, Plan, Progress, Stats};
 use crate::api::scenes::SceneFormat;
+use crate::api::solutions::Begins;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
@@ -48,7 +49,8 @@ impl<H> From<H> for Message<H> {
 /// What the server says.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Order {
-    /// Run this; one part, the scene's bytes.
+    /// Run this; the first part is the scene's bytes, the second, where [`Task::begins`] says
+    /// whose, a checkpoint.
     Run(Box<Task>),
     /// End that run, with the picture so far.
     Stop {
@@ -59,6 +61,13 @@ pub enum Order {
     SnapshotKept {
         /// Its [`Task::run`].
         run: u64,
+    },
+    /// The latest checkpoint of that run is stored; another one may be sent.
+    CheckpointKept {
+        /// Its [`Task::run`].
+        run: u64,
+        /// What storing it took, µs.
+        micros: u64,
     },
 }
 
@@ -79,6 +88,16 @@ pub struct Task {
     pub request: JobRequest,
     /// Longest time budget, seconds: also that of a job that names none.
     pub max_seconds: f64,
+    /// Whose the checkpoint is that it begins with, where it does.
+    pub begins: Option<Begins>,
+    /// Why it begins without one, where it should not.
+    pub begins_without: Option<String>,
+    /// Seconds between checkpoints; 0 for none.
+    pub checkpoint_every_s: f64,
+    /// Most bytes of one.
+    pub most_checkpoint_bytes: u64,
+    /// Whether what is known at the end is kept, with the light baked.
+    pub keeps_solution: bool,
 }
 
 /// What an executor says. Between `Ready` and the end it speaks of one run at a time: that of the
@@ -100,10 +119,26 @@ pub enum Said {
     Progress(Progress),
     /// A picture of the present state; one part, its pixels.
     Snapshot(Progress, Size),
+    /// All that the method knows; the first part is the checkpoint's bytes, the second, at the end
+    /// and where there are patches, a GLB file with their light.
+    Checkpoint(Checkpointed),
     /// The run is over; one part, the picture's pixels.
     Rendered(Box<Stats>, Size),
     /// The run came to nothing.
     Failed(Failure),
+}
+
+/// What a checkpoint is of.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Checkpointed {
+    /// The method that runs.
+    pub method: String,
+    /// Whole iterations.
+    pub iterations: u64,
+    /// Seconds that they took.
+    pub seconds: f64,
+    /// Estimated rRMSE of the picture at that moment.
+    pub estimated_error: Option<f64>,
 }
 
 /// Width and height of a picture, pixels. Its part has 12 bytes a pixel: red, green and blue

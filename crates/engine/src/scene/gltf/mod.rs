@@ -6,6 +6,7 @@
 //! `picture` (surfaces) → `geometry` (world-space triangles).
 
 mod accessor;
+mod baked;
 mod container;
 mod document;
 mod geometry;
@@ -14,6 +15,8 @@ mod node;
 mod picture;
 #[cfg(test)]
 mod tests;
+
+pub use baked::BakedMesh;
 
 use super::{Scene, SceneError, Warning};
 use document::clip;

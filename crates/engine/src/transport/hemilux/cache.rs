@@ -43,6 +43,8 @@ const TILE: u32 = 16;
 #[derive(Default)]
 pub struct Cache {
     pub(super) records: Vec<Record>,
+    /// Records that another camera's picture had made.
+    pub reused: usize,
     /// Random sequences that records have taken.
     pub(super) sequences: u32,
     /// Per fragment, the sum of the weights of all records.
@@ -173,6 +175,7 @@ impl Cache {
         };
         let all = std::mem::take(&mut self.records).into_par_iter().with_min_len(64);
         self.records = all.filter_map(|mut one| counts(&mut one).then_some(one)).collect();
+        self.reused = self.records.len();
     }
 
     /// Adds the weights of the records from `first` on to the coverage.

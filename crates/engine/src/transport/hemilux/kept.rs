@@ -154,7 +154,7 @@ fn save_links(links: &Links, patches: usize, to: &mut Writer) {
     to.value(links.rounds.len() as u64);
     for Round { start, links } in &links.rounds {
         to.slice(start);
-        if patches < usize::from(u16::MAX) - 1 {
+        if is_short(patches) {
             // The two marks are the largest numbers, in two bytes as in four.
             to.slice(&links.iter().map(|link| *link as u16).collect::<Vec<_>>());
         } else {
@@ -163,17 +163,22 @@ fn save_links(links: &Links, patches: usize, to: &mut Writer) {
     }
 }
 
+/// Whether two bytes say which patch, and the two marks.
+fn is_short(patches: usize) -> bool {
+    patches < usize::from(u16::MAX) - 1
+}
+
 fn restore_links(patches: usize, from: &mut Reader<'_>) -> Result<Links, CheckpointError> {
+    let damaged = |what: &str| Err(CheckpointError::damaged(what));
     let bounced: Vec<Rgb> = from.slice()?;
     let mut rounds = Vec::new();
-    let mut all = 0;
     for _ in 0..from.count(MOST_LINKS as u64)? {
         let start: Vec<u32> = from.exactly(patches + 1)?;
-        if start[0] != 0 || !start.is_sorted() {
-            return Err(CheckpointError::damaged("its links are in no order"));
-        }
         let count = start[patches] as usize;
-        let links: Vec<u32> = if patches < usize::from(u16::MAX) - 1 {
+        if start[0] != 0 || !start.is_sorted() {
+            return damaged("its links are not in order");
+        }
+        let links: Vec<u32> = if is_short(patches) {
             let widen = |link: u16| match link {
                 u16::MAX | 0xfffe => u32::from(link) | 0xffff_0000,
                 link => u32::from(link),
@@ -183,14 +188,12 @@ fn restore_links(patches: usize, from: &mut Reader<'_>) -> Result<Links, Checkpo
             from.exactly(count)?
         };
         if links.iter().any(|link| *link as usize >= patches && *link < COVERED) {
-            return Err(CheckpointError::damaged("a link leads nowhere"));
+            return damaged("a link leads nowhere");
         }
-        all += links.len();
         rounds.push(Round { start, links });
     }
-    let empty = bounced.is_empty() && all == 0;
-    if !empty && (bounced.len() != patches || all == 0) {
-        return Err(CheckpointError::damaged("its links are not of these patches"));
+    if bounced.len() != if rounds.is_empty() { 0 } else { patches } {
+        return damaged("its links are not of these patches");
     }
     Ok(Links { rounds, bounced })
 }

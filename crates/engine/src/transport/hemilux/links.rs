@@ -16,7 +16,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// "Met nothing that reflects."
-pub(super) const DARK: u32 = u32::MAX;
+const DARK: u32 = u32::MAX;
 /// "Started inside a body."
 pub(super) const COVERED: u32 = u32::MAX - 1;
 /// Most links of all patches together: 4 bytes each.

@@ -314,6 +314,7 @@ impl Tiers<'_> {
         };
         let done = run.tally.iterations;
         run.keep_solution(|parts| self.save(parts, done))?;
+        run.bake(&self.coarse.scene, || self.coarse.irradiances().to_vec());
         let (picture, errors) = self.picture();
         run.estimated_error = errors.map(|errors| errors.all);
         self.errors = errors.unwrap_or_default();
@@ -403,6 +404,7 @@ impl Tiers<'_> {
             figures.insert(format!("error_{cause}"), error);
         }
         figures.insert("records".into(), self.cache.len() as f64);
+        figures.insert("records_reused".into(), self.cache.reused as f64);
         figures.insert("gather_rays".into(), self.cache.rays() as f64);
         figures.insert("shadow_rays".into(), self.direct.rays as f64);
         figures.insert("closed".into(), f64::from(u8::from(self.coarse.closed)));

@@ -157,6 +157,11 @@ impl<'a> Coarse<'a> {
         self.refresh();
     }
 
+    /// Irradiance of each patch, direct and indirect.
+    pub fn irradiances(&self) -> &[Rgb] {
+        &self.both.patches
+    }
+
     /// Takes what is near as what is far: by the means of its patches.
     pub fn ignore_near_field(&mut self) {
         self.near.fill(0.0);

@@ -71,11 +71,10 @@ fn contents_that_lie_do_no_harm() {
             let at = (numbers.fine() * part.len() as f64) as usize;
             match turn % 4 {
                 // Lengths and counts are at the front.
-                0 => part
-                    .iter_mut()
-                    .nth(at % 64)
-                    .into_iter()
-                    .for_each(|byte| *byte ^= 1 << (turn % 8)),
+                0 => {
+                    let front = at % part.len().min(64);
+                    part[front] ^= 1 << (turn % 8);
+                }
                 1 => part.truncate(at),
                 2 => part[at] ^= 0xff,
                 _ => {

@@ -76,7 +76,7 @@ impl Method for GaussSeidel {
                 if let Some(past) = past {
                     balance.restore(past.shared)?;
                 }
-                sweep(balance, &measurement, &mut run)?
+                sweep(&scene, balance, &measurement, &mut run)?
             }
         };
         let mut diagnostics = matrix.diagnostics(&scene);
@@ -269,6 +269,7 @@ impl<'a> Balance<'a> {
 
 /// Sweeps until nothing changes any more.
 fn sweep(
+    scene: &PatchedScene,
     mut balance: Balance<'_>,
     measurement: &Measurement,
     run: &mut Run<'_>,
@@ -292,7 +293,9 @@ fn sweep(
     };
     run.known_fraction = Some(1.0);
     run.keep_solution(|parts| balance.save(&mut parts.shared))?;
-    Ok((measurement.picture(&solution(&balance.irradiance)), stopped))
+    let picture = measurement.picture(&solution(&balance.irradiance));
+    run.bake(scene, || balance.irradiance);
+    Ok((picture, stopped))
 }
 
 #[cfg(test)]

@@ -2,11 +2,12 @@
 //! what they hold over the probability of being picked, in place of all the others.
 
 use super::{Point, add_irradiance, diffuse_stage, power, shot_from};
+use crate::checkpoint::CheckpointError;
 use crate::device::{Device, DeviceError, Shooting, ShootingSettings, Sums, Tally};
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::random::{Stream, uniform};
-use crate::render::{Begin, Observer, RenderError, RenderRequest, Rendered, StopReason};
+use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
 use crate::transport::Method;
 use crate::transport::batches::Batches;
 use crate::transport::kept::{Parts, Past};
@@ -58,19 +59,31 @@ impl Method for MonteCarlo {
         let mut shooter = device.begin(scene.clone(), &shooting)?;
         let mut batches = Batches::new(0);
         let mut pass = Pass { scene: scene.clone(), settings: shooting, tally: Tally::default() };
+        // Another camera's passes are in the mean, but they are not this run's.
+        let mut earlier = Tally::default();
         if let Some(mut past) = past {
-            let [iterations, shots, light_shots] = past.shared.value()?;
-            pass.tally = Tally { iterations, shots, light_shots };
+            let tally = |[iterations, shots, light_shots]: [u64; 3]| Tally {
+                iterations,
+                shots,
+                light_shots,
+            };
+            pass.tally = tally(past.shared.value()?);
+            earlier = tally(past.shared.value()?);
+            if past.bound.is_none() {
+                earlier = pass.tally;
+            }
+            if earlier.iterations > pass.tally.iterations {
+                return Err(
+                    CheckpointError::damaged("it has fewer passes than it began with").into()
+                );
+            }
             batches.restore(&mut past.shared, scene.patches.len())?;
             past.shared.end()?;
         }
-        // Another camera's passes are in the mean, but they are not this run's.
-        let earlier = match &request.begin {
-            Begin::View(_) => pass.tally,
-            Begin::Afresh | Begin::Continue(_) => Tally::default(),
-        };
         let save = |parts: &mut Parts, tally: Tally, batches: &Batches| {
-            parts.shared.value([tally.iterations, tally.shots, tally.light_shots]);
+            for Tally { iterations, shots, light_shots } in [tally, earlier] {
+                parts.shared.value([iterations, shots, light_shots]);
+            }
             batches.save(&mut parts.shared);
             Ok(())
         };
@@ -86,9 +99,9 @@ impl Method for MonteCarlo {
                 break run.stop_early().unwrap_or(StopReason::TimeBudget);
             };
             run.tally = Tally {
-                iterations: pass.tally.iterations - earlier.iterations,
-                shots: pass.tally.shots - earlier.shots,
-                light_shots: pass.tally.light_shots - earlier.light_shots,
+                iterations: pass.tally.iterations.saturating_sub(earlier.iterations),
+                shots: pass.tally.shots.saturating_sub(earlier.shots),
+                light_shots: pass.tally.light_shots.saturating_sub(earlier.light_shots),
             };
             batches.add(Sums { iterations: 1, irradiance, glossy: Vec::new() });
             kept = pass.tally;
@@ -101,7 +114,11 @@ impl Method for MonteCarlo {
         };
         run.keep_solution(|parts| save(parts, kept, &batches))?;
         run.estimated_error = batches.relative_error(&measurement, &weights);
-        let picture = measurement.picture(&batches.mean());
+        let mean = batches.mean();
+        let picture = measurement.picture(&mean);
+        if batches.any() {
+            run.bake(&scene, || mean.irradiance);
+        }
         Ok(stage.rendered(run, (picture, stopped), BTreeMap::new()))
     }
 }

@@ -110,6 +110,7 @@ impl Method for Progressive {
         run.keep_solution(|parts| save(parts, &irradiance, &unshot))?;
         let shown = with_ambient(&scene, &irradiance, &unshot, options.ambient);
         let picture = measurement.picture(&solution(&shown));
+        run.bake(&scene, || shown);
         let diagnostics = BTreeMap::from([("unshot_power".to_string(), rest)]);
         Ok(stage.rendered(run, (picture, stopped), diagnostics))
     }

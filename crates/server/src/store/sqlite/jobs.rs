@@ -2,7 +2,7 @@
 
 use super::{events, now_ms, outbox, rows};
 use crate::api::events::{EventData, ProgressEvent, SnapshotEvent, StateEvent};
-use crate::api::jobs::{Job, JobError, Picture};
+use crate::api::jobs::{Job, JobError, JobRequest, Picture};
 use crate::job_state::{Event, JobState, Life, Refusal};
 use crate::store::{
     Accepted, Claim, JobCounts, JobFilter, Lease, MAX_PROGRESS_EVENTS, NewJob, Outcome, Report,
@@ -51,12 +51,7 @@ pub async fn accept(
             return Ok(Accepted::Again(Box::new(expect(connection, id).await?)));
         }
     }
-    let waiting = sqlx::query(
-        "SELECT count(*) AS waiting FROM jobs WHERE state = 'queued' AND deleted_ms IS NULL",
-    )
-    .fetch_one(&mut *connection)
-    .await?;
-    if waiting.get::<i64, _>("waiting").unsigned_abs() >= max_queued {
+    if waiting(connection).await? >= max_queued {
         return Ok(Accepted::QueueFull);
     }
     if own_queue_is_full(connection, &job.submitter).await? {
@@ -105,6 +100,16 @@ pub async fn accept(
     }
     append_state(connection, job.id, Life::NEW, None).await?;
     Ok(Accepted::New(Box::new(expect(connection, job.id).await?)))
+}
+
+/// How many jobs wait.
+pub async fn waiting(connection: &mut SqliteConnection) -> Result<u64, StoreError> {
+    let row = sqlx::query(
+        "SELECT count(*) AS waiting FROM jobs WHERE state = 'queued' AND deleted_ms IS NULL",
+    )
+    .fetch_one(connection)
+    .await?;
+    Ok(row.get::<i64, _>("waiting").unsigned_abs())
 }
 
 /// Whether as many jobs of the submitter wait as may.
@@ -278,6 +283,29 @@ pub async fn cancel(
         append_state(connection, id, change.after, None).await?;
     }
     get(connection, id).await
+}
+
+/// Queues an ended job again with another request; `None` where there is no such job, else whether
+/// it could be.
+pub async fn extend(
+    connection: &mut SqliteConnection,
+    id: Uuid,
+    request: &JobRequest,
+) -> Result<Option<bool>, StoreError> {
+    let change = match happens(connection, id, Event::Extend, None).await? {
+        Some(Ok(change)) => change,
+        Some(Err(Refusal::Deleted)) | None => return Ok(None),
+        Some(Err(_)) => return Ok(Some(false)),
+    };
+    sqlx::query(
+        "UPDATE jobs SET request = ?, stats = NULL, error = NULL, result = NULL WHERE id = ?",
+    )
+    .bind(rows::to_json(request))
+    .bind(id.to_string())
+    .execute(&mut *connection)
+    .await?;
+    append_state(connection, id, change.after, Some("it was given more budget".into())).await?;
+    Ok(Some(true))
 }
 
 /// Hides a job. One that has not ended is cancelled first, with its terminal event, and the

@@ -10,6 +10,7 @@ mod keys;
 mod outbox;
 mod retention;
 mod rows;
+mod solutions;
 #[cfg(test)]
 mod tests;
 

@@ -1,0 +1,118 @@
+//! Solutions in SQLite.
+
+use super::{SqliteStore, jobs, rows};
+use crate::api::jobs::JobRequest;
+use crate::api::solutions::Solution;
+use crate::job_state::JobState;
+use crate::store::solutions::{Extended, Solutions};
+use crate::store::{Accepted, Claim, NewJob, StoreError};
+use async_trait::async_trait;
+use sqlx::Row;
+use sqlx::sqlite::SqliteConnection;
+use uuid::Uuid;
+
+#[async_trait]
+impl Solutions for SqliteStore {
+    async fn keep_solution(
+        &self,
+        claim: Claim,
+        solution: &Solution,
+    ) -> Result<Option<Solution>, StoreError> {
+        let mut transaction = self.begin().await?;
+        let held = sqlx::query(
+            "SELECT 1 FROM jobs
+             WHERE id = ? AND fence = ? AND state = 'running' AND deleted_ms IS NULL",
+        )
+        .bind(claim.job.to_string())
+        .bind(claim.fence as i64)
+        .fetch_optional(&mut *transaction)
+        .await?;
+        if held.is_none() {
+            return Err(StoreError::ClaimLost(claim.job));
+        }
+        let before = find(&mut transaction, claim.job).await?;
+        put(&mut transaction, claim.job, solution).await?;
+        transaction.commit().await?;
+        Ok(before)
+    }
+
+    async fn solution(&self, job: Uuid) -> Result<Option<Solution>, StoreError> {
+        find(&mut *self.reader.acquire().await?, job).await
+    }
+
+    async fn drop_solution(&self, job: Uuid) -> Result<Option<Solution>, StoreError> {
+        let row = sqlx::query("DELETE FROM solutions WHERE job_id = ? RETURNING record")
+            .bind(job.to_string())
+            .fetch_optional(&self.writer)
+            .await?;
+        row.map(|row| rows::from_json("solution", row.get("record"))).transpose()
+    }
+
+    async fn accept_view(
+        &self,
+        job: NewJob,
+        solution: &Solution,
+        max_queued: u64,
+    ) -> Result<Accepted, StoreError> {
+        let mut transaction = self.begin().await?;
+        let accepted = jobs::accept(&mut transaction, job, max_queued).await?;
+        if let Accepted::New(job) = &accepted {
+            put(&mut transaction, job.id, solution).await?;
+        }
+        transaction.commit().await?;
+        Ok(accepted)
+    }
+
+    async fn extend(
+        &self,
+        id: Uuid,
+        request: &JobRequest,
+        max_queued: u64,
+    ) -> Result<Extended, StoreError> {
+        let mut transaction = self.begin().await?;
+        let Some(job) = jobs::get(&mut transaction, id).await? else {
+            return Ok(Extended::Missing);
+        };
+        if !matches!(job.state, JobState::Succeeded | JobState::Cancelled) {
+            return Ok(Extended::NotNow(Box::new(job)));
+        }
+        if jobs::waiting(&mut transaction).await? >= max_queued {
+            return Ok(Extended::QueueFull);
+        }
+        match jobs::extend(&mut transaction, id, request).await? {
+            Some(true) => {}
+            Some(false) => return Ok(Extended::NotNow(Box::new(job))),
+            None => return Ok(Extended::Missing),
+        }
+        let job = jobs::get(&mut transaction, id).await?;
+        transaction.commit().await?;
+        Ok(job.map_or(Extended::Missing, |job| Extended::Queued(Box::new(job))))
+    }
+}
+
+async fn find(
+    connection: &mut SqliteConnection,
+    job: Uuid,
+) -> Result<Option<Solution>, StoreError> {
+    let row = sqlx::query("SELECT record FROM solutions WHERE job_id = ?")
+        .bind(job.to_string())
+        .fetch_optional(connection)
+        .await?;
+    row.map(|row| rows::from_json("solution", row.get("record"))).transpose()
+}
+
+async fn put(
+    connection: &mut SqliteConnection,
+    job: Uuid,
+    solution: &Solution,
+) -> Result<(), StoreError> {
+    sqlx::query(
+        "INSERT INTO solutions (job_id, record) VALUES (?, ?)
+         ON CONFLICT (job_id) DO UPDATE SET record = excluded.record",
+    )
+    .bind(job.to_string())
+    .bind(rows::to_json(solution))
+    .execute(connection)
+    .await?;
+    Ok(())
+}
