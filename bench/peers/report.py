@@ -125,7 +125,8 @@ def difference(picture, truth):
 
 
 def sheet(best, truths, out):
-    """A contact sheet a scene: each program's longest picture, and its difference below."""
+    """A contact sheet a scene: each program's longest picture, and its difference below; whole as
+    PNG, and half as large as JPEG for a page."""
     for scene, truth in truths.items():
         pictures = {p: found for (s, p), found in best.items() if s == scene}
         height, width = truth.picture().shape[:2]
@@ -142,3 +143,4 @@ def sheet(best, truths, out):
                 shown = Image.fromarray(difference(picture, truth))
                 page.paste(shown, (column * width, 24 + height))
         page.save(f"{out}/{scene}.png")
+        page.reduce(2).save(f"{out}/{scene}.jpg", quality=85)
