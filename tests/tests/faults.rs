@@ -55,7 +55,8 @@ fn on_a_small_disk(folder: &Path) -> Option<(Server, PathBuf)> {
     if !allowed.is_ok_and(|output| output.status.success()) {
         return None;
     }
-    let serve = serve_command(folder, &[]);
+    // The disk is smaller than what a server keeps free.
+    let serve = serve_command(folder, &["--min-free-mb", "0"]);
     let mount = "mount -t tmpfs -o size=3m none \"$0\" && exec \"$@\"";
     let mut command = Command::new("unshare");
     command.args(["-rm", "sh", "-c", mount]).arg(folder).arg(serve.get_program());

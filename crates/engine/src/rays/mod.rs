@@ -91,6 +91,17 @@ pub fn unit_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
     (b - a).cross(c - a).normalize_or(Vec3::Z)
 }
 
+/// By which share of their way to the middle points of a triangle must be drawn in for rounding
+/// not to take them over an edge, behind what stands there: at most half.
+pub fn inset(corners: [Vec3; 3]) -> f32 {
+    let [a, b, c] = corners;
+    let around = (b - a).length() + (c - b).length() + (a - c).length();
+    let inner_radius = (b - a).cross(c - a).length() / around;
+    let farthest = corners.iter().fold(0.0, |far: f32, corner| far.max(corner.abs().max_element()));
+    let share = 4.0 * POINT_ERROR * farthest / inner_radius;
+    if share < 0.5 { share } else { 0.5 }
+}
+
 /// A triangle as rays need it, in the order of the hierarchy's leaves.
 struct Leaf {
     corners: Corners,

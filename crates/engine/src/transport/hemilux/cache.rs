@@ -32,6 +32,8 @@ const SIDE: f32 = 500.0;
 const RADIUS: f32 = 0.35;
 const LEAST_PIXELS: f32 = 6.0;
 const MOST_PIXELS: f32 = 20.0;
+/// Smallest radius in pixels of the picture itself.
+const LEAST_OWN_PIXELS: f32 = 1.5;
 /// Radius in pixels where it does not follow what is near.
 const EVEN_PIXELS: f32 = 14.0;
 /// How much farther neighbours are heard than they are shown.
@@ -278,6 +280,12 @@ impl std::ops::AddAssign for Sum {
 /// Small pictures want as many records as large ones: their error is a share of the whole.
 fn scaling(seen: &Seen) -> f32 {
     ((seen.width * seen.height) as f32).sqrt() / SIDE
+}
+
+/// The scale at which the smallest radius is as small as neighbouring pixels allow: with a smaller
+/// one records would stand alone.
+pub fn least_scale(seen: &Seen) -> f32 {
+    (LEAST_OWN_PIXELS / (LEAST_PIXELS * scaling(seen))).min(1.0)
 }
 
 fn radius(record: &Record, Spacing { scale, even }: Spacing) -> f32 {

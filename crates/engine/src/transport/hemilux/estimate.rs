@@ -56,7 +56,7 @@ pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<(Rgb, Rgb)>]) -> (Picture, O
             let (direct, direct_variance) = if options.light {
                 let filtered = options.shadow_filter;
                 let direct = light.irradiance(lights, seen, index, filtered);
-                (direct, light.variance(index, filtered))
+                (direct, light.variance(lights, index, filtered))
             } else {
                 let (facet, back, at) = seen.place_on_facet(fragment);
                 (coarse.direct(facet, back, at), Rgb::ZERO)

@@ -5,7 +5,7 @@ use crate::measurement::{Frame, View};
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::raster::{PixelPlane, Target, fill};
-use crate::rays::{Spot, unit_normal};
+use crate::rays::{Spot, inset, unit_normal};
 use crate::scene::Camera;
 use crate::transport::ray_traced::surface::{Surface, World};
 use glam::{Vec2, Vec3};
@@ -45,6 +45,7 @@ struct Placed {
     corners: [Vec3; 3],
     planes: [PixelPlane; 3],
     normal: Vec3,
+    inset: f32,
 }
 
 /// What a camera sees.
@@ -81,7 +82,7 @@ impl Seen {
             let planes = view.edges(corners);
             let corners = corners.map(|corner| world.rays.place(corner));
             let normal = unit_normal(corners);
-            Placed { corners, planes, normal }
+            Placed { corners, planes, normal, inset: inset(corners) }
         };
         let placed = scene.facets.iter().map(place).collect();
         let mut seen = Self {
@@ -150,14 +151,20 @@ impl Seen {
     fn barycentric(&self, facet: u32, pixel: u32, offset: Vec2) -> Vec2 {
         let column = (pixel % self.width) as f32 + offset.x;
         let row = (pixel / self.width) as f32 + offset.y;
-        let [a, b, c] = self.placed[facet as usize]
+        let placed = &self.placed[facet as usize];
+        let [a, b, c] = placed
             .planes
             .map(|plane| plane.constant + plane.per_column * column + plane.per_row * row);
         let sum = a + b + c;
         let u = (b / sum).clamp(0.0, 1.0);
         let v = (c / sum).clamp(0.0, 1.0 - u);
         // Edge-on facets may have no sum.
-        if u.is_finite() && v.is_finite() { Vec2::new(u, v) } else { Vec2::splat(1.0 / 3.0) }
+        let middle = Vec2::splat(1.0 / 3.0);
+        if u.is_finite() && v.is_finite() {
+            Vec2::new(u, v).lerp(middle, placed.inset)
+        } else {
+            middle
+        }
     }
 
     fn spot(&self, facet: u32, back: bool, at: Vec2) -> (Vec3, Vec3) {

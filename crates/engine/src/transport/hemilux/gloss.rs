@@ -96,7 +96,13 @@ fn lobe(
     {
         let mut radiance = coarse.reflected(&hit, Some(at.afresh()));
         if met.emission != Rgb::ZERO {
-            let other = lights.density(&unoccluded, &hit, met.normal, scattered.direction);
+            let other = lights.density(
+                &unoccluded,
+                (start, surface.normal),
+                &hit,
+                met.normal,
+                scattered.direction,
+            );
             radiance += met.emission * heuristic(scattered.density, other);
         }
         sum += scattered.factor.both() * radiance;

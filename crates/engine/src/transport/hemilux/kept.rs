@@ -47,6 +47,7 @@ struct KeptRecord {
 struct KeptLight {
     seen: Rgb,
     cast: Rgb,
+    squares: f32,
     rays: u32,
     blocked: u32,
     disputed: u32,
@@ -73,6 +74,7 @@ impl Tiers<'_> {
             .map(|lit| KeptLight {
                 seen: lit.seen,
                 cast: lit.cast,
+                squares: lit.squares,
                 rays: lit.rays,
                 blocked: lit.blocked,
                 disputed: u32::from(lit.disputed),
@@ -119,7 +121,7 @@ impl Tiers<'_> {
             return Err(CheckpointError::damaged("there can't be that many rays"));
         }
         for (place, lit) in self.direct.lit.iter_mut().zip(lit) {
-            (place.seen, place.cast) = (lit.seen, lit.cast);
+            (place.seen, place.cast, place.squares) = (lit.seen, lit.cast, lit.squares);
             (place.rays, place.blocked) = (lit.rays, lit.blocked);
             place.disputed = lit.disputed != 0;
         }

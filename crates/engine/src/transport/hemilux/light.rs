@@ -4,7 +4,7 @@
 use super::fragments::{Fragment, Seen};
 use super::lights::{Lights, TRIES};
 use super::sequence::{Seed, Shifted};
-use crate::radiometry::Rgb;
+use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
 use crate::transport::ray_traced::surface::World;
 use rayon::prelude::*;
@@ -15,6 +15,8 @@ const FIRST_RAYS: u32 = 1;
 const MORE_RAYS: u32 = 6;
 /// Rays of every fragment, each pass, where it does not matter whether they agree.
 const EVEN_RAYS: u32 = 2;
+/// The same where the lights are many.
+const MANY_RAYS: u32 = 4;
 /// Pixels of a picture of ordinary size; in smaller ones that is up to four times as many.
 const ORDINARY_PIXELS: u32 = 250_000;
 /// Every so many passes a fragment where they agree gets another ray.
@@ -39,6 +41,8 @@ pub struct Lit {
     pub(super) seen: Rgb,
     /// Σ irradiance of all light points.
     pub(super) cast: Rgb,
+    /// Of many lights, Σ of its square, as one number.
+    pub(super) squares: f32,
     /// Rays so far.
     pub(super) rays: u32,
     /// Rays that were blocked.
@@ -74,9 +78,10 @@ impl Direct {
 
     /// Casts another pass of rays.
     pub fn pass(&mut self, world: &World, lights: &Lights, seen: &Seen, seed: Seed) {
-        if !self.adaptive {
+        if !self.adaptive || !lights.is_exact() {
+            let rays = if lights.is_exact() { EVEN_RAYS } else { MANY_RAYS };
             self.lit.iter_mut().for_each(|lit| lit.disputed = true);
-            self.cast(world, lights, seen, seed, |_, _| EVEN_RAYS);
+            self.cast(world, lights, seen, seed, |_, _| rays);
         } else if self.passes == 0 {
             self.cast(world, lights, seen, seed, |_, _| FIRST_RAYS);
             self.dispute(seen);
@@ -151,10 +156,7 @@ impl Direct {
         if lit.rays == 0 {
             return Rgb::ZERO;
         }
-        let (mut sum, mut cast) = (lit.seen, lit.cast);
-        if !lights.is_exact() {
-            return sum / lit.rays as f32;
-        }
+        let (mut sum, mut cast, mut rays) = (lit.seen, lit.cast, lit.rays as f32);
         if filtered && lit.disputed && lit.rays < ENOUGH_RAYS {
             let reach = if lit.rays * 4 < ENOUGH_RAYS { AROUND } else { 1 };
             around(seen, index, reach, |other, offset| {
@@ -162,22 +164,34 @@ impl Direct {
                 let weight = 1.0 / (1.0 + offset as f32 * 0.5);
                 sum += other.seen * weight;
                 cast += other.cast * weight;
+                rays += other.rays as f32 * weight;
             });
+        }
+        if !lights.is_exact() {
+            return sum / rays;
         }
         let share = Rgb::select(cast.cmpgt(Rgb::ZERO), sum / cast, Rgb::ZERO);
         lit.unoccluded * share
     }
 
     /// Estimated variance of [`Direct::irradiance`] from the rays of the fragment itself.
-    pub fn variance(&self, index: usize, filtered: bool) -> Rgb {
+    pub fn variance(&self, lights: &Lights, index: usize, filtered: bool) -> Rgb {
         let lit = &self.lit[index];
+        let helped = if filtered && lit.rays < ENOUGH_RAYS { HELPED } else { 1.0 };
+        if !lights.is_exact() {
+            let (mean, all) = (lit.seen / lit.rays.max(1) as f32, importance(lit.seen));
+            if lit.rays < 2 || all <= 0.0 {
+                return mean * mean;
+            }
+            let scatter = lit.squares * lit.rays as f32 / (all * all) - 1.0;
+            return mean * mean * (scatter.max(0.0) / (lit.rays - 1) as f32 * helped);
+        }
         if lit.rays == 0 || lit.blocked == 0 || lit.blocked == lit.rays {
             return Rgb::ZERO;
         }
         let share = lit.blocked as f32 / lit.rays as f32;
         // Well-spread points do better than random ones: the variance falls by about n^−1.5; and
         // the neighbours help.
-        let helped = if filtered && lit.rays < ENOUGH_RAYS { HELPED } else { 1.0 };
         let variance = share * (1.0 - share) / (lit.rays as f32).powf(1.5) * helped;
         lit.unoccluded * lit.unoccluded * variance
     }
@@ -201,13 +215,25 @@ impl Lit {
         let unoccluded = lights.unoccluded(fragment.point, fragment.normal);
         for _ in 0..count {
             let point = seen.sample_point(fragment, self.rays);
+            if !lights.is_exact() {
+                let xi = sequence.at(self.rays * 16 + place).triple();
+                self.rays += 1;
+                if let Some((end, irradiance)) = lights.one_of_many(point, fragment.normal, xi) {
+                    if world.rays.blocked(point, end, |_| false) {
+                        self.blocked += 1;
+                    } else {
+                        self.seen += irradiance;
+                        self.squares += importance(irradiance).powi(2);
+                    }
+                }
+                continue;
+            }
             let sample = |tries: u32| {
                 let xi = sequence.at((self.rays * TRIES + tries) * 16 + place).triple();
                 lights.sample(&unoccluded, point, fragment.normal, xi)
             };
             // Where the horizon cuts a light, the ratio of seen to cast asks for points above it.
-            let tries = if lights.is_exact() { TRIES } else { 1 };
-            let light = (0..tries).find_map(sample);
+            let light = (0..TRIES).find_map(sample);
             self.rays += 1;
             let Some(light) = light else { continue };
             self.cast += light.irradiance;

@@ -1,6 +1,7 @@
 //! The lights as polygons: what they shine on a point if nothing is in between (Lambert's closed
 //! form), and points on them for the rays that find out what is in between.
 
+use super::light_tree::{Glow, LightTree};
 use crate::patches::{cell_index, cells};
 use crate::radiometry::{Rgb, importance};
 use crate::rays::{Hit, Rays, Spot};
@@ -46,8 +47,8 @@ struct Light {
 /// The lights of a scene.
 pub struct Lights {
     lights: Vec<Light>,
-    /// Running sums of power, up to 1.
-    cumulative: Vec<f32>,
+    /// Which of them to ask, where they are too many to ask all.
+    tree: LightTree,
     /// First light of each emissive triangle, and whether its texture made it many.
     of_triangle: HashMap<u32, (u32, bool)>,
     /// Divisions of a triangle whose texture varies.
@@ -119,15 +120,8 @@ impl Lights {
         if total.is_nan() || total <= 0.0 || total.is_infinite() {
             return None;
         }
-        let mut sum = 0.0;
-        let cumulative = lights
-            .iter()
-            .map(|light| {
-                sum += f64::from(light.power()) / total;
-                sum as f32
-            })
-            .collect();
-        Some(Self { lights, cumulative, of_triangle, divisions })
+        let tree = LightTree::new(&lights.iter().map(Light::glow).collect::<Vec<_>>());
+        Some(Self { lights, tree, of_triangle, divisions })
     }
 
     /// Number of polygons.
@@ -157,7 +151,7 @@ impl Lights {
     }
 
     /// A point of the lights for three uniform numbers, as a surface at `point` sees it: picked by
-    /// what each shines on it where that is known, else by power. `None` where it shines nothing.
+    /// what each shines on it, or may shine where they are many. `None` where it shines nothing.
     pub fn sample(
         &self,
         unoccluded: &Unoccluded,
@@ -165,16 +159,7 @@ impl Lights {
         normal: Vec3,
         xi: Vec3,
     ) -> Option<LightPoint> {
-        let cumulative =
-            if self.is_exact() { &unoccluded.cumulative[..self.count()] } else { &self.cumulative };
-        let total = cumulative[cumulative.len() - 1];
-        if total <= 0.0 {
-            return None;
-        }
-        let at = xi.x * total;
-        let pick = cumulative.partition_point(|sum| *sum <= at).min(cumulative.len() - 1);
-        let before = if pick == 0 { 0.0 } else { cumulative[pick - 1] };
-        let probability = (cumulative[pick] - before) / total;
+        let (pick, probability) = self.pick(unoccluded, point, normal, xi.x)?;
         let light = &self.lights[pick];
         let place = light.place(xi.y, xi.z);
         let between = place - point;
@@ -196,24 +181,71 @@ impl Lights {
         })
     }
 
-    /// The direct light on a surface by one shadow ray: unbiased, and without noise where all or
-    /// nothing of the only light is seen.
+    fn pick(
+        &self,
+        unoccluded: &Unoccluded,
+        point: Vec3,
+        normal: Vec3,
+        x: f32,
+    ) -> Option<(usize, f32)> {
+        if !self.is_exact() {
+            return self.tree.pick(point, normal, x);
+        }
+        let cumulative = &unoccluded.cumulative[..self.count()];
+        let total = cumulative[cumulative.len() - 1];
+        if total <= 0.0 {
+            return None;
+        }
+        let at = x * total;
+        let pick = cumulative.partition_point(|sum| *sum <= at).min(cumulative.len() - 1);
+        let before = if pick == 0 { 0.0 } else { cumulative[pick - 1] };
+        Some((pick, (cumulative[pick] - before) / total))
+    }
+
+    /// One of many lights: where a shadow ray to it ends, and its irradiance in closed form over
+    /// the probability that it was picked, which has no singularity near the light. `None` where
+    /// it shines nothing.
+    pub fn one_of_many(&self, point: Vec3, normal: Vec3, xi: Vec3) -> Option<(Vec3, Rgb)> {
+        let (pick, probability) = self.tree.pick(point, normal, xi.x)?;
+        let light = &self.lights[pick];
+        let projected = light.projected(point, normal);
+        if projected <= 0.0 || probability <= 0.0 {
+            return None;
+        }
+        let height = |place: &Vec3| normal.dot(*place - point);
+        let above = |tries: u32| {
+            let [y, z] = [(xi.y, 0.671_043_6), (xi.z, 0.549_700_5)]
+                .map(|(x, step): (f32, f32)| (x + step * tries as f32).fract());
+            Some(light.place(y, z)).filter(|place| height(place) > 0.0)
+        };
+        let place = (0..TRIES).find_map(above).or_else(|| {
+            let corners = light.corners[..light.count].iter();
+            corners.copied().max_by(|a, b| height(a).total_cmp(&height(b)))
+        })?;
+        let side = 1f32.copysign(light.normal.dot(point - place));
+        let end = place + light.normal * (side * light.error);
+        Some((end, light.radiance * (projected / probability)))
+    }
+
+    /// The direct light on a surface by one shadow ray: without noise where all or nothing of the
+    /// only light is seen.
     pub fn once(&self, rays: &Rays, point: Vec3, normal: Vec3, xi: Vec3) -> Rgb {
+        if !self.is_exact() {
+            return match self.one_of_many(point, normal, xi) {
+                Some((end, irradiance)) if !rays.blocked(point, end, |_| false) => irradiance,
+                _ => Rgb::ZERO,
+            };
+        }
         let unoccluded = self.unoccluded(point, normal);
-        let exact = self.is_exact();
-        if exact && unoccluded.irradiance == Rgb::ZERO {
+        if unoccluded.irradiance == Rgb::ZERO {
             return Rgb::ZERO;
         }
-        let tries = if exact { TRIES } else { 1 };
         let sample = |tries: u32| {
             let xi = (xi + Vec3::new(0.819_172_5, 0.671_043_6, 0.549_700_5) * tries as f32).fract();
             self.sample(&unoccluded, point, normal, xi)
         };
-        match (0..tries).find_map(sample) {
-            Some(light) if !rays.blocked(point, light.end, |_| false) => match exact {
-                true => unoccluded.irradiance,
-                false => light.irradiance,
-            },
+        match (0..TRIES).find_map(sample) {
+            Some(light) if !rays.blocked(point, light.end, |_| false) => unoccluded.irradiance,
             _ => Rgb::ZERO,
         }
     }
@@ -223,6 +255,7 @@ impl Lights {
     pub fn density(
         &self,
         unoccluded: &Unoccluded,
+        (start, start_normal): (Vec3, Vec3),
         hit: &Hit,
         normal: Vec3,
         direction: Vec3,
@@ -230,15 +263,18 @@ impl Lights {
         let Some((first, textured)) = self.of_triangle.get(&hit.triangle) else { return 0.0 };
         let cell = if *textured { cell_index(self.divisions, hit.u, hit.v) } else { 0 };
         let pick = (first + cell) as usize;
-        let cumulative =
-            if self.is_exact() { &unoccluded.cumulative[..self.count()] } else { &self.cumulative };
-        let total = cumulative[cumulative.len() - 1];
-        if total <= 0.0 {
-            return 0.0;
-        }
-        let before = if pick == 0 { 0.0 } else { cumulative[pick - 1] };
+        let probability = if self.is_exact() {
+            let cumulative = &unoccluded.cumulative[..self.count()];
+            let total = cumulative[cumulative.len() - 1];
+            if total <= 0.0 {
+                return 0.0;
+            }
+            let before = if pick == 0 { 0.0 } else { cumulative[pick - 1] };
+            (cumulative[pick] - before) / total
+        } else {
+            self.tree.probability(pick, start, start_normal)
+        };
         let cosine = normal.dot(direction).abs().max(f32::MIN_POSITIVE);
-        let probability = (cumulative[pick] - before) / total;
         probability * hit.distance * hit.distance / (self.lights[pick].area * cosine)
     }
 }
@@ -295,6 +331,17 @@ impl Light {
             error: 0.0,
             radiance: Rgb::ZERO,
             two_sided: false,
+        }
+    }
+
+    fn glow(&self) -> Glow {
+        let corners = self.corners[..self.count].iter();
+        Glow {
+            center: self.center,
+            radius: corners.map(|corner| corner.distance(self.center)).fold(0.0, f32::max),
+            power: importance(self.radiance) * self.area,
+            normal: self.normal,
+            two_sided: self.two_sided,
         }
     }
 

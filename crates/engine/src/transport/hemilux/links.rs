@@ -10,7 +10,7 @@ use super::shoot::{Coarse, Patched};
 use crate::patches::{NO_PATCH, PatchedScene, nth_cell};
 use crate::radiometry::Rgb;
 use crate::random::Stream;
-use crate::rays::{Eye, Spot, unit_normal};
+use crate::rays::{Eye, Spot, inset, unit_normal};
 use crate::transport::ray_traced::surface::World;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -144,6 +144,7 @@ pub struct PatchPoints {
     /// Of the front.
     normal: Vec3,
     cell: [Vec2; 3],
+    inset: f32,
     back: bool,
 }
 
@@ -155,7 +156,7 @@ impl PatchPoints {
         let first = if back { facet.back } else { facet.front };
         let cell = nth_cell(facet.divisions, patch - first);
         let corners = facet.corners.map(|c| world.rays.place(scene.positions[c as usize]));
-        Self { corners, normal: unit_normal(corners), cell, back }
+        Self { corners, normal: unit_normal(corners), cell, inset: inset(corners), back }
     }
 
     /// The point for two uniform numbers, off the surface by the rounding error, and the normal.
@@ -163,6 +164,7 @@ impl PatchPoints {
         let [a, b, c] = self.cell;
         let root = x.sqrt();
         let at = a * (1.0 - root) + b * (root * (1.0 - y)) + c * (root * y);
+        let at = at.lerp(Vec2::splat(1.0 / 3.0), self.inset);
         let spot = Spot::new(self.corners, self.normal, at.x, at.y);
         let normal = if self.back { -spot.normal } else { spot.normal };
         (spot.off_surface(normal), normal)

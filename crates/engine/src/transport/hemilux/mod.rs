@@ -16,6 +16,7 @@ mod gather;
 mod gloss;
 mod kept;
 mod light;
+mod light_tree;
 mod lights;
 mod links;
 mod plan;
@@ -274,7 +275,8 @@ struct Tiers<'a> {
 impl Tiers<'_> {
     /// What the radii of records follow after so many iterations.
     fn spacing(&self, iterations: u64) -> Spacing {
-        Spacing { scale: scale(iterations), even: !self.options.adaptive }
+        let scale = scale(iterations).max(cache::least_scale(self.seen));
+        Spacing { scale, even: !self.options.adaptive }
     }
 
     /// Goes over to another camera, with what `before` iterations have found out.

@@ -247,9 +247,10 @@ impl<'a> Coarse<'a> {
             all.map(|(vertex, weight)| values.vertices[*vertex as usize] * *weight).sum();
         // A vertex may hear patches on the other side of a wall that stands there.
         let Some(first) = piece.first_patch(back) else { return Rgb::ZERO };
-        let own =
-            values.patches[(first + cell_index(piece.divisions, u, v)) as usize].max(Rgb::ZERO);
-        smooth.clamp(own / MOST_CHANGE, own * MOST_CHANGE)
+        let own = values.patches[(first + cell_index(piece.divisions, u, v)) as usize];
+        // Shots have noise of both signs, which must stay: cut off below it would make light.
+        let (one, other) = (own / MOST_CHANGE, own * MOST_CHANGE);
+        smooth.clamp(one.min(other), one.max(other))
     }
 
     /// Irradiance that has bounced, at barycentric coordinates of a facet of the mesh.
