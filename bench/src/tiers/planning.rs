@@ -9,7 +9,7 @@ use hemilux_engine::render::{Limits, Unobserved, render};
 
 /// Seconds of a render.
 const SECONDS: f64 = 2.0;
-const SEEDS: u64 = 3;
+const SEEDS: u64 = 1;
 /// Time for the same error over the time of the best hand: the bar. Errors fall at most with the
 /// square root of time.
 const BAR: f64 = 1.3;

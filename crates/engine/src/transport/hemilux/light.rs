@@ -27,6 +27,8 @@ const AROUND: i32 = 2;
 const ENOUGH_RAYS: u32 = 128;
 /// Fragments per task.
 const CHUNK: usize = 1024;
+/// How much well-spread points lower the variance where the lights are many.
+const SPREAD: f32 = 0.5;
 /// How much neighbours lower the variance.
 const HELPED: f32 = 0.15;
 /// Order in which the pixels of a tile take the points of a sequence (Bayer 1973).
@@ -184,7 +186,7 @@ impl Direct {
                 return mean * mean;
             }
             let scatter = lit.squares * lit.rays as f32 / (all * all) - 1.0;
-            return mean * mean * (scatter.max(0.0) / (lit.rays - 1) as f32 * helped);
+            return mean * mean * (scatter.max(0.0) / (lit.rays - 1) as f32 * SPREAD * helped);
         }
         if lit.rays == 0 || lit.blocked == 0 || lit.blocked == lit.rays {
             return Rgb::ZERO;
