@@ -9,7 +9,7 @@ use hemilux_engine::render::{Limits, Unobserved, render};
 
 /// Seconds of a render.
 const SECONDS: f64 = 2.0;
-const SEEDS: u64 = 2;
+const SEEDS: u64 = 3;
 
 /// What is switched off, and how.
 const VARIANTS: [(&str, &[(&str, &str)]); 12] = [

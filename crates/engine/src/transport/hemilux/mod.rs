@@ -196,9 +196,9 @@ fn scale(iteration: u64) -> f32 {
 fn worth(request: &RenderRequest) -> (u32, usize) {
     let (samples, patches) = worth_by_limits(&request.limits);
     let pixels = request.width * request.height;
-    let least = if pixels < 1 << 14 {
+    let least = if pixels < 1 << 16 {
         64
-    } else if pixels < 1 << 16 {
+    } else if pixels < 1 << 17 {
         32
     } else {
         16
@@ -209,7 +209,7 @@ fn worth(request: &RenderRequest) -> (u32, usize) {
 fn worth_by_limits(limits: &Limits) -> (u32, usize) {
     let (seconds, error) = (limits.seconds.unwrap_or(0.0), limits.target_error.unwrap_or(1.0));
     let iterations = limits.iterations.unwrap_or(0);
-    if seconds >= 4.0 || error <= 0.012 || iterations >= 32 {
+    if seconds >= 2.0 || error <= 0.015 || iterations >= 16 {
         (64, 30_000)
     } else if seconds >= 1.0 || error <= 0.025 || iterations >= 8 {
         (32, 16_000)
