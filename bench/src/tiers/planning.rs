@@ -84,7 +84,7 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
     }
     std::fs::write(study.out.join("planning.csv"), csv.csv())?;
     let text = format!(
-        "Median of {SEEDS} seeds, {SECONDS} s each; within {BAR} × of the best hand's time on \
+        "Median over seeds 1 to {SEEDS}, {SECONDS} s each; within {BAR} × of the best hand's time on \
          {within} of {views} views.\n\n{}",
         table.markdown()
     );

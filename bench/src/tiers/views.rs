@@ -156,7 +156,7 @@ fn seen_from(mut scene: Scene, eye: Vec3, target: Vec3, yfov: f32) -> Scene {
     scene
 }
 
-/// The scene with everything grey of one albedo, and the light such that as much comes back.
+/// The scene with all that does not shine in one grey.
 pub fn with_albedo(mut scene: Scene, albedo: f32) -> Scene {
     for material in scene.materials.iter_mut().filter(|material| !material.emits()) {
         material.base_color = Rgb::splat(albedo);
