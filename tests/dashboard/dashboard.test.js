@@ -244,10 +244,11 @@ test("it looks right wide and narrow, light and dark", async () => {
   await server.post({ ...common, scene: phong, time_budget_s: 3, labels: { name: "Cornell box, glossy" } });
   const last = await server.post({ ...common, scene: corridor, width: 640, height: 360, time_budget_s: 3, labels: { name: "Corridor" } });
   await server.job(last.id, 30);
-  const running = await server.post({ ...common, scene: cornell, time_budget_s: 60, target_error: 0.01, labels: { name: "Cornell box", project: "examples" } });
+  const running = await server.post({ ...common, scene: cornell, time_budget_s: 60, target_error: 0.002, labels: { name: "Cornell box", project: "examples" } });
   await server.post({ ...common, scene: corridor, time_budget_s: 5, labels: { name: "Corridor, final" } });
   await go(`#/jobs/${running.id}`);
-  await until("some progress", async () => (await page.locator('.log li[data-kind="snapshot"]').count()) >= 5);
+  const snapshots = page.locator('.log li[data-kind="snapshot"]');
+  await until("some progress", async () => (await snapshots.count()) >= 3, 60_000);
 
   const routes = [["job", `#/jobs/${running.id}`], ["home", "#/"], ["new", "#/new"]];
   for (const [size, viewport] of [["wide", WIDE], ["narrow", NARROW]]) {
