@@ -7,6 +7,7 @@ use super::sequence::{Seed, Shifted};
 use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
 use crate::transport::ray_traced::surface::World;
+use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 /// Rays of every fragment at first, interleaved over tiles of 4 × 4 pixels.
@@ -24,13 +25,15 @@ const SECOND_LOOK: u32 = 4;
 /// Pixels around, in each direction, whose rays must agree.
 const AROUND: i32 = 2;
 /// With at least so many rays the neighbours no longer help; with a quarter only the nearest.
-const ENOUGH_RAYS: u32 = 128;
+const ENOUGH_RAYS: u32 = 64;
 /// Fragments per task.
 const CHUNK: usize = 1024;
 /// How much well-spread points lower the variance where the lights are many.
 const SPREAD: f32 = 0.5;
 /// How much neighbours lower the variance.
 const HELPED: f32 = 0.15;
+/// What makes planes through few neighbours flat, in squared pixels.
+const RIDGE: f32 = 0.05;
 /// Order in which the pixels of a tile take the points of a sequence (Bayer 1973).
 const BAYER: [u32; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
 
@@ -140,7 +143,7 @@ impl Direct {
                     return false;
                 }
                 let mut disagrees = false;
-                around(seen, index, AROUND, |other, _| {
+                around(seen, index, AROUND, |other, _, _| {
                     let other = &lit[other];
                     disagrees |=
                         other.rays > 0 && (other.blocked * mine.rays != mine.blocked * other.rays);
@@ -152,28 +155,28 @@ impl Direct {
     }
 
     /// Direct irradiance of a fragment; where its own rays are few, with the help of its
-    /// neighbours' if `filtered`.
+    /// neighbours' if `filtered`: what a plane through the shares around says of it.
     pub fn irradiance(&self, lights: &Lights, seen: &Seen, index: usize, filtered: bool) -> Rgb {
         let lit = &self.lit[index];
         if lit.rays == 0 {
             return Rgb::ZERO;
         }
-        let (mut sum, mut cast, mut rays) = (lit.seen, lit.cast, lit.rays as f32);
+        let exact = lights.is_exact();
+        let mut share = lit.share(exact);
         if filtered && lit.disputed && lit.rays < ENOUGH_RAYS {
             let reach = if lit.rays * 4 < ENOUGH_RAYS { AROUND } else { 1 };
-            around(seen, index, reach, |other, offset| {
+            let mut plane = Plane::default();
+            plane.add(0, 0, share, lit.rays as f32);
+            around(seen, index, reach, |other, across, down| {
                 let other = &self.lit[other];
-                let weight = 1.0 / (1.0 + offset as f32 * 0.5);
-                sum += other.seen * weight;
-                cast += other.cast * weight;
-                rays += other.rays as f32 * weight;
+                let weight = 1.0 / (1.0 + (across * across + down * down) as f32 * 0.5);
+                if other.rays > 0 {
+                    plane.add(across, down, other.share(exact), other.rays as f32 * weight);
+                }
             });
+            share = plane.center();
         }
-        if !lights.is_exact() {
-            return sum / rays;
-        }
-        let share = Rgb::select(cast.cmpgt(Rgb::ZERO), sum / cast, Rgb::ZERO);
-        lit.unoccluded * share
+        if exact { lit.unoccluded * share } else { share }
     }
 
     /// Estimated variance of [`Direct::irradiance`] from the rays of the fragment itself.
@@ -200,6 +203,14 @@ impl Direct {
 }
 
 impl Lit {
+    /// Share of the light that gets here; of many lights, irradiance.
+    fn share(&self, exact: bool) -> Rgb {
+        if !exact {
+            return self.seen / self.rays as f32;
+        }
+        Rgb::select(self.cast.cmpgt(Rgb::ZERO), self.seen / self.cast, Rgb::ZERO)
+    }
+
     fn cast(
         &mut self,
         world: &World,
@@ -248,9 +259,42 @@ impl Lit {
     }
 }
 
+/// Least-squares plane over pixels: beside an edge, where neighbours are on one side only, their
+/// mean would be off by as much as light changes towards them.
+#[derive(Default)]
+struct Plane {
+    /// Σ w (1, x, y)ᵀ(1, x, y).
+    matrix: Mat3,
+    /// Σ w (1, x, y)ᵀ value, per channel.
+    right: Mat3,
+    /// Least and largest value.
+    range: Option<(Rgb, Rgb)>,
+}
+
+impl Plane {
+    fn add(&mut self, across: i32, down: i32, value: Rgb, weight: f32) {
+        let at = Vec3::new(1.0, across as f32, down as f32);
+        let weighted = at * weight;
+        self.matrix += Mat3::from_cols(weighted, weighted * at.y, weighted * at.z);
+        self.right += Mat3::from_cols(weighted * value.x, weighted * value.y, weighted * value.z);
+        let (least, most) = self.range.unwrap_or((value, value));
+        self.range = Some((least.min(value), most.max(value)));
+    }
+
+    /// Its value in the middle; at least and at most what was heard.
+    fn center(mut self) -> Rgb {
+        let Some((least, most)) = self.range else { return Rgb::ZERO };
+        let ridge = RIDGE * self.matrix.x_axis.x;
+        self.matrix.y_axis.y += ridge;
+        self.matrix.z_axis.z += ridge;
+        let row = self.matrix.inverse().x_axis;
+        Rgb::from_array(self.right.transpose().mul_vec3(row).to_array()).clamp(least, most)
+    }
+}
+
 /// Calls `each` with the fragments of neighbouring pixels that lie in the plane of fragment
-/// `index`, and the square of their distance in pixels.
-fn around(seen: &Seen, index: usize, reach: i32, mut each: impl FnMut(usize, i32)) {
+/// `index`, and how many pixels they are to the right and down.
+fn around(seen: &Seen, index: usize, reach: i32, mut each: impl FnMut(usize, i32, i32)) {
     let mine = &seen.fragments[index];
     let (x, y) = ((mine.pixel % seen.width) as i32, (mine.pixel / seen.width) as i32);
     let (width, height) = (seen.width as i32, seen.height as i32);
@@ -266,7 +310,7 @@ fn around(seen: &Seen, index: usize, reach: i32, mut each: impl FnMut(usize, i32
                 if theirs.normal.dot(mine.normal) > 0.98
                     && mine.normal.dot(theirs.point - mine.point).abs() < flat
                 {
-                    each(other, (row - y) * (row - y) + (column - x) * (column - x));
+                    each(other, column - x, row - y);
                 }
             }
         }
