@@ -34,7 +34,8 @@ struct Point {
 }
 
 /// What the engine calls the causes of errors.
-const CAUSES: [&str; 4] = ["error_indirect", "error_shadows", "error_lobes", "error_edges"];
+const CAUSES: [&str; 5] =
+    ["error_noise", "error_bent", "error_shadows", "error_lobes", "error_edges"];
 
 impl Point {
     fn new(view: &View, truth: &Truth, rendered: &Rendered, seed: u64) -> Self {
@@ -60,8 +61,8 @@ impl Point {
 
 pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
     let views = study.views();
-    let (mut points, mut asked) = (Vec::new(), Vec::new());
-    for (place, view) in views.iter().enumerate() {
+    let mut points = Vec::new();
+    for view in &views {
         eprintln!("calibration: {}", view.name);
         let truth = study.truth(view)?;
         for seed in 1..=SEEDS {
@@ -72,22 +73,30 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
                 points.push(Point::new(view, &truth, &rendered, seed));
             }
         }
-        // The first five views stand for the rest.
-        for target in TARGETS.into_iter().filter(|_| place < 5) {
-            let seconds = Some(PATIENCE);
-            let limits = Limits { target_error: Some(target), seconds, ..Limits::default() };
-            let request = view.request("auto", limits, 1, &[]);
-            let rendered = render(study.device.as_mut(), &request, &mut Unobserved)?;
-            asked.push((target, Point::new(view, &truth, &rendered, 1)));
-        }
     }
     std::fs::write(study.out.join("calibration.csv"), csv(&points).csv())?;
     std::fs::write(study.out.join("calibration.svg"), chart(&points).svg()?)?;
     Ok(vec![
         ("calibration summary".into(), summary(&points)),
         ("calibration views".into(), by_view(&views, &points)),
-        ("calibration targets".into(), targets(&asked)),
     ])
+}
+
+/// What comes of asking for an accuracy.
+pub fn ask(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
+    let mut asked = Vec::new();
+    // The first views stand for the rest.
+    for view in study.views().iter().take(5) {
+        let truth = study.truth(view)?;
+        for target in TARGETS {
+            let limits =
+                Limits { target_error: Some(target), seconds: Some(PATIENCE), ..Limits::default() };
+            let request = view.request("auto", limits, 1, &[]);
+            let rendered = render(study.device.as_mut(), &request, &mut Unobserved)?;
+            asked.push((target, Point::new(view, &truth, &rendered, 1)));
+        }
+    }
+    Ok(vec![("calibration targets".into(), targets(&asked))])
 }
 
 fn csv(points: &[Point]) -> Table {

@@ -47,6 +47,7 @@ enum Part {
     References,
     Ablation,
     Calibration,
+    Targets,
     Growth,
     Planning,
 }
@@ -101,6 +102,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     if wanted(Part::Calibration) {
         parts.extend(calibration::run(&mut study)?);
+    }
+    if wanted(Part::Targets) {
+        parts.extend(calibration::ask(&mut study)?);
     }
     if wanted(Part::Ablation) {
         parts.extend(ablation::run(&mut study)?);

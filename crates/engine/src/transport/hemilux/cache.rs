@@ -193,8 +193,7 @@ impl Cache {
     pub fn smooth(&mut self, seen: &Seen, fit: bool) {
         if !fit {
             for record in &mut self.records {
-                (record.value, record.slope) = (record.irradiance(), [Vec3::ZERO; 3]);
-                record.variance = (0.1 * record.value).powf(2.0);
+                record.take(Fit::alone(record));
             }
             return;
         }
@@ -215,9 +214,9 @@ impl Cache {
                 let reach = record.radius * heard;
                 let window = seen.frame.window(record.point, reach, seen.width, seen.height);
                 let Some([x0, x1, y0, y1]) = window else {
-                    return Plane::default().fit(record);
+                    return Plane::new().fit(record);
                 };
-                let mut plane = Plane::default();
+                let mut plane = Plane::new();
                 for row in y0 / TILE..=(y1.max(1) - 1) / TILE {
                     for column in x0 / TILE..=(x1.max(1) - 1) / TILE {
                         for other in &tiles[(row * across + column) as usize] {
@@ -233,23 +232,26 @@ impl Cache {
             })
             .collect();
         for (record, fit) in self.records.iter_mut().zip(fits) {
-            (record.value, record.slope) = (fit.value, fit.slope);
-            record.variance = fit.variance;
+            record.take(fit);
         }
     }
 
-    /// Indirect irradiance of every fragment with its estimated variance; `None` where no record
-    /// counts. The variance is that of the records' own values about the plane through them, which
-    /// knows both noise and curvature.
-    pub fn irradiance(&self, seen: &Seen) -> Vec<Option<(Rgb, Rgb)>> {
+    /// Indirect irradiance of every fragment; `None` where no record counts.
+    pub fn irradiance(&self, seen: &Seen) -> Vec<Option<Bounced>> {
         let sums = splat(seen, &self.records, 1.0, |record, between, weight| {
-            let change = Rgb::from_array(record.slope.map(|slope| slope.dot(between)));
+            let along = |slope: [Vec3; 3]| Rgb::from_array(slope.map(|one| one.dot(between)));
             // A slope is a guess: it must not turn light into darkness.
-            let value = (record.value + change).clamp(0.5 * record.value, 2.0 * record.value);
-            Sum { value: value * weight, variance: record.variance * weight, weight }
+            let value = record.value + along(record.slope);
+            let irradiance = value.clamp(0.5 * record.value, 2.0 * record.value) * weight;
+            let noise = (record.noise + along(record.noise_slope)) * weight;
+            Sum { all: Bounced { irradiance, noise, bent: record.bent * weight }, weight }
         });
-        let mean = |sum: Sum| {
-            (sum.weight > 0.0).then(|| (sum.value / sum.weight, sum.variance / sum.weight))
+        let mean = |Sum { all, weight }: Sum| {
+            (weight > 0.0).then(|| Bounced {
+                irradiance: all.irradiance / weight,
+                noise: all.noise / weight,
+                bent: all.bent / weight,
+            })
         };
         sums.into_iter().map(mean).collect()
     }
@@ -261,18 +263,29 @@ fn thinned(wanted: Vec<u32>) -> Vec<u32> {
     wanted.into_iter().step_by(every).collect()
 }
 
+/// Indirect irradiance of a fragment.
+#[derive(Clone, Copy, Default)]
+pub struct Bounced {
+    /// The irradiance.
+    pub irradiance: Rgb,
+    /// Half the difference that either half of all rays makes to it.
+    pub noise: Rgb,
+    /// Variance of the records about the planes through them that is not noise.
+    pub bent: Rgb,
+}
+
 /// What records add up to at a fragment.
 #[derive(Clone, Copy, Default)]
 struct Sum {
-    value: Rgb,
-    variance: Rgb,
+    all: Bounced,
     weight: f32,
 }
 
 impl std::ops::AddAssign for Sum {
     fn add_assign(&mut self, other: Self) {
-        self.value += other.value;
-        self.variance += other.variance;
+        self.all.irradiance += other.all.irradiance;
+        self.all.noise += other.all.noise;
+        self.all.bent += other.all.bent;
         self.weight += other.weight;
     }
 }
@@ -300,75 +313,111 @@ fn radius(record: &Record, Spacing { scale, even }: Spacing) -> f32 {
 struct Fit {
     value: Rgb,
     slope: [Vec3; 3],
-    variance: Rgb,
+    noise: Rgb,
+    noise_slope: [Vec3; 3],
+    bent: Rgb,
 }
 
-/// Relative variance of a single ray, for records without neighbours.
-const ALONE: f32 = 0.5;
+impl Fit {
+    /// Of a record without neighbours.
+    fn alone(record: &Record) -> Self {
+        let (value, noise) = (record.irradiance(), record.noise());
+        Self { value, slope: [Vec3::ZERO; 3], noise, noise_slope: [Vec3::ZERO; 3], bent: Rgb::ZERO }
+    }
+}
+
+impl Record {
+    fn take(&mut self, fit: Fit) {
+        (self.value, self.slope) = (fit.value, fit.slope);
+        (self.noise, self.noise_slope) = (fit.noise, fit.noise_slope);
+        self.bent = fit.bent;
+    }
+}
 
 /// Sums of a least-squares plane.
-#[derive(Default)]
 struct Plane {
     /// Σ w (1, x, y)ᵀ(1, x, y).
     matrix: Mat3,
     /// Σ w (1, x, y)ᵀ E, per channel.
     right: Mat3,
+    /// The same of the noise.
+    noise: Mat3,
     squares: f32,
     /// Σ w E².
     energy: Rgb,
+    /// Σ w noise².
+    noise_energy: Rgb,
     /// Least and largest irradiance heard.
     range: Option<(Rgb, Rgb)>,
 }
 
 impl Plane {
+    /// Of nothing. (A matrix is one by default.)
+    fn new() -> Self {
+        Self {
+            matrix: Mat3::ZERO,
+            right: Mat3::ZERO,
+            noise: Mat3::ZERO,
+            squares: 0.0,
+            energy: Rgb::ZERO,
+            noise_energy: Rgb::ZERO,
+            range: None,
+        }
+    }
+
     fn add(&mut self, center: &Record, other: &Record, weight: f32) {
         let between = (other.point - center.point) / center.radius;
         let [tangent, bitangent] = center.tangents;
         let at = Vec3::new(1.0, between.dot(tangent), between.dot(bitangent));
-        let e = other.irradiance();
+        let (e, noise) = (other.irradiance(), other.noise());
         let (least, most) = self.range.unwrap_or((e, e));
         self.range = Some((least.min(e), most.max(e)));
         let weighted = at * weight;
         self.matrix += Mat3::from_cols(weighted * at.x, weighted * at.y, weighted * at.z);
         self.right += Mat3::from_cols(weighted * e.x, weighted * e.y, weighted * e.z);
+        self.noise += Mat3::from_cols(weighted * noise.x, weighted * noise.y, weighted * noise.z);
         self.energy += e * e * weight;
+        self.noise_energy += noise * noise * weight;
         self.squares += weight * weight;
     }
 
     fn fit(mut self, record: &Record) -> Fit {
-        let own = record.irradiance();
         let total = self.matrix.x_axis.x;
         // Effective number of records.
         let count = total * total / self.squares.max(f32::MIN_POSITIVE);
         if total.is_nan() || total <= 0.0 || count < 3.0 {
-            let variance = own * own * (ALONE / record.rays.max(1) as f32);
-            return Fit { value: own, slope: [Vec3::ZERO; 3], variance };
+            return Fit::alone(record);
         }
         let ridge = 0.01 * total;
         self.matrix.y_axis.y += ridge;
         self.matrix.z_axis.z += ridge;
         let inverse = self.matrix.inverse();
         if !inverse.is_finite() {
-            let variance = own * own * (ALONE / record.rays.max(1) as f32);
-            return Fit { value: own, slope: [Vec3::ZERO; 3], variance };
+            return Fit::alone(record);
         }
+        let [tangent, bitangent] = record.tangents;
+        let along = |channel: Vec3| (tangent * channel.y + bitangent * channel.z) / record.radius;
         let solved = inverse * self.right;
         let channels = [solved.x_axis, solved.y_axis, solved.z_axis];
         // Neither value nor slope may leave what was heard.
-        let (least, most) = self.range.unwrap_or((own, own));
+        let (least, most) = self.range.unwrap_or_default();
         let value = Rgb::from_array(channels.map(|c| c.x)).clamp(least, most);
-        let [tangent, bitangent] = record.tangents;
-        let range = most - least;
-        let slope = std::array::from_fn(|k| {
-            let slope = tangent * channels[k].y + bitangent * channels[k].z;
-            slope.clamp_length_max(range[k]) / record.radius
-        });
+        let range = (most - least) / record.radius;
+        let slope = std::array::from_fn(|k| along(channels[k]).clamp_length_max(range[k]));
+        let noise = inverse * self.noise;
+        let noise = [noise.x_axis, noise.y_axis, noise.z_axis];
         // Σ w (E − plane)², by the normal equations; the plane takes three of the records.
         let explained =
             Rgb::from_array(std::array::from_fn(|k| channels[k].dot(self.right.col(k))));
-        let scatter = ((self.energy - explained) / total).max(Rgb::ZERO);
-        let variance = scatter * (3.0 / (count - 2.0).max(1.0)).min(1.0);
-        Fit { value, slope, variance }
+        let scatter = (self.energy - explained) / total * (count / (count - 2.0).max(1.0));
+        let bent = (scatter - self.noise_energy / total).max(Rgb::ZERO);
+        Fit {
+            value,
+            slope,
+            noise: Rgb::from_array(noise.map(|c| c.x)),
+            noise_slope: noise.map(along),
+            bent,
+        }
     }
 }
 

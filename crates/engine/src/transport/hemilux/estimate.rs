@@ -1,6 +1,7 @@
 //! The picture from what the three tiers know, and how far it may be off.
 
 use super::Tiers;
+use super::cache::Bounced;
 use crate::image::Picture;
 use crate::radiometry::Rgb;
 use rayon::prelude::*;
@@ -11,35 +12,38 @@ const COVERAGE: f32 = 0.04;
 /// Relative error of indirect light that is shown as the coarse mesh has it.
 const COARSE: f32 = 0.2;
 /// Relative error that nothing here sees: the coarse mesh behind the gathers.
-const ALLOWANCE: f64 = 0.006;
+const ALLOWANCE: f64 = 0.004;
 
-/// What pixels are off by, and why.
-pub const CAUSES: [&str; 4] = ["indirect", "shadows", "lobes", "edges"];
-/// What pictures turn out to have of each cause's variance: lobes and edges see the coarse mesh,
-/// whose error is no scatter. Records' scatter is more than their error where all is smooth; it
-/// stands for what they miss where it is not.
-const FOUND: [f64; 4] = [1.0, 1.0, 2.5, 4.0];
+/// What pixels are off by, and why: `noise` of the records, by how much either half of their rays
+/// changes the picture; `bent`, how far the records are off the planes through them by more than
+/// noise, as a plane is off where light is bent; shadow rays that disagree; lobes; and pixels that
+/// surfaces share.
+pub const CAUSES: [&str; 5] = ["noise", "bent", "shadows", "lobes", "edges"];
+/// What pictures turn out to have of each cause's variance. Halves of well-spread points are worse
+/// than points that are spread together; a plane's middle is nearer than its rim; lobes and edges
+/// see the coarse mesh, whose error is no scatter.
+const FOUND: [f64; 5] = [0.5, 0.5, 1.0, 2.0, 8.0];
 
 /// A pixel.
 #[derive(Clone, Copy)]
 struct Measured {
     radiance: Rgb,
     /// Σ over channels of the estimated variance, by cause.
-    variance: [f32; 4],
+    variance: [f32; 5],
 }
 
 /// Estimated error of a picture: rRMSE over the pixels that see no emitter.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Errors {
     /// By cause.
-    pub parts: [f64; 4],
+    pub parts: [f64; 5],
     /// All together, with what no part knows of.
     pub all: f64,
 }
 
 /// The picture with its estimated error; `None` of a black picture. `bounced` is the indirect
 /// irradiance of every fragment, with its variance.
-pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<(Rgb, Rgb)>]) -> (Picture, Option<Errors>) {
+pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<Bounced>]) -> (Picture, Option<Errors>) {
     let (seen, options) = (tiers.seen, tiers.options);
     let (light, coarse, lights) = (&tiers.direct, &tiers.coarse, tiers.lights);
     let mut gloss = Vec::new();
@@ -50,7 +54,7 @@ pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<(Rgb, Rgb)>]) -> (Picture, O
     let coverage = COVERAGE * (options.samples as f32).powf(-1.5);
     let pixel = |pixel: usize| {
         let mut radiance = seen.shine[pixel];
-        let mut variance = [0.0; 4];
+        let mut variance = [0.0; 5];
         let (mut least, mut most, mut all) = (Rgb::INFINITY, Rgb::ZERO, 0.0);
         for index in seen.start[pixel] as usize..seen.start[pixel + 1] as usize {
             let fragment = &seen.fragments[index];
@@ -62,18 +66,23 @@ pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<(Rgb, Rgb)>]) -> (Picture, O
                 let (facet, back, at) = seen.place_on_facet(fragment);
                 (coarse.direct(facet, back, at), Rgb::ZERO)
             };
-            let (bounced, bounced_variance) = bounced[index].unwrap_or_else(|| {
+            let bounced = bounced[index].unwrap_or_else(|| {
                 let (facet, back, at) = seen.place_on_facet(fragment);
-                let bounced = coarse.bounced(facet, back, at);
-                (bounced, bounced * bounced * (COARSE * COARSE))
+                let irradiance = coarse.bounced(facet, back, at);
+                Bounced { irradiance, noise: irradiance * COARSE, bent: Rgb::ZERO }
             });
             let factor = fragment.diffuse / PI;
-            let mut own = factor * (direct + bounced).max(Rgb::ZERO);
+            let mut own = factor * (direct + bounced.irradiance).max(Rgb::ZERO);
             let square = factor * factor;
-            let mut own_variance = [square * bounced_variance, square * direct_variance, Rgb::ZERO];
+            let mut own_variance = [
+                square * bounced.noise * bounced.noise,
+                square * bounced.bent,
+                square * direct_variance,
+                Rgb::ZERO,
+            ];
             if let Some((mean, variance)) = gloss.get(index) {
                 own += *mean;
-                own_variance[2] = *variance;
+                own_variance[3] = *variance;
             }
             radiance += own * fragment.share;
             for (sum, own) in variance.iter_mut().zip(own_variance) {
@@ -87,14 +96,14 @@ pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<(Rgb, Rgb)>]) -> (Picture, O
             if all < 0.99 {
                 least = Rgb::ZERO;
             }
-            variance[3] = ((most - least) * (most - least) * coverage).element_sum();
+            variance[4] = ((most - least) * (most - least) * coverage).element_sum();
         }
         Measured { radiance, variance }
     };
     let count = seen.shine.len();
     let measured: Vec<Measured> =
         (0..count).into_par_iter().with_min_len(1024).map(pixel).collect();
-    let (mut sum, mut variance, mut pixels) = (0.0, [0.0; 4], 0.0);
+    let (mut sum, mut variance, mut pixels) = (0.0, [0.0; 5], 0.0);
     for (measured, shine) in measured.iter().zip(&seen.shine) {
         if *shine == Rgb::ZERO {
             sum += f64::from(measured.radiance.element_sum());
@@ -109,7 +118,7 @@ pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<(Rgb, Rgb)>]) -> (Picture, O
     let errors = (sum > 0.0).then(|| {
         let mean = sum / pixels;
         let square = |k: usize| FOUND[k] * variance[k] / pixels / (mean * mean);
-        let squares: [f64; 4] = std::array::from_fn(square);
+        let squares: [f64; 5] = std::array::from_fn(square);
         let all = (squares.iter().sum::<f64>() + ALLOWANCE * ALLOWANCE).sqrt();
         Errors { parts: squares.map(f64::sqrt), all }
     });

@@ -51,16 +51,22 @@ pub struct Record {
     pub rays: u32,
     /// Σ radiance over rays.
     pub(super) sum: Rgb,
+    /// The same with the sign changed in the second half of each stretch of rays.
+    pub(super) split: Rgb,
     /// Σ 1/distance over rays.
     pub(super) nearness: f32,
     /// What is nearest in each sector of the horizon.
     pub(super) horizon: [Obstacle; SECTORS],
     /// Irradiance after the neighbours were heard.
     pub value: Rgb,
-    /// Estimated variance of that.
-    pub variance: Rgb,
+    /// Half the difference that either half of all rays makes to it.
+    pub noise: Rgb,
+    /// Variance of the records heard about the plane through them that is not noise.
+    pub bent: Rgb,
     /// Its change along the surface, per ray unit, in world axes.
     pub slope: [Vec3; 3],
+    /// The same of the noise.
+    pub noise_slope: [Vec3; 3],
     /// Radius within which it counts.
     pub radius: f32,
 }
@@ -77,11 +83,14 @@ impl Record {
             number,
             rays: 0,
             sum: Rgb::ZERO,
+            split: Rgb::ZERO,
             nearness: 0.0,
             horizon: [NOTHING; SECTORS],
             value: Rgb::ZERO,
-            variance: Rgb::ZERO,
+            noise: Rgb::ZERO,
+            bent: Rgb::ZERO,
             slope: [Vec3::ZERO; 3],
+            noise_slope: [Vec3::ZERO; 3],
             radius: 0.0,
         }
     }
@@ -97,7 +106,7 @@ impl Record {
     ) {
         let [tangent, bitangent] = self.tangents;
         let mut sequence = Shifted::new(seed, Stream::Gather, u64::from(self.number)).at(self.rays);
-        for _ in 0..rays {
+        for ray in 0..rays {
             let (local, height) = cosine_local(sequence.next_pair());
             let direction = tangent * local.x + bitangent * local.y + self.normal * height;
             let direction = direction.normalize();
@@ -111,7 +120,9 @@ impl Record {
                 let normal = if away > 0.0 { -normal } else { normal };
                 *nearest = Obstacle { distance: along, normal, offset: away.abs() };
             }
-            self.sum += coarse.reflected(&hit, afresh.then(|| sequence.afresh()));
+            let radiance = coarse.reflected(&hit, afresh.then(|| sequence.afresh()));
+            self.sum += radiance;
+            self.split += if 2 * ray < rays { radiance } else { -radiance };
         }
         self.rays += rays;
     }
@@ -119,6 +130,12 @@ impl Record {
     /// Mean irradiance of the rays.
     pub fn irradiance(&self) -> Rgb {
         self.sum * (PI / self.rays.max(1) as f32)
+    }
+
+    /// Half the difference of the irradiances that either half of the rays gives: its square is
+    /// the variance of [`Record::irradiance`].
+    pub fn noise(&self) -> Rgb {
+        self.split * (PI / self.rays.max(1) as f32)
     }
 
     /// Harmonic mean of the distances to what the rays met.

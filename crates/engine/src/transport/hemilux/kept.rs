@@ -36,6 +36,7 @@ struct KeptRecord {
     number: u32,
     rays: u32,
     sum: Rgb,
+    split: Rgb,
     nearness: f32,
     radius: f32,
     horizon: [Obstacle; SECTORS],
@@ -216,6 +217,7 @@ impl From<&Record> for KeptRecord {
             number: record.number,
             rays: record.rays,
             sum: record.sum,
+            split: record.split,
             nearness: record.nearness,
             radius: record.radius,
             horizon: record.horizon,
@@ -228,6 +230,7 @@ impl From<&KeptRecord> for Record {
         Record {
             rays: kept.rays,
             sum: kept.sum,
+            split: kept.split,
             nearness: kept.nearness,
             radius: kept.radius,
             horizon: kept.horizon,
@@ -247,6 +250,7 @@ impl KeptRecord {
             && unit
             && self.point.is_finite()
             && self.sum.is_finite()
+            && self.split.is_finite()
             && self.rays <= MOST_RAYS
             && self.horizon.iter().all(obstacle)
     }

@@ -165,7 +165,7 @@ impl Direct {
         let mut share = lit.share(exact);
         if filtered && lit.disputed && lit.rays < ENOUGH_RAYS {
             let reach = if lit.rays * 4 < ENOUGH_RAYS { AROUND } else { 1 };
-            let mut plane = Plane::default();
+            let mut plane = Plane::new();
             plane.add(0, 0, share, lit.rays as f32);
             around(seen, index, reach, |other, across, down| {
                 let other = &self.lit[other];
@@ -261,7 +261,6 @@ impl Lit {
 
 /// Least-squares plane over pixels: beside an edge, where neighbours are on one side only, their
 /// mean would be off by as much as light changes towards them.
-#[derive(Default)]
 struct Plane {
     /// Σ w (1, x, y)ᵀ(1, x, y).
     matrix: Mat3,
@@ -272,6 +271,11 @@ struct Plane {
 }
 
 impl Plane {
+    /// Of nothing. (A matrix is one by default.)
+    fn new() -> Self {
+        Self { matrix: Mat3::ZERO, right: Mat3::ZERO, range: None }
+    }
+
     fn add(&mut self, across: i32, down: i32, value: Rgb, weight: f32) {
         let at = Vec3::new(1.0, across as f32, down as f32);
         let weighted = at * weight;
@@ -313,6 +317,31 @@ fn around(seen: &Seen, index: usize, reach: i32, mut each: impl FnMut(usize, i32
                     each(other, column - x, row - y);
                 }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Beside an edge the neighbours are on one side only.
+    #[test]
+    fn a_plane_follows_what_changes_towards_one_side() {
+        let value =
+            |across: i32, down: i32| Rgb::new(3.0, 0.2, 0.01) + 0.001 * (across - down) as f32;
+        for weight in [1e-3, 1.0, 1e3] {
+            let (mut plane, mut mean, mut total) = (Plane::new(), Rgb::ZERO, 0.0);
+            for down in -2..=2 {
+                for across in 0..=2 {
+                    plane.add(across, down, value(across, down), weight);
+                    (mean, total) = (mean + value(across, down), total + 1.0);
+                }
+            }
+            let off = (plane.center() - value(0, 0)).abs().max_element();
+            let mean_off = (mean / total - value(0, 0)).abs().max_element();
+            assert!(off < 1e-4, "{off}");
+            assert!(mean_off > 9e-4, "{mean_off}");
         }
     }
 }

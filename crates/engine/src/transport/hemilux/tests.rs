@@ -8,7 +8,13 @@ use crate::transport::Method;
 use std::sync::Arc;
 
 fn picture(glb: &[u8], threads: usize, seed: u64, solver: &str) -> Picture {
-    let scene = import(glb, &Resources::default(), &ImportLimits::default()).unwrap();
+    lit_picture(glb, threads, seed, solver, 1.0)
+}
+
+/// The picture with all lights so many times as bright.
+fn lit_picture(glb: &[u8], threads: usize, seed: u64, solver: &str, brightness: f32) -> Picture {
+    let mut scene = import(glb, &Resources::default(), &ImportLimits::default()).unwrap();
+    scene.materials.iter_mut().for_each(|material| material.emission *= brightness);
     let request = RenderRequest {
         scene: Arc::new(scene),
         camera: CameraChoice::First,
@@ -36,5 +42,25 @@ fn the_bits_do_not_depend_on_the_threads() {
         let alone = picture(&glb, 1, 5, solver);
         assert_eq!(alone, picture(&glb, 3, 5, solver));
         assert_ne!(alone, picture(&glb, 3, 6, solver), "the seed does nothing");
+    }
+}
+
+/// Light is linear: nothing may compare or mix radiance with numbers of another unit.
+#[test]
+fn a_thousandth_of_the_light_makes_a_thousandth_of_the_picture() {
+    for (glb, solver) in
+        [(made::cornell(), "links"), (made::cornell(), "shots"), (made::phong_cornell(), "links")]
+    {
+        let bright = lit_picture(&glb, 2, 5, solver, 1.0);
+        let dim = lit_picture(&glb, 2, 5, solver, 1.0 / 1024.0);
+        let worst = bright
+            .pixels
+            .iter()
+            .zip(&dim.pixels)
+            .map(|(bright, dim)| {
+                (*bright - *dim * 1024.0).abs().max_element() / bright.max_element()
+            })
+            .fold(0.0, f32::max);
+        assert!(worst < 1e-3, "{solver}: {worst}");
     }
 }
