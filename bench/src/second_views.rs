@@ -18,6 +18,7 @@ use std::time::Instant;
 
 /// Iterations of a view that are looked at, until one is good enough.
 const ITERATIONS: [u64; 14] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 16, 24, 32];
+const PIXEL_SAMPLES: u32 = 64;
 /// Pixels brighter than this, in times of the mean, see an emitter and don't count.
 const EMITTER: f64 = 8.0;
 
@@ -168,7 +169,8 @@ fn request(
         method: "hemilux".into(),
         limits: Limits { seconds: Some(seconds), ..Limits::default() },
         seed: 1,
-        options: Default::default(),
+        // What limits by iterations would choose otherwise than limits by seconds.
+        options: [("pixel_samples".to_string(), PIXEL_SAMPLES.to_string())].into(),
         begin: Begin::Afresh,
     }
 }

@@ -88,16 +88,20 @@ impl Cache {
         self.records.iter().map(|record| u64::from(record.rays)).sum()
     }
 
-    /// Traces more rays: for every record, or for every n-th in turn where there are many.
+    /// Traces more rays: for every record that has not `enough` of them, or for every n-th in turn
+    /// where there are many.
     pub fn refine(
         &mut self,
         world: &World,
         coarse: &Coarse<'_>,
         gathering: Gathering,
+        enough: u32,
         turn: usize,
     ) {
-        let every = self.records.len().div_ceil(REFINED);
-        let records = self.records.par_iter_mut().enumerate().with_max_len(16);
+        let mut wanted: Vec<&mut Record> =
+            self.records.iter_mut().filter(|record| record.rays < enough).collect();
+        let every = wanted.len().div_ceil(REFINED).max(1);
+        let records = wanted.par_iter_mut().enumerate().with_max_len(16);
         records.filter(|(index, _)| (index + turn).is_multiple_of(every)).for_each(
             |(_, record)| {
                 record.gather(world, coarse, gathering.seed, gathering.rays, gathering.afresh);

@@ -58,8 +58,10 @@ const DENSER: f32 = 0.75;
 const MOST_ROUNDS: u32 = 64;
 /// Points of a patch whose direct light is found.
 const PATCH_POINTS: u32 = 2;
-/// The same of records made later, at most.
+/// Most rays of records made later, in times of those that every record gets in an iteration.
 const MOST_GATHER: u32 = 8;
+/// The same of another camera's first ones.
+const FIRST_GATHER: u32 = 2;
 /// What a picture takes, in shares of the first iteration, before one was made.
 const PICTURE_SHARE: f64 = 0.25;
 /// Pause between estimates for reports, in times of what the last one took.
@@ -352,18 +354,21 @@ impl Tiers<'_> {
         }
         self.clock.lap("seconds_light");
         if options.gather {
-            // New records catch up with those that are there.
+            // New records catch up with those that are there: at once, or, where another camera's
+            // picture left many, over some iterations, so that the first picture comes soon.
             let so_far = number.max(self.before);
             let more = (1 + so_far as u32).min(MOST_GATHER);
+            let at_once = if known { more.min(FIRST_GATHER) } else { more };
             let gathering = Gathering {
                 seed: self.seed,
                 rays: options.gather_rays,
-                new_rays: options.gather_rays * more,
+                new_rays: options.gather_rays * at_once,
                 afresh: options.gather_direct,
                 spacing: self.spacing(so_far),
             };
-            if !first && !known {
-                self.cache.refine(self.world, &self.coarse, gathering, number as usize);
+            if !first {
+                let enough = if known { options.gather_rays * more } else { u32::MAX };
+                self.cache.refine(self.world, &self.coarse, gathering, enough, number as usize);
             }
             if first || (REFILLS.contains(&number) && !known) {
                 self.cache.fill(self.world, &self.coarse, self.seen, gathering);
