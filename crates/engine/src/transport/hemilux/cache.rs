@@ -10,7 +10,7 @@ use super::sequence::Seed;
 use super::shoot::Coarse;
 use crate::radiometry::Rgb;
 use crate::transport::ray_traced::surface::World;
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Most records that get more rays at a time.
@@ -36,6 +36,9 @@ const MOST_PIXELS: f32 = 20.0;
 const LEAST_OWN_PIXELS: f32 = 1.5;
 /// Radius in pixels where it does not follow what is near.
 const EVEN_PIXELS: f32 = 14.0;
+/// Factors of the radii of records that are off the planes through them by more than so many times
+/// the mean square.
+const TIGHTER: [(f32, f32); 3] = [(10.0, 0.3), (2.0, 0.5), (0.0, 0.95)];
 /// How much farther neighbours are heard than they are shown.
 const HEARD: f32 = 1.8;
 /// Pixels along a tile of the index of records.
@@ -73,6 +76,8 @@ pub struct Gathering {
 pub struct Spacing {
     /// Factor of all radii.
     pub scale: f32,
+    /// The same at least, where it is multiplied by how tight a record is.
+    pub least: f32,
     /// Whether all are the same in the picture, rather than following what is near.
     pub even: bool,
 }
@@ -111,6 +116,7 @@ impl Cache {
 
     /// Adds records until every fragment is covered.
     pub fn fill(&mut self, world: &World, coarse: &Coarse<'_>, seen: &Seen, gathering: Gathering) {
+        let tight = self.tighten(seen);
         for record in &mut self.records {
             record.radius = radius(record, gathering.spacing);
         }
@@ -141,14 +147,15 @@ impl Cache {
                     .into_par_iter()
                     .enumerate()
                     .with_max_len(16)
-                    .map(|(index, fragment)| {
-                        let fragment = &seen.fragments[fragment as usize];
+                    .map(|(index, place)| {
+                        let fragment = &seen.fragments[place as usize];
                         let footprint = scaling * seen.frame.footprint(fragment.point, seen.height);
                         let number = sequences.wrapping_add(index as u32);
                         let point = seen.sample_point(fragment, 0);
                         let mut record = Record::new(point, fragment.normal, footprint, number);
                         let rays = gathering.new_rays;
                         record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
+                        record.tight = tight.get(place as usize).copied().unwrap_or(1.0);
                         record.radius = radius(&record, gathering.spacing);
                         record
                     })
@@ -158,6 +165,29 @@ impl Cache {
                 self.cover(seen, first);
             }
         }
+    }
+
+    /// Tightens the records that are off the planes through them by more than most; returns how
+    /// tight new records have to be, per fragment.
+    fn tighten(&mut self, seen: &Seen) -> Vec<f32> {
+        if self.records.is_empty() {
+            return Vec::new();
+        }
+        let (mut sum, mut pixels) = (0.0, 0.0);
+        for record in &self.records {
+            let area = (record.radius / record.footprint).powi(2);
+            (sum, pixels) = (sum + record.bent.element_sum() * area, pixels + area);
+        }
+        let mean = sum / pixels;
+        for record in &mut self.records {
+            let bent = record.bent.element_sum();
+            let tighter = TIGHTER.iter().find(|(times, _)| bent > times * mean);
+            record.tight *= tighter.map_or(1.0, |(_, factor)| *factor);
+        }
+        let sums = splat(seen, &self.records, 1.0, |record, _, weight| {
+            Vec2::new(record.tight * weight, weight)
+        });
+        sums.into_iter().map(|sum| if sum.y > 0.0 { sum.x / sum.y } else { 1.0 }).collect()
     }
 
     /// Goes over to another camera: of the records, those stay that count for anything it sees.
@@ -305,12 +335,13 @@ pub fn least_scale(seen: &Seen) -> f32 {
     (LEAST_OWN_PIXELS / (LEAST_PIXELS * scaling(seen))).min(1.0)
 }
 
-fn radius(record: &Record, Spacing { scale, even }: Spacing) -> f32 {
+fn radius(record: &Record, Spacing { scale, least, even }: Spacing) -> f32 {
     if even {
         return EVEN_PIXELS * record.footprint * scale;
     }
     let pixels = [LEAST_PIXELS, MOST_PIXELS].map(|pixels| pixels * record.footprint);
-    (RADIUS * record.distance()).clamp(pixels[0], pixels[1]) * scale
+    let radius = (RADIUS * record.distance()).clamp(pixels[0], pixels[1]);
+    radius * (scale * record.tight).max(least)
 }
 
 /// What a plane says of a record.

@@ -67,6 +67,8 @@ pub struct Record {
     pub slope: [Vec3; 3],
     /// The same of the noise.
     pub noise_slope: [Vec3; 3],
+    /// Factor of its radius: small where light is bent.
+    pub tight: f32,
     /// Radius within which it counts.
     pub radius: f32,
 }
@@ -91,6 +93,7 @@ impl Record {
             bent: Rgb::ZERO,
             slope: [Vec3::ZERO; 3],
             noise_slope: [Vec3::ZERO; 3],
+            tight: 1.0,
             radius: 0.0,
         }
     }

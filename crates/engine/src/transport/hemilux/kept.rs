@@ -38,6 +38,7 @@ struct KeptRecord {
     sum: Rgb,
     split: Rgb,
     nearness: f32,
+    tight: f32,
     radius: f32,
     horizon: [Obstacle; SECTORS],
 }
@@ -219,6 +220,7 @@ impl From<&Record> for KeptRecord {
             sum: record.sum,
             split: record.split,
             nearness: record.nearness,
+            tight: record.tight,
             radius: record.radius,
             horizon: record.horizon,
         }
@@ -232,6 +234,7 @@ impl From<&KeptRecord> for Record {
             sum: kept.sum,
             split: kept.split,
             nearness: kept.nearness,
+            tight: kept.tight,
             radius: kept.radius,
             horizon: kept.horizon,
             ..Record::new(kept.point, kept.normal, kept.footprint, kept.number)
@@ -242,7 +245,7 @@ impl From<&KeptRecord> for Record {
 impl KeptRecord {
     /// Whether it may be what gathering makes: numbers that are none have no place anywhere.
     fn is_sound(&self) -> bool {
-        let numbers = [self.footprint, self.nearness, self.radius];
+        let numbers = [self.footprint, self.nearness, self.tight, self.radius];
         let positive = numbers.iter().all(|number| *number >= 0.0 && number.is_finite());
         let unit = (self.normal.length_squared() - 1.0).abs() < 1e-2;
         let obstacle = |one: &Obstacle| one.distance >= 0.0 && one.normal.is_finite();

@@ -52,8 +52,8 @@ use std::time::Instant;
 const PATCHES: &str = "coarse_patches";
 const SAMPLES: &str = "pixel_samples";
 /// Iterations before which more records are made, each nearer to its neighbours by [`DENSER`].
-const REFILLS: [u64; 4] = [2, 6, 14, 30];
-const DENSER: f32 = 0.75;
+const REFILLS: [u64; 4] = [1, 4, 12, 28];
+const DENSER: f32 = 0.85;
 /// Most rays of a patch at a time, in times of those of the first iteration.
 const MOST_ROUNDS: u32 = 64;
 /// Points of a patch whose direct light is found.
@@ -277,8 +277,8 @@ struct Tiers<'a> {
 impl Tiers<'_> {
     /// What the radii of records follow after so many iterations.
     fn spacing(&self, iterations: u64) -> Spacing {
-        let scale = scale(iterations).max(cache::least_scale(self.seen));
-        Spacing { scale, even: !self.options.adaptive }
+        let least = cache::least_scale(self.seen);
+        Spacing { scale: scale(iterations).max(least), least, even: !self.options.adaptive }
     }
 
     /// Goes over to another camera, with what `before` iterations have found out.
@@ -371,6 +371,7 @@ impl Tiers<'_> {
                 self.cache.refine(self.world, &self.coarse, gathering, enough, number as usize);
             }
             if first || (REFILLS.contains(&number) && !known) {
+                self.cache.smooth(self.seen, options.gather_fit);
                 self.cache.fill(self.world, &self.coarse, self.seen, gathering);
             }
         }
