@@ -25,13 +25,17 @@ const SECOND_LOOK: u32 = 4;
 /// Pixels around, in each direction, whose rays must agree.
 const AROUND: i32 = 2;
 /// With at least so many rays the neighbours no longer help; with a quarter only the nearest.
-const ENOUGH_RAYS: u32 = 64;
+const ENOUGH_RAYS: u32 = 128;
 /// Fragments per task.
 const CHUNK: usize = 1024;
 /// How much well-spread points lower the variance where the lights are many.
 const SPREAD: f32 = 0.5;
 /// How much neighbours lower the variance.
 const HELPED: f32 = 0.15;
+/// Squared differences of neighbours' shares, in variances, up to which they count in full, and from
+/// which they don't.
+const ALIKE: f32 = 6.0;
+const UNLIKE: f32 = 24.0;
 /// What makes planes through few neighbours flat, in squared pixels.
 const RIDGE: f32 = 0.05;
 /// Order in which the pixels of a tile take the points of a sequence (Bayer 1973).
@@ -155,7 +159,8 @@ impl Direct {
     }
 
     /// Direct irradiance of a fragment; where its own rays are few, with the help of its
-    /// neighbours' if `filtered`: what a plane through the shares around says of it.
+    /// neighbours' if `filtered`: what a plane through the shares around says of it, where chance
+    /// lets them be the same.
     pub fn irradiance(&self, lights: &Lights, seen: &Seen, index: usize, filtered: bool) -> Rgb {
         let lit = &self.lit[index];
         if lit.rays == 0 {
@@ -171,7 +176,8 @@ impl Direct {
                 let other = &self.lit[other];
                 let weight = 1.0 / (1.0 + (across * across + down * down) as f32 * 0.5);
                 if other.rays > 0 {
-                    plane.add(across, down, other.share(exact), other.rays as f32 * weight);
+                    let alike = if exact { lit.alike(other) } else { 1.0 };
+                    plane.add(across, down, other.share(exact), other.rays as f32 * weight * alike);
                 }
             });
             share = plane.center();
@@ -209,6 +215,24 @@ impl Lit {
             return self.seen / self.rays as f32;
         }
         Rgb::select(self.cast.cmpgt(Rgb::ZERO), self.seen / self.cast, Rgb::ZERO)
+    }
+
+    /// 1 where the shares of blocked rays are as near as chance lets them be, 0 where they are not:
+    /// there is a shadow's edge in between.
+    fn alike(&self, other: &Lit) -> f32 {
+        let off = self.blocked_share() - other.blocked_share();
+        let chance = self.chance() + other.chance();
+        ((UNLIKE - off * off / chance) / (UNLIKE - ALIKE)).clamp(0.0, 1.0)
+    }
+
+    fn blocked_share(&self) -> f32 {
+        self.blocked as f32 / self.rays.max(1) as f32
+    }
+
+    /// Variance of the share of blocked rays; where all agree, as if one half of a ray did not.
+    fn chance(&self) -> f32 {
+        let share = (self.blocked as f32 + 0.5) / (self.rays + 1) as f32;
+        share * (1.0 - share) / self.rays.max(1) as f32
     }
 
     fn cast(
