@@ -43,14 +43,17 @@ class Peer:
 
 
 class Hemilux:
-    """Our program; its effort is a time budget, seconds."""
+    """Our program; its effort is a time budget, seconds. A method may bring settings of its own,
+    as in `stochastic,preset=paper`."""
 
     def __init__(self, binary, scene, method, size, settings=()):
+        self.name = method
+        method, *own = method.split(",")
+        settings = [*settings, *own]
         self.command = [binary, "render", scene, "--method", method, "--device", "cpu"]
         self.command += ["--size", f"{size}x{size}"]
         for setting in settings:
             self.command += ["--set", setting]
-        self.name = method
 
     def run(self, arguments, out):
         """Stats, picture, and seconds with start-up."""

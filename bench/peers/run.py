@@ -27,7 +27,12 @@ def arguments():
     parser.add_argument("--hemilux", default="target/release/hemilux", help="our program")
     parser.add_argument("--scenes", nargs="+", default=["cornell", "office"])
     parser.add_argument("--peers", nargs="*", default=["mitsuba", "cycles", "luxcore"])
-    parser.add_argument("--methods", nargs="+", default=["hemilux"], help="methods of ours")
+    parser.add_argument(
+        "--methods",
+        nargs="+",
+        default=["hemilux", "stochastic,preset=paper"],
+        help="methods of ours, each with settings of its own",
+    )
     parser.add_argument("--set", nargs="*", default=[], help="settings of ours, name=value")
     parser.add_argument("--repetitions", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=60.0, help="longest render")

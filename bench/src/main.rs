@@ -2,7 +2,7 @@
 //! measures the claims of the paper that the method comes from; `methods` compares all methods,
 //! `form-factors` the routes to a form factor, `growth` what more patches cost; `pixels` measures
 //! ways to sample the pixels of a ray-traced picture, `views` what a solved scene saves its next
-//! picture.
+//! picture, `limits` how far the processor device is from what the machine can do.
 //!
 //! Errors, statistics, tables, charts and contact sheets are those of [`hemilux_charts`]; what
 //! benchmarks share beyond that: [`views`] (scenes), [`cell`] (errors over seeds), [`page`] (how
@@ -11,6 +11,7 @@
 mod cell;
 mod form_factors;
 mod growth;
+mod limits;
 mod load;
 mod methods;
 mod page;
@@ -50,6 +51,8 @@ enum Benchmark {
     Views(second_views::Arguments),
     /// The service under load: streams, posts against a full queue, memory, end.
     Load(load::Arguments),
+    /// Rays, pixels and triangles a second beside the machine's memory and arithmetic.
+    Limits(limits::Arguments),
     /// Error against rays for every way to sample a pixel, with page and charts.
     Pixels(pixels::Arguments),
     /// How good the three-tier method is and why: ablation, calibration, growth, planning.
@@ -66,6 +69,7 @@ fn main() -> Result<(), results::Failure> {
         Benchmark::GrowthPoint(arguments) => growth::point(&arguments),
         Benchmark::Views(arguments) => second_views::run(&arguments),
         Benchmark::Load(arguments) => load::run(&arguments),
+        Benchmark::Limits(arguments) => limits::run(&arguments),
         Benchmark::Pixels(arguments) => pixels::run(&arguments),
         Benchmark::Tiers(arguments) => tiers::run(&arguments),
     }

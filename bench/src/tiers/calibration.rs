@@ -16,7 +16,7 @@ const SEEDS: u64 = 2;
 /// Accuracies that are asked for.
 const TARGETS: [f64; 3] = [0.05, 0.02, 0.01];
 /// What a prediction may be off by: predicted over actual.
-const GOOD: std::ops::RangeInclusive<f64> = 0.7..=1.5;
+pub const GOOD: std::ops::RangeInclusive<f64> = 0.7..=1.5;
 /// Seconds after which a job for an accuracy gives up.
 const PATIENCE: f64 = 20.0;
 

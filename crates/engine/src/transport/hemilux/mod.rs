@@ -211,8 +211,10 @@ fn worth(request: &RenderRequest) -> (u32, usize) {
 fn worth_by_limits(limits: &Limits) -> (u32, usize) {
     let (seconds, error) = (limits.seconds.unwrap_or(0.0), limits.target_error.unwrap_or(1.0));
     let iterations = limits.iterations.unwrap_or(0);
-    if seconds >= 2.0 || error <= 0.015 || iterations >= 16 {
+    if seconds >= 4.0 || error <= 0.015 || iterations >= 16 {
         (64, 30_000)
+    } else if seconds >= 2.0 {
+        (64, 16_000)
     } else if seconds >= 1.0 || error <= 0.025 || iterations >= 8 {
         (32, 16_000)
     } else {
