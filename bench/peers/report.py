@@ -104,9 +104,13 @@ def chart(rows, targets, path):
         panel.set_yticks([t for t in (1, 0.3, *targets, 0.005)])
         panel.minorticks_off()
         panel.grid(axis="x", color="0.92")
-    panels[0][-1].legend(frameon=False, fontsize=8)
+    handles, labels = panels[0][-1].get_legend_handles_labels()
     figure.tight_layout()
-    figure.savefig(path, metadata={"Date": None})
+    # Below the panels: curves may go anywhere in them.
+    figure.legend(
+        handles, labels, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=4, frameon=False
+    )
+    figure.savefig(path, metadata={"Date": None}, bbox_inches="tight")
     plt.close(figure)
 
 
