@@ -67,6 +67,49 @@ fn a_killed_job_goes_on_from_its_checkpoint() {
     assert_eq!(checkpoints(folder.path(), &id).len(), 1, "one is kept, the last");
 }
 
+/// Death between a checkpoint's file and its record, and between that and the removal of the file
+/// before: the next process goes on from what is recorded, to the same bits, and tidies up.
+#[test]
+fn death_at_a_checkpoint_loses_nothing() {
+    let arguments = ["--checkpoint-every-s", "0.2"];
+    let long = job(3000);
+    let mut pictures = Vec::new();
+    for point in ["checkpoint", "checkpoint-kept"] {
+        let folder = TempDir::new().expect("a folder");
+        let rules = folder.path().join("failpoints");
+        std::fs::write(&rules, "").expect("rules");
+        let from_file = format!("@{}", rules.display());
+        let data = folder.path().join("data");
+        let environment = [("HEMILUX_FAILPOINTS", from_file.as_str())];
+        let mut first = Server::start_with_environment(&data, &arguments, &environment);
+        let id = first.submit(&long);
+        let deadline = Instant::now() + PATIENCE;
+        while checkpoints(&data, &id).is_empty() {
+            assert!(Instant::now() < deadline, "no checkpoint was written");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        std::fs::write(&rules, format!("{point}=abort")).expect("rules");
+        while first.is_alive() {
+            assert!(Instant::now() < deadline, "{point} was never passed");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        assert_eq!(checkpoints(&data, &id).len(), 2, "{point}: the file before is still there");
+
+        let server = Server::start_in(&data, &arguments);
+        let after = server.wait(&id);
+        assert_eq!(after["state"], "succeeded", "{point}: {after}");
+        assert!(reasons(&after).contains("goes on after"), "{point}: {}", reasons(&after));
+        assert_eq!(checkpoints(&data, &id).len(), 1, "{point}: one is kept, the last");
+        pictures.push(exr(&server, &id));
+        if pictures.len() == 1 {
+            let undisturbed = server.submit(&long);
+            server.wait(&undisturbed);
+            pictures.push(exr(&server, &undisturbed));
+        }
+    }
+    assert!(pictures.iter().all(|picture| *picture == pictures[0]), "not the same bits");
+}
+
 #[test]
 fn an_ended_job_can_be_given_more_budget() {
     let folder = TempDir::new().expect("a folder");

@@ -6,6 +6,7 @@ use crate::api::jobs::Job;
 use crate::api::solutions::{Begins, KeptFile, Solution};
 use crate::artifacts::sha256_hex;
 use crate::config::Config;
+use crate::failpoints;
 use crate::job_state::JobState;
 use crate::service::Service;
 use crate::store::Claim;
@@ -76,8 +77,11 @@ async fn write(
         service.artifacts.put_kept(claim.job, &file, glb).await?;
         solution.baked = Some(KeptFile { file, sha256, size });
     }
+    let about = || format!("iteration {}", solution.iterations);
+    failpoints::pass("checkpoint", about)?;
     match service.store.keep_solution(claim, &solution).await {
         Ok(before) => {
+            failpoints::pass("checkpoint-kept", about)?;
             if let Some(before) = before {
                 remove(service, claim.job, &before).await;
             }
