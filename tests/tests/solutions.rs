@@ -5,6 +5,7 @@ use hemilux::artifacts::sha256_hex;
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
 use hemilux_tests::server::{PATIENCE, Server};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -22,6 +23,17 @@ fn checkpoints(folder: &Path, job: &str) -> Vec<PathBuf> {
     let files = std::fs::read_dir(folder.join("artifacts/jobs").join(job));
     let paths = files.into_iter().flatten().flatten().map(|entry| entry.path());
     paths.filter(|path| path.extension().is_some_and(|ending| ending == "checkpoint")).collect()
+}
+
+/// Waits until a first checkpoint of a job was replaced by a second, so that one is on record.
+fn wait_for_two_checkpoints(folder: &Path, job: &str) {
+    let deadline = Instant::now() + PATIENCE;
+    let mut seen = BTreeSet::new();
+    while seen.len() < 2 {
+        seen.extend(checkpoints(folder, job));
+        assert!(Instant::now() < deadline, "no checkpoints were written");
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
 
 fn exr(server: &Server, job: &str) -> Vec<u8> {
@@ -42,14 +54,7 @@ fn a_killed_job_goes_on_from_its_checkpoint() {
     let server = Server::start_in(folder.path(), &arguments);
     let long = job(6000);
     let id = server.submit(&long);
-    let deadline = Instant::now() + PATIENCE;
-    // The second one, so that a first one was replaced.
-    let mut seen = std::collections::BTreeSet::new();
-    while seen.len() < 2 {
-        seen.extend(checkpoints(folder.path(), &id));
-        assert!(Instant::now() < deadline, "no checkpoint was written");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    wait_for_two_checkpoints(folder.path(), &id);
     let before = server.get(&format!("/v1/jobs/{id}")).json();
     assert_eq!(before["state"], "running", "it was killed too late: {before}");
     server.kill();
@@ -72,7 +77,7 @@ fn a_killed_job_goes_on_from_its_checkpoint() {
 #[test]
 fn death_at_a_checkpoint_loses_nothing() {
     let arguments = ["--checkpoint-every-s", "0.2"];
-    let long = job(3000);
+    let long = job(6000);
     let mut pictures = Vec::new();
     for point in ["checkpoint", "checkpoint-kept"] {
         let folder = TempDir::new().expect("a folder");
@@ -83,12 +88,9 @@ fn death_at_a_checkpoint_loses_nothing() {
         let environment = [("HEMILUX_FAILPOINTS", from_file.as_str())];
         let mut first = Server::start_with_environment(&data, &arguments, &environment);
         let id = first.submit(&long);
-        let deadline = Instant::now() + PATIENCE;
-        while checkpoints(&data, &id).is_empty() {
-            assert!(Instant::now() < deadline, "no checkpoint was written");
-            std::thread::sleep(Duration::from_millis(5));
-        }
+        wait_for_two_checkpoints(&data, &id);
         std::fs::write(&rules, format!("{point}=abort")).expect("rules");
+        let deadline = Instant::now() + PATIENCE;
         while first.is_alive() {
             assert!(Instant::now() < deadline, "{point} was never passed");
             std::thread::sleep(Duration::from_millis(5));
