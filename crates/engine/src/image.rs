@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use std::io::Cursor;
 
 /// A picture of linear RGB radiance, rows from the top.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
     /// Width in pixels, ≥ 1.
     pub width: u32,

@@ -86,9 +86,10 @@ impl LobeAlbedo {
             let mut table = Vec::with_capacity(LOBE_ROWS * LOBE_COLUMNS);
             for row in 0..LOBE_ROWS {
                 let exponent = (0.5 * row as f64).exp2() - 1.0;
+                let around = around_mirror(exponent);
                 for column in 0..LOBE_COLUMNS {
                     let cosine = column as f64 / (LOBE_COLUMNS - 1) as f64;
-                    table.push(lobe_albedo(exponent, cosine) as f32);
+                    table.push(lobe_over(&around, exponent, cosine) as f32);
                 }
             }
             let means = table.chunks(LOBE_COLUMNS).map(mean_of_row).collect();
@@ -137,24 +138,29 @@ fn mean_of_row(row: &[f32]) -> f32 {
 /// I_n(θ) by quadrature in f64: the integral over the angle around the mirror direction in
 /// closed form, the one over cosⁿ⁺¹α by the midpoint rule.
 pub fn lobe_albedo(exponent: f64, cos_incidence: f64) -> f64 {
-    const STEPS: usize = 512;
+    lobe_over(&around_mirror(exponent), exponent, cos_incidence)
+}
+
+/// Cosine and sine of α at the midpoints of equal steps of cosⁿ⁺¹α.
+fn around_mirror(exponent: f64) -> Vec<[f64; 2]> {
+    const STEPS: u32 = 256;
+    let angle = |step| {
+        let cosine = ((f64::from(step) + 0.5) / f64::from(STEPS)).powf(1.0 / (exponent + 1.0));
+        [cosine, (1.0 - cosine * cosine).max(0.0).sqrt()]
+    };
+    (0..STEPS).map(angle).collect()
+}
+
+fn lobe_over(around_mirror: &[[f64; 2]], exponent: f64, cos_incidence: f64) -> f64 {
     let cosine = cos_incidence.clamp(0.0, 1.0);
     let sine = (1.0 - cosine * cosine).sqrt();
-    let mut sum = 0.0;
-    for step in 0..STEPS {
-        let u = (step as f64 + 0.5) / STEPS as f64;
-        let cos_alpha = u.powf(1.0 / (exponent + 1.0));
-        let sin_alpha = (1.0 - cos_alpha * cos_alpha).max(0.0).sqrt();
-        // ∫ max(0, a + b cosφ) dφ over the full circle.
+    // ∫ max(0, a + b cosφ) dφ over the full circle.
+    let circle = |[cos_alpha, sin_alpha]: &[f64; 2]| {
         let (a, b) = (cos_alpha * cosine, sin_alpha * sine);
-        sum += if a >= b {
-            2.0 * PI * a
-        } else {
-            let limit = (-a / b).acos();
-            2.0 * (a * limit + b * limit.sin())
-        };
-    }
-    (exponent + 2.0) / (2.0 * PI) / (exponent + 1.0) * sum / STEPS as f64
+        if a >= b { PI * 2.0 * a } else { 2.0 * (a * (-a / b).acos() + (b * b - a * a).sqrt()) }
+    };
+    let sum: f64 = around_mirror.iter().map(circle).sum();
+    (exponent + 2.0) / (2.0 * PI) / (exponent + 1.0) * sum / around_mirror.len() as f64
 }
 
 #[cfg(test)]

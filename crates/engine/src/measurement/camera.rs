@@ -111,28 +111,41 @@ impl Frame {
         Some([(x as u32).min(width - 1), (y as u32).min(height - 1)])
     }
 
-    /// Pixels [x0, x1) × [y0, y1) that can see a ball, as [x0, x1, y0, y1]; `None` where none can.
-    pub fn window(&self, center: Vec3, radius: f32, width: u32, height: u32) -> Option<[u32; 4]> {
+    /// Pixels [x0, x1) × [y0, y1) that can see an ellipsoid of revolution, as [x0, x1, y0, y1];
+    /// `None` where none can. Its semi-axis along the unit `normal` is half the `radius`.
+    pub fn window(
+        &self,
+        center: Vec3,
+        normal: Vec3,
+        radius: f32,
+        [width, height]: [u32; 2],
+    ) -> Option<[u32; 4]> {
         let (projected, depth) = self.project(center);
-        if depth + radius <= 0.0 {
+        // Half the side of its box in the camera's axes.
+        let extent = |axis: Vec3| {
+            let along = axis.dot(normal);
+            radius * (1.0 - 0.75 * along * along).max(0.25).sqrt()
+        };
+        let deep = extent(self.forward);
+        if depth + deep <= 0.0 {
             return None;
         }
         let (near, far) = match self.perspective {
-            true => (depth - radius, depth + radius),
+            true => (depth - deep, depth + deep),
             false => (1.0, 1.0),
         };
-        if near <= 1e-3 * radius {
+        if near <= 1e-3 * deep {
             return Some([0, width, 0, height]);
         }
         let side = |middle: f32, half: f32, count: u32| {
-            let (low, high) = (middle - radius / half, middle + radius / half);
+            let (low, high) = (middle - half, middle + half);
             let low = low / if low < 0.0 { near } else { far };
             let high = high / if high > 0.0 { near } else { far };
             let at = |x: f32| ((0.5 * (1.0 + x) * count as f32).max(0.0) as u32).min(count);
             (at(low), (at(high) + 1).min(count))
         };
-        let (x0, x1) = side(projected.x, self.half.x, width);
-        let (y0, y1) = side(-projected.y, self.half.y, height);
+        let (x0, x1) = side(projected.x, extent(self.right) / self.half.x, width);
+        let (y0, y1) = side(-projected.y, extent(self.up) / self.half.y, height);
         (x0 < x1 && y0 < y1).then_some([x0, x1, y0, y1])
     }
 

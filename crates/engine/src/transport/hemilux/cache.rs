@@ -8,9 +8,10 @@ use super::fragments::Seen;
 use super::gather::Record;
 use super::sequence::Seed;
 use super::shoot::Coarse;
+use super::splat::{Said, splat};
 use crate::radiometry::Rgb;
 use crate::transport::ray_traced::surface::World;
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 /// Most records that get more rays at a time.
@@ -18,8 +19,6 @@ const REFINED: usize = 6000;
 /// Most records that are made at a time; where that leaves a fragment uncovered, in foliage say,
 /// it shows the coarse solution.
 const MOST_NEW: usize = 16_384;
-/// Rows of a task.
-const BAND: u32 = 8;
 /// Distances in pixels between the places that are looked at, one after the other.
 const SPACINGS: [u32; 5] = [16, 8, 4, 2, 1];
 /// A place where the weights add up to less is not covered.
@@ -184,10 +183,12 @@ impl Cache {
             let tighter = TIGHTER.iter().find(|(times, _)| bent > times * mean);
             record.tight *= tighter.map_or(1.0, |(_, factor)| *factor);
         }
-        let sums = splat(seen, &self.records, 1.0, |record, _, weight| {
-            Vec2::new(record.tight * weight, weight)
-        });
-        sums.into_iter().map(|sum| if sum.y > 0.0 { sum.x / sum.y } else { 1.0 }).collect()
+        splat(
+            seen,
+            &self.records,
+            |record| Said::even([record.tight]),
+            |[tight], weight| if weight > 0.0 { tight / weight } else { 1.0 },
+        )
     }
 
     /// Goes over to another camera: of the records, those stay that count for anything it sees.
@@ -196,17 +197,13 @@ impl Cache {
         let counts = |record: &mut Record| {
             record.footprint = scaling * seen.frame.footprint(record.point, seen.height);
             record.radius = radius(record, spacing);
-            let reach = record.radius;
-            let Some([x0, x1, y0, y1]) =
-                seen.frame.window(record.point, reach, seen.width, seen.height)
-            else {
-                return false;
-            };
+            let around = record.reach(1.0);
+            let Some([x0, x1, y0, y1]) = seen.window(record, 1.0) else { return false };
             (y0..y1).any(|row| {
                 let first = seen.start[(row * seen.width + x0) as usize] as usize;
                 let last = seen.start[(row * seen.width + x1) as usize] as usize;
                 let fragments = &mut seen.fragments[first..last].iter();
-                fragments.any(|other| record.weight(other.point, other.normal, 1.0) > 0.0)
+                fragments.any(|other| around.weight(other.point, other.normal) > 0.0)
             })
         };
         let all = std::mem::take(&mut self.records).into_par_iter().with_min_len(64);
@@ -216,7 +213,8 @@ impl Cache {
 
     /// Adds the weights of the records from `first` on to the coverage.
     fn cover(&mut self, seen: &Seen, first: usize) {
-        let added = splat(seen, &self.records[first..], 1.0, |_, _, weight| weight);
+        let added =
+            splat(seen, &self.records[first..], |_| Said::even([]), |[], weight: f32| weight);
         for (sum, more) in self.coverage.iter_mut().zip(added) {
             *sum += more;
         }
@@ -244,10 +242,8 @@ impl Cache {
             .par_iter()
             .with_min_len(16)
             .map(|record| {
-                let heard = HEARD;
-                let reach = record.radius * heard;
-                let window = seen.frame.window(record.point, reach, seen.width, seen.height);
-                let Some([x0, x1, y0, y1]) = window else {
+                let around = record.reach(HEARD);
+                let Some([x0, x1, y0, y1]) = seen.window(record, HEARD) else {
                     return Plane::new().fit(record);
                 };
                 let mut plane = Plane::new();
@@ -255,7 +251,7 @@ impl Cache {
                     for column in x0 / TILE..=(x1.max(1) - 1) / TILE {
                         for other in &tiles[(row * across + column) as usize] {
                             let other = &records[*other as usize];
-                            let weight = record.weight(other.point, other.normal, heard);
+                            let weight = around.weight(other.point, other.normal);
                             if weight > 0.0 {
                                 plane.add(record, other, weight * other.rays as f32);
                             }
@@ -272,22 +268,27 @@ impl Cache {
 
     /// Indirect irradiance of every fragment; `None` where no record counts.
     pub fn irradiance(&self, seen: &Seen) -> Vec<Option<Bounced>> {
-        let sums = splat(seen, &self.records, 1.0, |record, between, weight| {
-            let along = |slope: [Vec3; 3]| Rgb::from_array(slope.map(|one| one.dot(between)));
+        let said = |record: &Record| {
+            let (value, noise, bent) = (record.value, record.noise, record.bent);
+            let [a, b, c] = record.slope;
+            let [d, e, f] = record.noise_slope;
             // A slope is a guess: it must not turn light into darkness.
-            let value = record.value + along(record.slope);
-            let irradiance = value.clamp(0.5 * record.value, 2.0 * record.value) * weight;
-            let noise = (record.noise + along(record.noise_slope)) * weight;
-            Sum { all: Bounced { irradiance, noise, bent: record.bent * weight }, weight }
-        });
-        let mean = |Sum { all, weight }: Sum| {
-            (weight > 0.0).then(|| Bounced {
-                irradiance: all.irradiance / weight,
-                noise: all.noise / weight,
-                bent: all.bent / weight,
-            })
+            let (least, most) = (0.5 * value, 2.0 * value);
+            let any = f32::INFINITY;
+            Said {
+                value: [
+                    value.x, value.y, value.z, noise.x, noise.y, noise.z, bent.x, bent.y, bent.z,
+                ],
+                slope: [a, b, c, d, e, f],
+                least: [least.x, least.y, least.z, -any, -any, -any],
+                most: [most.x, most.y, most.z, any, any, any],
+            }
         };
-        sums.into_iter().map(mean).collect()
+        let mean = |sums: [f32; 9], weight: f32| {
+            let mean = |first: usize| Rgb::from_slice(&sums[first..]) / weight;
+            (weight > 0.0).then(|| Bounced { irradiance: mean(0), noise: mean(3), bent: mean(6) })
+        };
+        splat(seen, &self.records, said, mean)
     }
 }
 
@@ -306,22 +307,6 @@ pub struct Bounced {
     pub noise: Rgb,
     /// Variance of the records about the planes through them that is not noise.
     pub bent: Rgb,
-}
-
-/// What records add up to at a fragment.
-#[derive(Clone, Copy, Default)]
-struct Sum {
-    all: Bounced,
-    weight: f32,
-}
-
-impl std::ops::AddAssign for Sum {
-    fn add_assign(&mut self, other: Self) {
-        self.all.irradiance += other.all.irradiance;
-        self.all.noise += other.all.noise;
-        self.all.bent += other.all.bent;
-        self.weight += other.weight;
-    }
 }
 
 /// Small pictures want as many records as large ones: their error is a share of the whole.
@@ -454,44 +439,4 @@ impl Plane {
             bent,
         }
     }
-}
-
-/// Σ over the records of what `each` makes of the record, the way from it to the fragment and its
-/// weight there, per fragment. Records are added in their order.
-fn splat<T: Copy + Default + Send + std::ops::AddAssign>(
-    seen: &Seen,
-    records: &[Record],
-    reach: f32,
-    each: impl Fn(&Record, Vec3, f32) -> T + Sync,
-) -> Vec<T> {
-    let window = |record: &Record| {
-        seen.frame.window(record.point, record.radius * reach, seen.width, seen.height)
-    };
-    let windows: Vec<Option<[u32; 4]>> = records.par_iter().with_min_len(256).map(window).collect();
-    let bands: Vec<Vec<T>> = (0..seen.height.div_ceil(BAND))
-        .into_par_iter()
-        .map(|band| {
-            let (first_row, end_row) = (band * BAND, (band * BAND + BAND).min(seen.height));
-            let base = seen.start[(first_row * seen.width) as usize] as usize;
-            let end = seen.start[(end_row * seen.width) as usize] as usize;
-            let mut sums = vec![T::default(); end - base];
-            for (record, window) in records.iter().zip(&windows) {
-                let Some([x0, x1, y0, y1]) = *window else { continue };
-                for row in y0.max(first_row)..y1.min(end_row) {
-                    let first = seen.start[(row * seen.width + x0) as usize] as usize;
-                    let last = seen.start[(row * seen.width + x1) as usize] as usize;
-                    for (fragment, sum) in
-                        seen.fragments[first..last].iter().zip(&mut sums[first - base..])
-                    {
-                        let weight = record.weight(fragment.point, fragment.normal, reach);
-                        if weight > 0.0 {
-                            *sum += each(record, fragment.point - record.point, weight);
-                        }
-                    }
-                }
-            }
-            sums
-        })
-        .collect();
-    bands.concat()
 }

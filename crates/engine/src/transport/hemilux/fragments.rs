@@ -1,5 +1,7 @@
 //! What the camera sees, once a picture: each pixel's sub-pixel samples grouped by surface.
 
+use super::gather::Record;
+use super::splat::Places;
 use crate::hemicube::item;
 use crate::measurement::{Frame, View};
 use crate::patches::PatchedScene;
@@ -61,6 +63,8 @@ pub struct Seen {
     samples: Vec<Vec2>,
     /// Fragments in the order of their pixels.
     pub fragments: Vec<Fragment>,
+    /// Where they are.
+    pub places: Places,
     /// Fragments of pixel p: `start[p]..start[p + 1]`.
     pub start: Vec<u32>,
     /// Emitted radiance per pixel.
@@ -93,6 +97,7 @@ impl Seen {
             samples: crate::measurement::sample_pattern(samples.clamp(1, MOST_SAMPLES)),
             scene: scene.clone(),
             fragments: Vec::new(),
+            places: Places::new(&[]),
             start: vec![0],
             shine: Vec::with_capacity((width * height) as usize),
         };
@@ -100,16 +105,28 @@ impl Seen {
             .into_par_iter()
             .map(|band| seen.band(world, &view, band * BAND))
             .collect();
-        let total = bands.iter().map(|band| band.fragments.len()).sum();
-        seen.fragments.reserve_exact(total);
-        seen.start.reserve_exact((width * height) as usize);
-        for band in bands {
-            let before = seen.fragments.len() as u32;
-            seen.fragments.extend(band.fragments);
-            seen.start.extend(band.ends.iter().map(|end| end + before));
-            seen.shine.extend(band.shine);
+        let mut firsts = vec![0];
+        for band in &bands {
+            let first = firsts[firsts.len() - 1];
+            seen.start.extend(band.ends.iter().map(|end| end + first as u32));
+            seen.shine.extend(&band.shine);
+            firsts.push(first + band.fragments.len());
         }
+        // By all threads, since most of the time goes into memory that is new.
+        let fragment = |index: usize| {
+            let band = firsts.partition_point(|first| *first <= index) - 1;
+            bands[band].fragments[index - firsts[band]]
+        };
+        let total = firsts[bands.len()];
+        seen.fragments = (0..total).into_par_iter().with_min_len(1024).map(fragment).collect();
+        seen.places = Places::new(&seen.fragments);
         seen
+    }
+
+    /// Pixels [x0, x1) × [y0, y1) where a record may count for `reach` times its radius.
+    pub fn window(&self, record: &Record, reach: f32) -> Option<[u32; 4]> {
+        let size = [self.width, self.height];
+        self.frame.window(record.point, record.normal, record.radius * reach, size)
     }
 
     /// The surface point of a fragment's n-th sample, off the surface by the rounding error.

@@ -146,37 +146,64 @@ impl Record {
         self.rays as f32 / self.nearness.max(f32::MIN_POSITIVE)
     }
 
-    /// How much the record counts at a point with the given unit normal, 0 to 1, for `reach` times
-    /// its radius.
-    #[inline]
-    pub fn weight(&self, point: Vec3, normal: Vec3, reach: f32) -> f32 {
-        let between = point - self.point;
+    /// How much it counts around it, for `reach` times its radius.
+    pub fn reach(&self, reach: f32) -> Reach<'_> {
+        let nearest = self.horizon.iter().fold(f32::INFINITY, |least, one| least.min(one.distance));
         let radius = self.radius * reach;
-        let square = between.length_squared();
-        if square >= radius * radius {
-            return 0.0;
+        Reach {
+            record: self,
+            point: self.point,
+            normal: self.normal,
+            per_square: 1.0 / (radius * radius),
+            free_square: (NEAR * nearest) * (NEAR * nearest),
         }
-        let cosine = self.normal.dot(normal);
-        let height = self.normal.dot(between);
+    }
+}
+
+/// How much a record counts around it.
+pub struct Reach<'a> {
+    record: &'a Record,
+    pub(super) point: Vec3,
+    pub(super) normal: Vec3,
+    /// One over the square of the radius.
+    per_square: f32,
+    /// Square of the distance within which nothing stands between.
+    pub(super) free_square: f32,
+}
+
+impl Reach<'_> {
+    /// How much the record counts at a point with the given unit normal, 0 to 1.
+    #[inline]
+    pub fn weight(&self, point: Vec3, normal: Vec3) -> f32 {
+        let between = point - self.point;
+        let (square, height) = (between.length_squared(), self.normal.dot(between));
+        let weight = self.fading(square, height, self.normal.dot(normal));
+        if weight > 0.0 && square > self.free_square {
+            return weight * self.clearance(between, height, square);
+        }
+        weight
+    }
+
+    /// The same as if nothing stood between, at a distance of which `square` is the square,
+    /// `height` above the surface, where the normals have a `cosine`.
+    #[inline(always)]
+    pub(super) fn fading(&self, square: f32, height: f32, cosine: f32) -> f32 {
         // Half the radius off the plane, or 25° off the normal, is as far as the whole radius.
-        let far = (square + 3.0 * height * height) / (radius * radius)
+        let far = (square + 3.0 * height * height) * self.per_square
             + (1.0 - cosine) * (1.0 / (1.0 - 0.906));
-        if far >= 1.0 {
-            return 0.0;
-        }
-        let near = 1.0 - far.sqrt();
-        let weight = near * near;
-        // What stands between can only be there if something is nearer than the point.
-        weight * self.clearance(between, height, square)
+        // A number that is none is far, too.
+        let near = 1.0 - far.min(1.0).max(0.0).sqrt();
+        near * near
     }
 
     /// 1 where nothing stands between, 0 where something does: it is nearer, and the point lies
     /// behind it. (A wall that the record stands next to hides nothing of the floor.)
     #[inline]
-    fn clearance(&self, between: Vec3, height: f32, square: f32) -> f32 {
+    pub(super) fn clearance(&self, between: Vec3, height: f32, square: f32) -> f32 {
         let along = between - self.normal * height;
-        let local = Vec2::new(along.dot(self.tangents[0]), along.dot(self.tangents[1]));
-        let nearest = &self.horizon[sector(local)];
+        let [tangent, bitangent] = self.record.tangents;
+        let local = Vec2::new(along.dot(tangent), along.dot(bitangent));
+        let nearest = &self.record.horizon[sector(local)];
         let distance = square.sqrt();
         if distance <= NEAR * nearest.distance
             || nearest.normal.dot(between) + nearest.offset >= -IN_FRONT * distance

@@ -23,6 +23,7 @@ mod plan;
 mod sequence;
 mod settings;
 mod shoot;
+mod splat;
 
 use super::Method;
 use super::kept::Past;
@@ -171,7 +172,7 @@ impl Method for Hemilux {
             seed,
             before,
             clock,
-            errors: Errors::default(),
+            drawn: Drawn::default(),
             picture_seconds: None,
         };
         if let Some(past) = past {
@@ -255,6 +256,16 @@ impl Clock {
     }
 }
 
+/// A picture.
+#[derive(Default)]
+struct Drawn {
+    /// After how many iterations.
+    iterations: Option<u64>,
+    picture: Picture,
+    /// Its estimated error.
+    errors: Option<Errors>,
+}
+
 /// The three tiers at work.
 struct Tiers<'a> {
     world: &'a World,
@@ -270,8 +281,7 @@ struct Tiers<'a> {
     /// Iterations of another camera's picture that the coarse solution and the records are from.
     before: u64,
     clock: Clock,
-    /// Of the last picture.
-    errors: Errors,
+    drawn: Drawn,
     /// What the last picture took.
     picture_seconds: Option<f64>,
 }
@@ -309,22 +319,21 @@ impl Tiers<'_> {
             let pause = ESTIMATE_PAUSE * self.picture_seconds.unwrap_or(0.0);
             if wanted || (run.report_is_due() && estimated.elapsed().as_secs_f64() >= pause) {
                 next_estimate = done + done.div_ceil(4);
-                run.estimated_error = self.picture().1.map(|errors| errors.all);
+                run.estimated_error = self.draw(done).errors.map(|errors| errors.all);
                 run.without_estimate = run.estimated_error.is_none();
                 estimated = Instant::now();
             }
             if run.report_is_due() {
-                run.report(true, || self.picture().0);
+                run.report(true, || self.draw(done).picture.clone());
             }
             run.keep_if_wanted(|parts| self.save(parts, done))?;
         };
         let done = run.tally.iterations;
         run.keep_solution(|parts| self.save(parts, done))?;
         run.bake(&self.coarse.scene, || self.coarse.irradiances().to_vec());
-        let (picture, errors) = self.picture();
-        run.estimated_error = errors.map(|errors| errors.all);
-        self.errors = errors.unwrap_or_default();
-        Ok((picture, stopped))
+        let drawn = self.draw(done);
+        run.estimated_error = drawn.errors.map(|errors| errors.all);
+        Ok((std::mem::take(&mut drawn.picture), stopped))
     }
 
     fn iterate(&mut self, run: &mut Run<'_>) -> Result<(), RenderError> {
@@ -390,8 +399,11 @@ impl Tiers<'_> {
         Ok(())
     }
 
-    /// The picture, and its estimated rRMSE.
-    fn picture(&mut self) -> (Picture, Option<Errors>) {
+    /// The picture after so many iterations, unless it is there already.
+    fn draw(&mut self, iterations: u64) -> &mut Drawn {
+        if self.drawn.iterations == Some(iterations) {
+            return &mut self.drawn;
+        }
         self.clock.last = Instant::now();
         let began = Instant::now();
         let bounced = if self.options.gather {
@@ -401,16 +413,19 @@ impl Tiers<'_> {
             vec![None; self.seen.fragments.len()]
         };
         self.clock.lap("seconds_smooth");
-        let measured = estimate::measure(self, &bounced);
+        let (picture, errors) = estimate::measure(self, &bounced);
         self.clock.lap("seconds_picture");
         self.picture_seconds = Some(began.elapsed().as_secs_f64());
-        measured
+        self.drawn = Drawn { iterations: Some(iterations), picture, errors };
+        &mut self.drawn
     }
 
     fn diagnostics(&self) -> BTreeMap<String, f64> {
         let mut figures: BTreeMap<String, f64> =
             self.clock.spent.iter().map(|(name, value)| ((*name).into(), *value)).collect();
-        for (cause, error) in estimate::CAUSES.iter().zip(self.errors.parts) {
+        for (cause, error) in
+            estimate::CAUSES.iter().zip(self.drawn.errors.unwrap_or_default().parts)
+        {
             figures.insert(format!("error_{cause}"), error);
         }
         figures.insert("records".into(), self.cache.len() as f64);

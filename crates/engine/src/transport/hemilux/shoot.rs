@@ -199,13 +199,6 @@ impl<'a> Coarse<'a> {
         (self.both, self.indirect) = (smooth(both), smooth(indirect));
     }
 
-    /// Irradiance at a hit's place, all of it or what has bounced.
-    pub fn irradiance(&self, hit: &Hit, bounced_only: bool) -> Rgb {
-        let values = if bounced_only { &self.indirect } else { &self.both };
-        let Some((facet, at)) = self.facet_at(hit) else { return Rgb::ZERO };
-        self.on_facet(values, facet, hit.back, at)
-    }
-
     /// The patch at a hit; `None` at a black back.
     pub fn patch_at(&self, hit: &Hit) -> Option<u32> {
         let (facet, at) = self.facet_at(hit)?;
@@ -276,17 +269,19 @@ impl<'a> Coarse<'a> {
         if albedo == Rgb::ZERO {
             return Rgb::ZERO;
         }
-        let Some(afresh) = afresh else { return albedo * self.irradiance(hit, false) / PI };
+        let Some((facet, at)) = self.facet_at(hit) else { return Rgb::ZERO };
+        let Some(afresh) = afresh else {
+            return albedo * self.on_facet(&self.both, facet, hit.back, at) / PI;
+        };
         let (start, normal) = (surface.start(), surface.normal);
         let direct = self.lights.once(&self.world.rays, start, normal, afresh.light);
-        let near = self.facet_at(hit).is_some_and(|(facet, _)| hit.distance < self.near[facet]);
         let bounced = match afresh.next {
-            Some(next) if near => {
+            Some(next) if hit.distance < self.near[facet] => {
                 let direction = cosine_direction(normal, afresh.bounce);
                 let hit = self.world.rays.closest(Eye::Light, start, direction);
                 hit.map_or(Rgb::ZERO, |hit| PI * self.reflected(&hit, Some(next.afresh())))
             }
-            _ => self.irradiance(hit, true),
+            _ => self.on_facet(&self.indirect, facet, hit.back, at),
         };
         albedo * (bounced + direct) / PI
     }

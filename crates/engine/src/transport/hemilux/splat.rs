@@ -1,0 +1,202 @@
+//! What records add up to at the fragments of a picture: along the rows of the picture, eight
+//! fragments at a time.
+
+use super::fragments::{Fragment, Seen};
+use super::gather::{Reach, Record};
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Rows of a task.
+const BAND: u32 = 8;
+/// Fragments that are looked at together.
+const LANES: usize = 8;
+
+type Lanes = [f32; LANES];
+
+/// Places and unit normals of eight fragments.
+struct Eight {
+    point: [Lanes; 3],
+    normal: [Lanes; 3],
+}
+
+/// Where the fragments of a picture are.
+pub struct Places(Vec<Eight>);
+
+impl Places {
+    /// Of all fragments.
+    pub fn new(fragments: &[Fragment]) -> Self {
+        let eight = |fragments: &[Fragment]| {
+            let lanes = |of: &dyn Fn(&Fragment) -> f32| {
+                std::array::from_fn(|lane| fragments.get(lane).map_or(0.0, of))
+            };
+            let axes = [0, 1, 2];
+            Eight {
+                point: axes.map(|axis| lanes(&|fragment| fragment.point[axis])),
+                normal: axes.map(|axis| lanes(&|fragment| fragment.normal[axis])),
+            }
+        };
+        Self(fragments.par_chunks(LANES).with_min_len(128).map(eight).collect())
+    }
+}
+
+/// What a record says of N quantities: their values where it stands, and how the first S of them
+/// change along its surface, within limits.
+pub struct Said<const N: usize, const S: usize> {
+    pub value: [f32; N],
+    pub slope: [Vec3; S],
+    pub least: [f32; S],
+    pub most: [f32; S],
+}
+
+impl<const N: usize> Said<N, 0> {
+    /// The same everywhere.
+    pub fn even(value: [f32; N]) -> Self {
+        Self { value, slope: [], least: [], most: [] }
+    }
+}
+
+/// Sums over the records at eight fragments.
+#[derive(Clone, Copy)]
+struct Sums<const N: usize> {
+    weight: Lanes,
+    weighted: [Lanes; N],
+}
+
+/// For every fragment, what `finish` makes of the sums over the records: of what `each` record
+/// says times its weight there, and of the weights. Records are added in their order.
+pub fn splat<const N: usize, const S: usize, T: Clone + Default + Send>(
+    seen: &Seen,
+    records: &[Record],
+    each: impl Fn(&Record) -> Said<N, S> + Sync,
+    finish: impl Fn([f32; N], f32) -> T + Sync,
+) -> Vec<T> {
+    let window = |record: &Record| seen.window(record, 1.0);
+    let windows: Vec<Option<[u32; 4]>> = records.par_iter().with_min_len(256).map(window).collect();
+    let mut all = vec![T::default(); seen.fragments.len()];
+    let mut bands = Vec::new();
+    let mut rest = &mut all[..];
+    for first_row in (0..seen.height).step_by(BAND as usize) {
+        let rows = [first_row, (first_row + BAND).min(seen.height)];
+        let ends = rows.map(|row| seen.start[(row * seen.width) as usize] as usize);
+        let (band, after) = rest.split_at_mut(ends[1] - ends[0]);
+        bands.push((rows, ends, band));
+        rest = after;
+    }
+    bands.into_par_iter().for_each(|(rows, [base, end], band)| {
+        if base == end {
+            return;
+        }
+        let first_eight = base / LANES;
+        let count = end.div_ceil(LANES) - first_eight;
+        let mut sums = vec![Sums { weight: [0.0; LANES], weighted: [[0.0; LANES]; N] }; count];
+        for (record, window) in records.iter().zip(&windows) {
+            let Some([x0, x1, y0, y1]) = *window else { continue };
+            let [y0, y1] = [y0.max(rows[0]), y1.min(rows[1])];
+            if y0 >= y1 {
+                continue;
+            }
+            let (reach, said) = (record.reach(1.0), each(record));
+            for row in y0..y1 {
+                let [from, to] =
+                    [x0, x1].map(|x| seen.start[(row * seen.width + x) as usize] as usize);
+                if from < to {
+                    let eights = from / LANES..to.div_ceil(LANES);
+                    let there = &mut sums[eights.start - first_eight..eights.end - first_eight];
+                    let skipped = [from - eights.start * LANES, eights.end * LANES - to];
+                    add(&reach, &said, &seen.places.0[eights], skipped, there);
+                }
+            }
+        }
+        for (index, out) in (base..end).zip(band) {
+            let sums = &sums[index / LANES - first_eight];
+            let lane = index % LANES;
+            *out = finish(sums.weighted.map(|lanes| lanes[lane]), sums.weight[lane]);
+        }
+    });
+    all
+}
+
+/// Adds what a record says to the sums of a stretch of fragments, but for so many of the first
+/// and last eight.
+fn add<const N: usize, const S: usize>(
+    reach: &Reach<'_>,
+    said: &Said<N, S>,
+    places: &[Eight],
+    skipped: [usize; 2],
+    sums: &mut [Sums<N>],
+) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn with_avx2<const N: usize, const S: usize>(
+            reach: &Reach<'_>,
+            said: &Said<N, S>,
+            places: &[Eight],
+            skipped: [usize; 2],
+            sums: &mut [Sums<N>],
+        ) {
+            add_by_eights(reach, said, places, skipped, sums);
+        }
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has AVX2.
+            return unsafe { with_avx2(reach, said, places, skipped, sums) };
+        }
+    }
+    add_by_eights(reach, said, places, skipped, sums);
+}
+
+#[inline(always)]
+fn add_by_eights<const N: usize, const S: usize>(
+    reach: &Reach<'_>,
+    said: &Said<N, S>,
+    places: &[Eight],
+    [before, after]: [usize; 2],
+    sums: &mut [Sums<N>],
+) {
+    let last = places.len() - 1;
+    for (index, (eight, sums)) in places.iter().zip(sums).enumerate() {
+        let [x, y, z] = &eight.point;
+        let [nx, ny, nz] = &eight.normal;
+        let (mut across, mut up, mut along) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        let (mut square, mut height, mut weight) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        for l in 0..LANES {
+            across[l] = x[l] - reach.point.x;
+            up[l] = y[l] - reach.point.y;
+            along[l] = z[l] - reach.point.z;
+            square[l] = across[l] * across[l] + up[l] * up[l] + along[l] * along[l];
+            let n = reach.normal;
+            height[l] = n.x * across[l] + n.y * up[l] + n.z * along[l];
+            let cosine = n.x * nx[l] + n.y * ny[l] + n.z * nz[l];
+            weight[l] = reach.fading(square[l], height[l], cosine);
+        }
+        if index == 0 {
+            weight[..before].fill(0.0);
+        }
+        if index == last {
+            weight[LANES - after..].fill(0.0);
+        }
+        if weight == [0.0; LANES] {
+            continue;
+        }
+        for l in 0..LANES {
+            if weight[l] > 0.0 && square[l] > reach.free_square {
+                let between = Vec3::new(across[l], up[l], along[l]);
+                weight[l] *= reach.clearance(between, height[l], square[l]);
+            }
+        }
+        for l in 0..LANES {
+            sums.weight[l] += weight[l];
+        }
+        for k in 0..N {
+            for l in 0..LANES {
+                let mut value = said.value[k];
+                if k < S {
+                    let slope = said.slope[k];
+                    value += slope.x * across[l] + slope.y * up[l] + slope.z * along[l];
+                    value = value.max(said.least[k]).min(said.most[k]);
+                }
+                sums.weighted[k][l] += value * weight[l];
+            }
+        }
+    }
+}
