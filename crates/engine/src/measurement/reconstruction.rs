@@ -7,9 +7,9 @@
 
 use crate::patches::{Facet, PatchedScene, cell_index, cells};
 use crate::radiometry::Rgb;
+use foldhash::{HashMap, HashMapExt};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
-use std::collections::HashMap;
 
 /// Facets share a corner where their shading normals there differ by less than this angle's
 /// cosine (18°).

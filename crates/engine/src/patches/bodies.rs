@@ -2,8 +2,8 @@
 
 use super::Facet;
 use crate::scene::Scene;
+use foldhash::{HashMap, HashMapExt};
 use glam::{DVec3, Vec3};
-use std::collections::HashMap;
 
 /// Pairs of emissive facet and body that are looked at; beyond, every back is drawn.
 const MAX_PAIRS: usize = 50_000_000;

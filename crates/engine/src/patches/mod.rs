@@ -11,8 +11,8 @@ mod split;
 
 use crate::radiometry::{Rgb, importance};
 use crate::scene::{Scene, Warning};
+use foldhash::{HashMap, HashMapExt};
 use glam::{Vec2, Vec3};
-use std::collections::HashMap;
 use std::sync::Arc;
 
 /// "This side has no patches."

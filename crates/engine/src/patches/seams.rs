@@ -3,8 +3,8 @@
 
 use super::Facet;
 use crate::scene::Scene;
+use foldhash::{HashMap, HashMapExt};
 use glam::{DVec3, Vec3};
-use std::collections::HashMap;
 
 /// Heights below this share of the facet's size are rounding.
 const FLAT: f64 = 1e-5;

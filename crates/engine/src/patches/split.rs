@@ -1,8 +1,8 @@
 //! Conforming bisection of elongated facets, so that their patches are compact.
 
 use super::{Facet, facet_area};
+use foldhash::{HashMap, HashMapExt};
 use glam::Vec3;
-use std::collections::HashMap;
 
 /// Longest edge over the height on it beyond which a facet is bisected; a half square has 2.
 const MAX_ELONGATION: f32 = 4.0;
@@ -19,8 +19,10 @@ pub fn split_elongated(positions: &mut Vec<Vec3>, facets: &mut Vec<Facet>, cell_
     let limit = facets.len() + MAX_ADDED;
     for _ in 0..MAX_ROUNDS {
         let mut middle: HashMap<(u32, u32), u32> = HashMap::new();
+        let mut at_split = vec![false; positions.len()];
         for facet in facets.iter() {
             if let Some((a, b)) = edge_to_split(positions, facet, cell_area) {
+                (at_split[a as usize], at_split[b as usize]) = (true, true);
                 middle.entry(key(a, b)).or_insert_with(|| {
                     positions.push(0.5 * (positions[a as usize] + positions[b as usize]));
                     positions.len() as u32 - 1
@@ -30,7 +32,16 @@ pub fn split_elongated(positions: &mut Vec<Vec3>, facets: &mut Vec<Facet>, cell_
         if middle.is_empty() || facets.len() + 2 * middle.len() > limit {
             return;
         }
-        *facets = facets.iter().flat_map(|facet| pieces(facet, &middle)).collect();
+        let mut all = Vec::with_capacity(facets.len() + 2 * middle.len());
+        for facet in facets.iter() {
+            // Most facets have no end of a split edge, hence no split edge.
+            if facet.corners.iter().filter(|corner| at_split[**corner as usize]).count() < 2 {
+                all.push(*facet);
+            } else {
+                all.extend(pieces(facet, &middle));
+            }
+        }
+        *facets = all;
     }
 }
 

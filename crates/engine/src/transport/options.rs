@@ -101,7 +101,7 @@ pub const OPTIONS: &[OptionSpec] = &[
     OptionSpec {
         name: "gather_rays",
         default: "64",
-        meaning: "hemilux: rays of a record in each iteration, 4 to 65536",
+        meaning: "hemilux: rays of a record in each iteration, 4 to 65536; fewer in the first ones where their noise is small",
     },
     OptionSpec {
         name: "hemicube_faces",

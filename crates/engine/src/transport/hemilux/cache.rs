@@ -27,6 +27,10 @@ const COVERED: f32 = 0.6;
 const NEARLY_NOTHING: f32 = 0.02;
 /// Side of the picture that limits in pixels are for.
 const SIDE: f32 = 500.0;
+/// Rays of the first records, before it is known how many are worth their time.
+const LOOK_RAYS: u32 = 16;
+/// The noise of a record beside the light of the picture up to which fewer rays do; and in haste.
+const NOISE: [f32; 2] = [0.07, 0.11];
 /// Radius of a record in harmonic mean distances, and its limits in pixels.
 const RADIUS: f32 = 0.35;
 const LEAST_PIXELS: f32 = 6.0;
@@ -68,6 +72,15 @@ pub struct Gathering {
     pub afresh: bool,
     /// What the radii follow.
     pub spacing: Spacing,
+}
+
+/// A first look at the light of a picture.
+#[derive(Clone, Copy)]
+pub struct Look<'a> {
+    /// Whether it had better be soon than good.
+    pub hasty: bool,
+    /// Direct irradiance of a fragment.
+    pub direct: &'a dyn Fn(usize) -> Rgb,
 }
 
 /// What the radii of records follow.
@@ -113,8 +126,20 @@ impl Cache {
         );
     }
 
-    /// Adds records until every fragment is covered.
-    pub fn fill(&mut self, world: &World, coarse: &Coarse<'_>, seen: &Seen, gathering: Gathering) {
+    /// Adds records until every fragment is covered, each with as many rays as asked for, or, at the
+    /// first look, as many as the noise of the first of them asks for; returns how many.
+    pub fn fill(
+        &mut self,
+        world: &World,
+        coarse: &Coarse<'_>,
+        seen: &Seen,
+        gathering: Gathering,
+        look: Option<Look<'_>>,
+    ) -> u32 {
+        let most = gathering.new_rays;
+        let first_rays = if look.is_some() { LOOK_RAYS.min(most) } else { most };
+        let mut rays = first_rays;
+        let mut all_direct = Rgb::ZERO;
         let tight = self.tighten(seen);
         for record in &mut self.records {
             record.radius = radius(record, gathering.spacing);
@@ -140,6 +165,10 @@ impl Cache {
                     }
                 }
                 let wanted = thinned(wanted);
+                if let (Some(look), true) = (look, spacing == SPACINGS[0]) {
+                    let direct = wanted.iter().map(|place| (look.direct)(*place as usize));
+                    all_direct += direct.sum::<Rgb>();
+                }
                 let first = self.records.len();
                 let sequences = self.sequences;
                 let new: Vec<Record> = wanted
@@ -152,7 +181,6 @@ impl Cache {
                         let number = sequences.wrapping_add(index as u32);
                         let point = seen.sample_point(fragment, 0);
                         let mut record = Record::new(point, fragment.normal, footprint, number);
-                        let rays = gathering.new_rays;
                         record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
                         record.tight = tight.get(place as usize).copied().unwrap_or(1.0);
                         record.radius = radius(&record, gathering.spacing);
@@ -163,7 +191,33 @@ impl Cache {
                 self.records.extend(new);
                 self.cover(seen, first);
             }
+            if let (Some(look), true) = (look, spacing == SPACINGS[0]) {
+                let allowed = NOISE[usize::from(look.hasty)];
+                rays = self.worth(all_direct, allowed).clamp(first_rays, most);
+                let more = rays - first_rays;
+                self.records.par_iter_mut().with_max_len(16).for_each(|record| {
+                    record.gather(world, coarse, gathering.seed, more, gathering.afresh);
+                    record.radius = radius(record, gathering.spacing);
+                });
+                self.coverage.fill(0.0);
+                self.cover(seen, 0);
+            }
         }
+        rays
+    }
+
+    /// Rays of a record with which noise is as large as `allowed` beside all light, of which
+    /// `all_direct` is what is direct at the records.
+    fn worth(&self, all_direct: Rgb, allowed: f32) -> u32 {
+        let (mut light, mut noise) = (all_direct.element_sum(), 0.0);
+        for record in &self.records {
+            light += record.irradiance().element_sum();
+            noise += (record.noise() * record.noise()).element_sum() * record.rays as f32;
+        }
+        let mean = (light / (3.0 * self.records.len() as f32)).max(f32::MIN_POSITIVE);
+        // Variance of a single ray.
+        let noise = noise / (3.0 * self.records.len() as f32);
+        (noise / (allowed * mean).powi(2) / 8.0).ceil().min(1e6) as u32 * 8
     }
 
     /// Tightens the records that are off the planes through them by more than most; returns how

@@ -88,7 +88,7 @@ impl Seen {
             let normal = unit_normal(corners);
             Placed { corners, planes, normal, inset: inset(corners) }
         };
-        let placed = scene.facets.iter().map(place).collect();
+        let placed = scene.facets.par_iter().with_min_len(1024).map(place).collect();
         let mut seen = Self {
             width,
             height,
@@ -246,35 +246,32 @@ impl Seen {
             let source = self.scene.facets[facet as usize].source;
             let finish = world.finish(source);
             let share = group.mask.count_ones() as f32 * each;
-            let (mut point, mut diffuse) = (Vec3::ZERO, finish.reflectance.diffuse);
-            if finish.varies {
-                diffuse = Rgb::ZERO;
-                let mut emission = Rgb::ZERO;
-                let mut mask = group.mask;
-                while mask != 0 {
-                    let offset = self.samples[mask.trailing_zeros() as usize];
-                    mask &= mask - 1;
+            let mut middle = Vec2::ZERO;
+            let (mut color, mut emission) = (Rgb::ZERO, Rgb::ZERO);
+            let mut mask = group.mask;
+            while mask != 0 {
+                let offset = self.samples[mask.trailing_zeros() as usize];
+                mask &= mask - 1;
+                middle += offset;
+                if finish.varies {
                     let at = self.barycentric(facet, pixel, offset);
-                    point += self.spot(facet, back, at).0;
                     let at = self.scene.facets[facet as usize].to_source(at.x, at.y);
-                    let (kd, le) = world.finish_at(source, at.x, at.y);
-                    diffuse += kd;
-                    emission += le;
+                    let (own_color, own_emission) = world.colors_at(source, at.x, at.y);
+                    color += own_color;
+                    emission += own_emission;
                 }
-                let count = group.mask.count_ones() as f32;
-                point /= count;
-                diffuse /= count;
+            }
+            let count = group.mask.count_ones() as f32;
+            let at = self.barycentric(facet, pixel, middle / count);
+            let point = self.spot(facet, back, at).0;
+            let mut diffuse = finish.reflectance.diffuse;
+            if finish.varies {
+                // Of the mean colour, as what is diffuse is proportional to the colour, but for
+                // surfaces that are in part metal.
+                diffuse = world.material(source).reflectance(color / count).diffuse;
                 shine += emission * each;
             } else {
                 shine += finish.emission * share;
-                let mut mask = group.mask;
-                let mut middle = Vec2::ZERO;
-                while mask != 0 {
-                    middle += self.samples[mask.trailing_zeros() as usize];
-                    mask &= mask - 1;
-                }
-                let at = self.barycentric(facet, pixel, middle / group.mask.count_ones() as f32);
-                point = self.spot(facet, back, at).0;
             }
             let glossy = finish.reflectance.is_glossy();
             if diffuse == Rgb::ZERO && !glossy {

@@ -14,6 +14,8 @@ use rayon::prelude::*;
 const FIRST_RAYS: u32 = 1;
 /// Rays of fragments where rays disagree, each pass.
 const MORE_RAYS: u32 = 6;
+/// The same in the first pass, in haste.
+const MORE_RAYS_IN_HASTE: u32 = 2;
 /// Rays of every fragment, each pass, where it does not matter whether they agree.
 const EVEN_RAYS: u32 = 2;
 /// The same where the lights are many.
@@ -63,8 +65,8 @@ pub struct Lit {
 /// Direct light on all fragments.
 pub struct Direct {
     pub(super) lit: Vec<Lit>,
-    /// Rays of a disputed fragment in each pass.
-    more_rays: u32,
+    /// Rays of a disputed fragment in the first pass, and in each other.
+    more_rays: [u32; 2],
     /// Whether more rays go where they disagree.
     adaptive: bool,
     pub(super) passes: u32,
@@ -73,8 +75,8 @@ pub struct Direct {
 }
 
 impl Direct {
-    /// Without a ray.
-    pub fn new(lights: &Lights, seen: &Seen, adaptive: bool) -> Self {
+    /// Without a ray; `hasty` if the first pass had better be short.
+    pub fn new(lights: &Lights, seen: &Seen, adaptive: bool, hasty: bool) -> Self {
         let unoccluded = |fragment: &Fragment| Lit {
             unoccluded: lights.unoccluded(fragment.point, fragment.normal).irradiance,
             ..Lit::default()
@@ -82,7 +84,9 @@ impl Direct {
         let lit = seen.fragments.par_iter().with_min_len(CHUNK).map(unoccluded).collect();
         // In small pictures neighbours are far apart, and rays are cheap.
         let generous = (ORDINARY_PIXELS / (seen.width * seen.height)).clamp(1, 4);
-        Self { lit, more_rays: MORE_RAYS * generous, adaptive, passes: 0, rays: 0 }
+        let more_rays = MORE_RAYS * generous;
+        let at_first = if hasty { MORE_RAYS_IN_HASTE } else { more_rays };
+        Self { lit, more_rays: [at_first, more_rays], adaptive, passes: 0, rays: 0 }
     }
 
     /// Casts another pass of rays.
@@ -94,11 +98,11 @@ impl Direct {
         } else if self.passes == 0 {
             self.cast(world, lights, seen, seed, |_, _| FIRST_RAYS);
             self.dispute(seen);
-            let more = self.more_rays;
+            let more = self.more_rays[0];
             self.cast(world, lights, seen, seed, |_, lit| if lit.disputed { more } else { 0 });
         } else {
             self.dispute(seen);
-            let (passes, more) = (self.passes, self.more_rays);
+            let (passes, more) = (self.passes, self.more_rays[1]);
             self.cast(world, lights, seen, seed, |fragment, lit| {
                 let looks = (fragment.pixel + passes).is_multiple_of(SECOND_LOOK);
                 if lit.disputed { more } else { u32::from(looks) }

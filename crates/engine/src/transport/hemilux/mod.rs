@@ -37,7 +37,7 @@ use crate::image::Picture;
 use crate::rays::Rays;
 use crate::render::{Limits, Observer, RenderError, RenderRequest, Rendered, StopReason};
 use crate::scene::Scene;
-use cache::{Cache, Gathering, Spacing};
+use cache::{Cache, Gathering, Look, Spacing};
 use estimate::Errors;
 use fragments::Seen;
 use gloss::Gloss;
@@ -49,8 +49,10 @@ use shoot::Coarse;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// Decisions in checkpoints: wanted patches of the coarse mesh, sub-pixel samples.
+/// Decisions in checkpoints: wanted patches of the coarse mesh, rays of a record in the first
+/// iteration, sub-pixel samples.
 const PATCHES: &str = "coarse_patches";
+const FIRST_RAYS: &str = "first_rays";
 const SAMPLES: &str = "pixel_samples";
 /// Iterations before which more records are made, each nearer to its neighbours by [`DENSER`].
 const REFILLS: [u64; 4] = [1, 4, 12, 28];
@@ -92,9 +94,10 @@ impl Method for Hemilux {
         let settings = Settings::new(&request.options)?;
         let mut options = HemiluxSettings::new(&settings)?;
         let mut past = Past::of(request, self.name(), &settings)?;
-        let (samples, mut patches) = worth(request);
+        let worth = Worth::new(request);
+        let mut patches = worth.patches;
         if !request.options.contains_key("pixel_samples") {
-            options.samples = samples;
+            options.samples = worth.samples;
         }
         if let Some(past) = &past {
             patches = past.decided(PATCHES)?;
@@ -102,6 +105,10 @@ impl Method for Hemilux {
                 options.samples = past.decided(SAMPLES)?;
             }
         }
+        let first_rays = match &past {
+            Some(past) => past.decided(FIRST_RAYS)?,
+            None => options.gather_rays,
+        };
         options.coarse_patches = options.coarse_patches.or(Some(patches));
         let available_bytes = free_memory();
         let needed_bytes = needed_bytes(&request.scene, request.width, request.height);
@@ -119,7 +126,11 @@ impl Method for Hemilux {
             observer,
         )?;
         let mut run = stage.run(request, observer);
-        for (name, value) in [(PATCHES, patches as u64), (SAMPLES, options.samples.into())] {
+        for (name, value) in [
+            (PATCHES, patches as u64),
+            (SAMPLES, options.samples.into()),
+            (FIRST_RAYS, first_rays.into()),
+        ] {
             run.owner.decided.insert(name.into(), value.to_string());
         }
         let mut clock = Clock::default();
@@ -159,8 +170,10 @@ impl Method for Hemilux {
             options.samples,
         );
         clock.lap("seconds_fragments");
+        let direct = Direct::new(&lights, &seen, options.adaptive, worth.hasty);
+        clock.lap("seconds_light");
         let mut tiers = Tiers {
-            direct: Direct::new(&lights, &seen, options.adaptive),
+            direct,
             gloss: Gloss::new(&seen),
             world: &world,
             lights: &lights,
@@ -169,6 +182,8 @@ impl Method for Hemilux {
             shooting,
             cache: Cache::default(),
             options,
+            hasty: worth.hasty,
+            first_rays,
             seed,
             before,
             clock,
@@ -194,32 +209,44 @@ fn scale(iteration: u64) -> f32 {
     DENSER.powi(REFILLS.iter().filter(|at| **at <= iteration).count() as i32)
 }
 
-/// Sub-pixel samples and patches of the coarse mesh that are worth their time: by the limits, and
-/// more samples in small pictures, where more of the pixels see edges.
-fn worth(request: &RenderRequest) -> (u32, usize) {
-    let (samples, patches) = worth_by_limits(&request.limits);
-    let pixels = request.width * request.height;
-    let least = if pixels < 1 << 16 {
-        64
-    } else if pixels < 1 << 17 {
-        32
-    } else {
-        16
-    };
-    (samples.max(least), patches)
+/// What is worth its time, by the limits.
+#[derive(Clone, Copy)]
+struct Worth {
+    /// Sub-pixel samples: more in small pictures, where more of the pixels see edges.
+    samples: u32,
+    /// Patches of the coarse mesh.
+    patches: usize,
+    /// Whether the first picture had better come soon than be good.
+    hasty: bool,
 }
 
-fn worth_by_limits(limits: &Limits) -> (u32, usize) {
-    let (seconds, error) = (limits.seconds.unwrap_or(0.0), limits.target_error.unwrap_or(1.0));
-    let iterations = limits.iterations.unwrap_or(0);
-    if seconds >= 4.0 || error <= 0.015 || iterations >= 16 {
-        (64, 30_000)
-    } else if seconds >= 2.0 {
-        (64, 16_000)
-    } else if seconds >= 1.0 || error <= 0.025 || iterations >= 8 {
-        (32, 16_000)
-    } else {
-        (16, 10_000)
+impl Worth {
+    fn new(request: &RenderRequest) -> Self {
+        let Limits { seconds, iterations, target_error } = request.limits;
+        let (asked, error) = (seconds.unwrap_or(f64::INFINITY), target_error.unwrap_or(0.0));
+        let hasty = asked < 0.25 || error >= 0.045;
+        let (seconds, error) = (seconds.unwrap_or(0.0), target_error.unwrap_or(1.0));
+        let iterations = iterations.unwrap_or(0);
+        let (samples, patches) = if hasty {
+            (8, 5000)
+        } else if seconds >= 4.0 || error <= 0.015 || iterations >= 16 {
+            (64, 30_000)
+        } else if seconds >= 2.0 {
+            (64, 16_000)
+        } else if seconds >= 1.0 || error <= 0.025 || iterations >= 8 {
+            (32, 16_000)
+        } else {
+            (16, 10_000)
+        };
+        let pixels = request.width * request.height;
+        let least = if pixels < 1 << 16 {
+            64
+        } else if pixels < 1 << 17 {
+            32
+        } else {
+            8
+        };
+        Self { samples: samples.max(least), patches, hasty }
     }
 }
 
@@ -277,6 +304,10 @@ struct Tiers<'a> {
     direct: Direct,
     gloss: Gloss,
     options: HemiluxSettings,
+    /// Whether the first picture had better come soon than be good.
+    hasty: bool,
+    /// Rays of a record in the first iteration.
+    first_rays: u32,
     seed: Seed,
     /// Iterations of another camera's picture that the coarse solution and the records are from.
     before: u64,
@@ -287,6 +318,21 @@ struct Tiers<'a> {
 }
 
 impl Tiers<'_> {
+    /// Rays of a record in an iteration: where few do at first, more every time.
+    fn gather_rays(&self, iteration: u64) -> u32 {
+        let so_many = u64::from(self.first_rays) * (1 + iteration);
+        so_many.min(self.options.gather_rays.into()) as u32
+    }
+
+    /// Rays of a record after an iteration; where it is made late, [`MOST_GATHER`] times those of
+    /// one at most.
+    fn gathered(&self, iteration: u64) -> u32 {
+        let most = self.options.gather_rays.saturating_mul(MOST_GATHER);
+        // Enough iterations for the most, whatever the first one did.
+        let counted = iteration.min(u64::from(most / self.first_rays.max(1)));
+        (0..=counted).map(|number| self.gather_rays(number)).fold(0, u32::saturating_add).min(most)
+    }
+
     /// What the radii of records follow after so many iterations.
     fn spacing(&self, iterations: u64) -> Spacing {
         let least = cache::least_scale(self.seen);
@@ -368,22 +414,33 @@ impl Tiers<'_> {
             // New records catch up with those that are there: at once, or, where another camera's
             // picture left many, over some iterations, so that the first picture comes soon.
             let so_far = number.max(self.before);
-            let more = (1 + so_far as u32).min(MOST_GATHER);
-            let at_once = if known { more.min(FIRST_GATHER) } else { more };
+            let enough = self.gathered(so_far);
             let gathering = Gathering {
                 seed: self.seed,
-                rays: options.gather_rays,
-                new_rays: options.gather_rays * at_once,
+                rays: self.gather_rays(so_far),
+                new_rays: if known {
+                    enough.min(FIRST_GATHER * options.gather_rays)
+                } else {
+                    enough
+                },
                 afresh: options.gather_direct,
                 spacing: self.spacing(so_far),
             };
             if !first {
-                let enough = if known { options.gather_rays * more } else { u32::MAX };
+                let enough = if known { enough } else { u32::MAX };
                 self.cache.refine(self.world, &self.coarse, gathering, enough, number as usize);
             }
             if first || (REFILLS.contains(&number) && !known) {
                 self.cache.smooth(self.seen, options.gather_fit);
-                self.cache.fill(self.world, &self.coarse, self.seen, gathering);
+                let (lights, seen) = (self.lights, self.seen);
+                let direct = |index| self.direct.irradiance(lights, seen, index, true);
+                let follows = first && !known && options.adaptive;
+                let look = follows.then_some(Look { hasty: self.hasty, direct: &direct });
+                let rays = self.cache.fill(self.world, &self.coarse, seen, gathering, look);
+                if follows {
+                    self.first_rays = rays;
+                    run.owner.decided.insert(FIRST_RAYS.into(), rays.to_string());
+                }
             }
         }
         self.clock.lap("seconds_gather");
@@ -430,6 +487,7 @@ impl Tiers<'_> {
         }
         figures.insert("records".into(), self.cache.len() as f64);
         figures.insert("records_reused".into(), self.cache.reused as f64);
+        figures.insert("first_rays".into(), f64::from(self.first_rays));
         figures.insert("gather_rays".into(), self.cache.rays() as f64);
         figures.insert("shadow_rays".into(), self.direct.rays as f64);
         figures.insert("closed".into(), f64::from(u8::from(self.coarse.closed)));

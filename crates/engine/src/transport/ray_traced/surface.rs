@@ -5,7 +5,7 @@ use super::clear::Clear;
 use crate::hemicube::frame;
 use crate::radiometry::{LobeAlbedo, Reflectance, Rgb, importance};
 use crate::rays::{Eye, Hit, Rays, Spot, unit_normal};
-use crate::scene::Scene;
+use crate::scene::{Material, Scene};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
@@ -144,12 +144,15 @@ impl World {
         &self.finishes[triangle as usize]
     }
 
-    /// Diffuse albedo and emitted radiance of a triangle at barycentric (u, v).
-    pub fn finish_at(&self, triangle: u32, u: f32, v: f32) -> (Rgb, Rgb) {
+    /// Material of a triangle.
+    pub fn material(&self, triangle: u32) -> &Material {
+        &self.scene.materials[self.scene.triangles[triangle as usize].material as usize]
+    }
+
+    /// Base colour and emission at barycentric coordinates of a triangle.
+    pub fn colors_at(&self, triangle: u32, u: f32, v: f32) -> (Rgb, Rgb) {
         let triangle = &self.scene.triangles[triangle as usize];
-        let material = &self.scene.materials[triangle.material as usize];
-        let reflectance = material.reflectance(self.scene.base_color(triangle, u, v));
-        (reflectance.diffuse, self.scene.emission(triangle, u, v))
+        (self.scene.base_color(triangle, u, v), self.scene.emission(triangle, u, v))
     }
 
     /// The surface at a hit; `None` at a black back.
