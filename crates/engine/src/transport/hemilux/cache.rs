@@ -179,7 +179,7 @@ impl Cache {
                         let fragment = &seen.fragments[place as usize];
                         let footprint = scaling * seen.frame.footprint(fragment.point, seen.height);
                         let number = sequences.wrapping_add(index as u32);
-                        let point = seen.sample_point(fragment, 0);
+                        let point = seen.middle_point(fragment);
                         let mut record = Record::new(point, fragment.normal, footprint, number);
                         record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
                         record.tight = tight.get(place as usize).copied().unwrap_or(1.0);

@@ -137,6 +137,23 @@ impl Seen {
         self.spot(facet, back, at).0
     }
 
+    /// The surface point of the sample that is nearest to the middle of a fragment's: what it
+    /// sees, and near what it sees on average, even where a pixel looks along the surface.
+    pub fn middle_point(&self, fragment: &Fragment) -> Vec3 {
+        let seen = |fragment: &Fragment| {
+            let mask = fragment.mask;
+            let samples = self.samples.iter().enumerate();
+            samples.filter(move |(bit, _)| mask >> bit & 1 == 1).map(|(_, offset)| *offset)
+        };
+        let middle = seen(fragment).sum::<Vec2>() / fragment.mask.count_ones().max(1) as f32;
+        let off = |offset: &Vec2| offset.distance_squared(middle);
+        let nearest = seen(fragment).min_by(|a, b| off(a).total_cmp(&off(b)));
+        let (Some(offset), Some((facet, back))) = (nearest, item::decode(fragment.code)) else {
+            return fragment.point;
+        };
+        self.spot(facet, back, self.barycentric(facet, fragment.pixel, offset)).0
+    }
+
     /// Facet, side and barycentric coordinates of a fragment's first sample.
     pub fn place_on_facet(&self, fragment: &Fragment) -> (usize, bool, Vec2) {
         let (facet, back) = item::decode(fragment.code).unwrap_or((0, false));

@@ -191,8 +191,8 @@ impl Reach<'_> {
         // Half the radius off the plane, or 25° off the normal, is as far as the whole radius.
         let far = (square + 3.0 * height * height) * self.per_square
             + (1.0 - cosine) * (1.0 / (1.0 - 0.906));
-        // A number that is none is far, too.
-        let near = 1.0 - far.min(1.0).max(0.0).sqrt();
+        // A number that is none is far, too; rounding may make it a little less than nothing.
+        let near = 1.0 - far.min(1.0).abs().sqrt();
         near * near
     }
 

@@ -178,14 +178,14 @@ fn add_by_eights<const N: usize, const S: usize>(
         if weight == [0.0; LANES] {
             continue;
         }
-        for l in 0..LANES {
-            if weight[l] > 0.0 && square[l] > reach.free_square {
+        for (l, weight) in weight.iter_mut().enumerate() {
+            if *weight > 0.0 && square[l] > reach.free_square {
                 let between = Vec3::new(across[l], up[l], along[l]);
-                weight[l] *= reach.clearance(between, height[l], square[l]);
+                *weight *= reach.clearance(between, height[l], square[l]);
             }
         }
-        for l in 0..LANES {
-            sums.weight[l] += weight[l];
+        for (sum, weight) in sums.weight.iter_mut().zip(weight) {
+            *sum += weight;
         }
         for k in 0..N {
             for l in 0..LANES {
@@ -198,5 +198,59 @@ fn add_by_eights<const N: usize, const S: usize>(
                 sums.weighted[k][l] += value * weight[l];
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::patches::PatchedScene;
+    use crate::scene::gltf::{ImportLimits, Resources, import};
+    use crate::scene::made;
+    use crate::transport::ray_traced::surface::World;
+    use std::sync::Arc;
+
+    /// No window leaves out a fragment where a record counts, and eights count as ones do.
+    #[test]
+    fn all_that_counts_is_added_up() {
+        let scene = import(&made::cornell(), &Resources::default(), &ImportLimits::default());
+        let scene = Arc::new(scene.unwrap());
+        let world = World::new(scene.clone());
+        let patched = Arc::new(PatchedScene::new(scene.clone(), 500));
+        let seen = Seen::new(&world, patched, &scene.cameras[0], [61, 47], 16);
+        let records: Vec<Record> = (0..seen.fragments.len())
+            .step_by(37)
+            .map(|index| {
+                let at = &seen.fragments[index];
+                let footprint = seen.frame.footprint(at.point, seen.height);
+                let mut record = Record::new(at.point, at.normal, footprint, index as u32);
+                record.radius = footprint * (2 + index % 11) as f32;
+                record
+            })
+            .collect();
+        let place = |record: &Record| record.number as f32;
+        let said = |record: &Record| Said {
+            value: [1.0, place(record)],
+            slope: [record.tangents[0]],
+            least: [0.9],
+            most: [1.5],
+        };
+        let sums = splat(&seen, &records, said, |[a, b], weight| [a, b, weight]);
+        let mut counted = 0;
+        for (fragment, sums) in seen.fragments.iter().zip(sums) {
+            let mut expected = [0.0; 3];
+            for record in &records {
+                let weight = record.reach(1.0).weight(fragment.point, fragment.normal);
+                let slope = record.tangents[0].dot(fragment.point - record.point);
+                expected[0] += (1.0 + slope).clamp(0.9, 1.5) * weight;
+                expected[1] += place(record) * weight;
+                expected[2] += weight;
+                counted += usize::from(weight > 0.0);
+            }
+            for (sum, expected) in sums.into_iter().zip(expected) {
+                assert!((sum - expected).abs() <= 1e-4 * expected.abs() + 1e-5, "{sum} {expected}");
+            }
+        }
+        assert!(counted > seen.fragments.len(), "the test tests nothing: {counted}");
     }
 }
