@@ -8,7 +8,7 @@ use std::io::Cursor;
 /// A picture of linear RGB radiance, rows from the top.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
-    /// Width in pixels, ≥ 1.
+    /// Width in pixels, ≥ 1, but for the default picture, which has none.
     pub width: u32,
     /// Height in pixels, ≥ 1.
     pub height: u32,
