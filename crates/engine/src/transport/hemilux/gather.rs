@@ -20,6 +20,9 @@ const BEHIND: f32 = 0.9;
 /// What is less behind a plane than this share of its distance is not behind it.
 const IN_FRONT: f32 = 1e-3;
 
+/// Every so many rays one is aimed at bright patches, where there are such.
+const AIMED: u32 = 4;
+
 /// The nearest thing in a sector of a record's horizon.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
@@ -108,13 +111,51 @@ impl Record {
         afresh: bool,
     ) {
         let [tangent, bitangent] = self.tangents;
-        let mut sequence = Shifted::new(seed, Stream::Gather, u64::from(self.number)).at(self.rays);
+        let guide = coarse.guide.as_ref().filter(|_| rays >= AIMED);
+        // Rays so far that were aimed, or would have been.
+        let aimed = |rays: u32| if guide.is_some() { rays / AIMED } else { 0 };
+        let so_far = aimed(self.rays);
+        let of_each = [rays - (aimed(self.rays + rays) - so_far), aimed(self.rays + rays) - so_far];
+        let of_each = of_each.map(|count| count as f32 / rays as f32);
+        let sequence = |number: u64, at| Shifted::new(seed, Stream::Gather, number).at(at);
+        let mut all_over = sequence(u64::from(self.number), self.rays - so_far);
+        let mut at_bright = sequence(u64::from(self.number) | 1 << 32, so_far);
         for ray in 0..rays {
-            let (local, height) = cosine_local(sequence.next_pair());
-            let direction = tangent * local.x + bitangent * local.y + self.normal * height;
-            let direction = direction.normalize();
+            let aim = guide.filter(|_| aimed(self.rays + ray + 1) > aimed(self.rays + ray));
+            let (direction, aim, afresh_numbers) = match aim {
+                Some(guide) => {
+                    at_bright.next_pair();
+                    let xi = at_bright.triple();
+                    let Some(aim) = guide.aim(self.point, self.normal, xi) else { continue };
+                    // Other numbers than those that the aim was taken by.
+                    (aim.direction, Some(aim.patch), at_bright.apart())
+                }
+                None => {
+                    let (local, height) = cosine_local(all_over.next_pair());
+                    let direction = tangent * local.x + bitangent * local.y + self.normal * height;
+                    (direction.normalize(), None, all_over.afresh())
+                }
+            };
             let Some(hit) = world.rays.closest(Eye::Light, self.point, direction) else { continue };
-            self.nearness += 1.0 / hit.distance.max(1e-3);
+            let local = Vec2::new(direction.dot(tangent), direction.dot(bitangent));
+            // The balance heuristic (Veach 1997): what either way of picking it makes of a place.
+            let mut weight = 1.0 / of_each[0];
+            if let Some(guide) = guide {
+                let patch = coarse.patch_at(&hit);
+                if aim.is_some() && aim != patch {
+                    continue;
+                }
+                let cosine = world.rays.spot(&hit).normal.dot(direction);
+                let density = patch.map_or(0.0, |patch| {
+                    guide.density(self.point, self.normal, patch, hit.distance, cosine)
+                });
+                let height = self.normal.dot(direction);
+                weight = height.max(f32::MIN_POSITIVE)
+                    / (of_each[0] * height.max(f32::MIN_POSITIVE) + of_each[1] * PI * density);
+            }
+            if aim.is_none() {
+                self.nearness += 1.0 / (of_each[0] * hit.distance.max(1e-3));
+            }
             let along = hit.distance * local.length();
             let nearest = &mut self.horizon[sector(local)];
             if along < nearest.distance {
@@ -123,7 +164,7 @@ impl Record {
                 let normal = if away > 0.0 { -normal } else { normal };
                 *nearest = Obstacle { distance: along, normal, offset: away.abs() };
             }
-            let radiance = coarse.reflected(&hit, afresh.then(|| sequence.afresh()));
+            let radiance = weight * coarse.reflected(&hit, afresh.then_some(afresh_numbers));
             self.sum += radiance;
             self.split += if 2 * ray < rays { radiance } else { -radiance };
         }

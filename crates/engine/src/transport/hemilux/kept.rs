@@ -22,6 +22,7 @@ const MOST_RECORDS: u32 = 1 << 30;
 #[repr(C)]
 struct KeptPatch {
     irradiance: Rgb,
+    share: f32,
     open: f32,
     escaped: u32,
 }
@@ -146,6 +147,7 @@ pub fn restore_direct(
     let direct: Vec<KeptPatch> = from.exactly(patches)?;
     let patched = |kept: &KeptPatch| Patched {
         irradiance: kept.irradiance,
+        share: kept.share,
         open: kept.open,
         escaped: kept.escaped != 0,
     };
@@ -204,8 +206,8 @@ fn restore_links(patches: usize, from: &mut Reader<'_>) -> Result<Links, Checkpo
 
 impl From<&Patched> for KeptPatch {
     fn from(patched: &Patched) -> Self {
-        let Patched { irradiance, open, escaped } = *patched;
-        Self { irradiance, open, escaped: u32::from(escaped) }
+        let Patched { irradiance, share, open, escaped } = *patched;
+        Self { irradiance, share, open, escaped: u32::from(escaped) }
     }
 }
 

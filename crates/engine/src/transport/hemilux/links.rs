@@ -133,7 +133,8 @@ impl Links {
         }
     }
 
-    fn of(&self, patch: usize) -> impl Iterator<Item = u32> {
+    /// The links of a patch; what is none of a patch met nothing that reflects.
+    pub fn of(&self, patch: usize) -> impl Iterator<Item = u32> {
         self.rounds.iter().flat_map(move |round| round.of(patch).iter().copied())
     }
 }
@@ -157,6 +158,29 @@ impl PatchPoints {
         let cell = nth_cell(facet.divisions, patch - first);
         let corners = facet.corners.map(|c| world.rays.place(scene.positions[c as usize]));
         Self { corners, normal: unit_normal(corners), cell, inset: inset(corners), back }
+    }
+
+    fn corner(&self, at: Vec2) -> Vec3 {
+        let [a, b, c] = self.corners;
+        a * (1.0 - at.x - at.y) + b * at.x + c * at.y
+    }
+
+    /// Area, ray units.
+    pub fn area(&self) -> f32 {
+        let [a, b, c] = self.cell.map(|at| self.corner(at));
+        0.5 * (b - a).cross(c - a).length()
+    }
+
+    /// Unit normal of its side.
+    pub fn normal(&self) -> Vec3 {
+        if self.back { -self.normal } else { self.normal }
+    }
+
+    /// Centre and radius of a ball around it.
+    pub fn ball(&self) -> (Vec3, f32) {
+        let corners = self.cell.map(|at| self.corner(at));
+        let center = (corners[0] + corners[1] + corners[2]) / 3.0;
+        (center, corners.iter().map(|corner| corner.distance(center)).fold(0.0, f32::max))
     }
 
     /// The point for two uniform numbers, off the surface by the rounding error, and the normal.

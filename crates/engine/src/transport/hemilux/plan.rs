@@ -1,7 +1,7 @@
 //! Why the tiers run as they do, in words.
 
 use super::HemiluxSettings;
-use super::lights::MOST_EXACT;
+use super::unoccluded::MOST_LIGHTS;
 use crate::device::DeviceDescription;
 use crate::scene::Scene;
 
@@ -25,9 +25,9 @@ pub fn reasons(
         (true, false) => "tier 2: indirect light is gathered at records on what the camera sees".into(),
         (false, _) => "tier 2 is off: indirect light is shown as the coarse mesh has it".into(),
     });
-    reasons.push(match (options.light, emitters <= MOST_EXACT) {
+    reasons.push(match (options.light, emitters <= MOST_LIGHTS) {
         (true, true) => format!("tier 3: {emitters} emissive triangles, so direct light is in closed form but for what is in between"),
-        (true, false) => format!("tier 3: {emitters} emissive triangles, so direct light is sampled where they are more than {MOST_EXACT} polygons"),
+        (true, false) => format!("tier 3: {emitters} emissive triangles, so direct light is sampled where they are more than {MOST_LIGHTS} polygons"),
         (false, _) => "tier 3 is off: direct light is shown as the coarse mesh has it".into(),
     });
     reasons.push(if glossy {

@@ -110,6 +110,12 @@ impl Shifted {
         Afresh { light: self.triple(), bounce, next: Some(Next(pcg(self.shift[5] ^ self.index))) }
     }
 
+    /// The same, when the point of the cube was taken: plain random numbers.
+    pub fn apart(&self) -> Afresh {
+        let first = Next(pcg(self.shift[5] ^ self.index));
+        Afresh { next: Some(Next(pcg(first.0))), ..first.afresh() }
+    }
+
     /// A point of the cube at the same place.
     #[inline]
     pub fn triple(&self) -> Vec3 {

@@ -2,13 +2,14 @@
 //! patch by the closed form and shadow rays; everything that bounces by stochastic hemicube
 //! iteration on the residual. It is only ever seen through gathers.
 
-use super::lights::Lights;
+use super::guide::Guide;
+use super::lights::{Lights, Once};
 use super::links::{Links, PatchPoints};
 use super::sequence::{Afresh, Seed, Shifted, cosine_direction};
 use crate::device::{KnownLight, Shooting, ShootingSettings, Sums};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
 use crate::patches::{Facet, PatchedScene, cell_index};
-use crate::radiometry::{LobeAlbedo, Rgb};
+use crate::radiometry::{LobeAlbedo, Rgb, importance};
 use crate::random::Stream;
 use crate::rays::{Eye, Hit};
 use crate::transport::known::{albedo, equilibrium};
@@ -23,6 +24,10 @@ const MOST_POINTS: usize = 1 << 20;
 
 /// Nearer than so many sides of a patch its mean does not do: light there varies within it.
 const NEAR_FIELD: f32 = 2.0;
+
+/// Share of a patch's side up to which a point of it sees something nearby: it is seen by that
+/// rather than by what is farther away, for which the patch's light stands.
+const CREVICE: f32 = 0.25;
 
 /// Smoothing changes a patch's value by this factor at most.
 const MOST_CHANGE: f32 = 2.5;
@@ -46,6 +51,8 @@ pub struct Coarse<'a> {
     /// Sums of the iteration so far.
     pub(super) sums: Sums,
     pub(super) links: Links,
+    /// Patches that gather rays are aimed at.
+    pub guide: Option<Guide>,
     /// Albedo of each patch, all of it taken as diffuse.
     albedo: Vec<Rgb>,
     /// Irradiance, direct and indirect.
@@ -67,6 +74,8 @@ struct Values {
 pub struct Patched {
     /// Mean irradiance of the points that are not inside a body.
     pub irradiance: Rgb,
+    /// Share of the emitters' light that gets there, about.
+    pub share: f32,
     /// Share of points that are not inside a body.
     pub open: f32,
     /// Whether a ray left the scene.
@@ -117,6 +126,7 @@ impl<'a> Coarse<'a> {
             known,
             sums: Sums::default(),
             links: Links::default(),
+            guide: None,
             albedo,
             both: Values::default(),
             indirect: Values::default(),
@@ -197,6 +207,11 @@ impl<'a> Coarse<'a> {
             Values { patches, vertices }
         };
         (self.both, self.indirect) = (smooth(both), smooth(indirect));
+        let albedo: Vec<f32> = self.albedo.iter().map(|albedo| importance(*albedo)).collect();
+        let radiosity = self.albedo.iter().zip(&self.both.patches);
+        let radiosity: Vec<f32> =
+            radiosity.map(|(albedo, both)| importance(*albedo * both.max(Rgb::ZERO))).collect();
+        self.guide = Guide::new(self.world, &self.scene, &self.links, &radiosity, &albedo);
     }
 
     /// The patch at a hit; `None` at a black back.
@@ -246,6 +261,15 @@ impl<'a> Coarse<'a> {
         smooth.clamp(one.min(other), one.max(other))
     }
 
+    /// Share of the emitters' light that gets to a patch.
+    fn share(&self, facet: usize, back: bool, at: Vec2) -> f32 {
+        let piece = &self.scene.facets[facet];
+        let first = piece.first_patch(back);
+        let u = at.x.clamp(0.0, 1.0);
+        let cell = cell_index(piece.divisions, u, at.y.clamp(0.0, 1.0 - u));
+        first.map_or(0.0, |first| self.direct[(first + cell) as usize].share)
+    }
+
     /// Irradiance that has bounced, at barycentric coordinates of a facet of the mesh.
     pub fn bounced(&self, facet: usize, back: bool, at: Vec2) -> Rgb {
         self.on_facet(&self.indirect, facet, back, at)
@@ -275,6 +299,7 @@ impl<'a> Coarse<'a> {
         };
         let (start, normal) = (surface.start(), surface.normal);
         let direct = self.lights.once(&self.world.rays, start, normal, afresh.light);
+        let direct = direct.irradiance(self.share(facet, hit.back, at));
         let bounced = match afresh.next {
             Some(next) if hit.distance < self.near[facet] => {
                 let direction = cosine_direction(normal, afresh.bounce);
@@ -305,21 +330,57 @@ fn light_patch(
 ) -> Patched {
     let from = PatchPoints::new(world, scene, patch);
     let mut sequence = Shifted::new(seed, Stream::PatchLight, u64::from(patch));
-    let mut sum = Rgb::ZERO;
     let (mut open, mut escaped) = (0, false);
+    // Of the points that others see, if there are such; and of those in crevices.
+    let mut lit = [Lit::default(); 2];
+    let crevice = CREVICE * from.area().sqrt();
     for _ in 0..points {
         let (start, normal) = from.point(sequence.next_pair());
         let direction = cosine_direction(normal, sequence.second_pair());
+        let mut hidden = false;
         match world.rays.closest(Eye::Light, start, direction) {
             None => escaped = true,
             // Seeing a black back: inside a body, or behind a one-sided wall; light never comes here.
             Some(hit) if hit.back && !world.is_two_sided(hit.triangle) => continue,
+            Some(hit) if hit.distance < crevice => hidden = true,
             Some(_) => {}
         }
         open += 1;
-        sum += lights.once(&world.rays, start, normal, sequence.triple());
+        lit[usize::from(hidden)].add(lights.once(&world.rays, start, normal, sequence.triple()));
     }
-    Patched { irradiance: sum / open.max(1) as f32, open: open as f32 / points as f32, escaped }
+    let lit = if lit[0].count > 0 { lit[0] } else { lit[1] };
+    let open = open as f32 / points as f32;
+    Patched { irradiance: lit.irradiance(), share: lit.share(), open, escaped }
+}
+
+/// Direct light at points of a patch.
+#[derive(Clone, Copy, Default)]
+struct Lit {
+    count: u32,
+    unoccluded: Rgb,
+    cast: Rgb,
+    seen: Rgb,
+}
+
+impl Lit {
+    fn add(&mut self, once: Once) {
+        self.count += 1;
+        self.unoccluded += once.unoccluded;
+        self.cast += once.cast;
+        if once.seen {
+            self.seen += once.cast;
+        }
+    }
+
+    /// Mean irradiance: that without occlusion times the share that is seen of what was cast.
+    fn irradiance(&self) -> Rgb {
+        let share = Rgb::select(self.cast.cmpgt(Rgb::ZERO), self.seen / self.cast, Rgb::ZERO);
+        self.unoccluded * share / self.count.max(1) as f32
+    }
+
+    fn share(&self) -> f32 {
+        importance(self.seen) / importance(self.cast).max(f32::MIN_POSITIVE)
+    }
 }
 
 fn known_light(scene: &PatchedScene, direct: &[Patched], closed: bool) -> KnownLight {

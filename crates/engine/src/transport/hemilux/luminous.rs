@@ -1,0 +1,193 @@
+//! From emissive triangles to lights: bodies shine outwards only, and triangles become polygons.
+
+use super::polygon::Light;
+use crate::radiometry::Rgb;
+use crate::rays::{Eye, Rays};
+use crate::scene::Scene;
+use glam::Vec3;
+use std::collections::HashMap;
+
+/// Tests of vertices against bodies that are worth their time.
+const MOST_TESTS: usize = 50_000_000;
+
+/// An emissive triangle without a texture, ray units.
+#[derive(Clone, Copy)]
+pub struct Plain {
+    /// Which of the scene.
+    pub triangle: u32,
+    /// Counter-clockwise as seen from the front.
+    pub corners: [Vec3; 3],
+    /// Emitted radiance.
+    pub radiance: Rgb,
+    /// Whether the back shines too.
+    pub two_sided: bool,
+}
+
+/// A place, bit by bit.
+type Key = [u32; 3];
+
+fn key(place: Vec3) -> Key {
+    (place + 0.0).to_array().map(f32::to_bits)
+}
+
+impl Plain {
+    fn edges(&self) -> [(Key, Key); 3] {
+        let [a, b, c] = self.corners.map(key);
+        [(a, b), (b, c), (c, a)]
+    }
+}
+
+/// Closed bodies of two-sided triangles shine outwards only, unless something is in them: of half
+/// the light that would be asked for, nothing ever comes out.
+pub fn outward(triangles: &mut [Plain], scene: &Scene, rays: &Rays) {
+    let bodies = bodies(triangles);
+    if bodies.len() * scene.triangles.len() > MOST_TESTS {
+        return;
+    }
+    let mut body_of = HashMap::new();
+    for (number, body) in bodies.iter().enumerate() {
+        body_of.extend(body.members.iter().map(|member| (triangles[*member].triangle, number)));
+    }
+    // Something is in a body that a corner of it is in ...
+    let mut empty = vec![true; bodies.len()];
+    for index in 0..scene.triangles.len() as u32 {
+        let own = body_of.get(&index);
+        let corners = rays.corners(scene, index).0;
+        for (number, body) in bodies.iter().enumerate() {
+            let inside = |p: &Vec3| p.cmpgt(body.low).all() && p.cmplt(body.high).all();
+            if own != Some(&number) && corners.iter().any(inside) {
+                empty[number] = false;
+            }
+        }
+    }
+    for (number, body) in bodies.iter().enumerate().filter(|(number, _)| empty[*number]) {
+        // ... or that hides its sides from each other.
+        let seen = |member: &usize| {
+            let [a, b, c] = triangles[*member].corners;
+            let normal = (b - a).cross(c - a).normalize_or_zero() * body.outward;
+            let inwards = (body.high - body.low).length() * 1e-4 * -normal;
+            let hit = rays.closest(Eye::Light, (a + b + c) / 3.0 + inwards, -normal);
+            hit.is_some_and(|hit| body_of.get(&hit.triangle) == Some(&number))
+        };
+        if !body.members.iter().all(seen) {
+            continue;
+        }
+        for member in &body.members {
+            let one = &mut triangles[*member];
+            one.two_sided = false;
+            if body.outward < 0.0 {
+                one.corners.swap(1, 2);
+            }
+        }
+    }
+}
+
+/// A closed surface.
+struct Body {
+    members: Vec<usize>,
+    low: Vec3,
+    high: Vec3,
+    /// 1 where fronts face outwards, −1 where backs do.
+    outward: f32,
+}
+
+/// The closed surfaces of two-sided triangles: each edge belongs to two of them, once in either
+/// direction.
+fn bodies(triangles: &[Plain]) -> Vec<Body> {
+    let mut at_edge: HashMap<(Key, Key), Option<usize>> = HashMap::new();
+    for (index, one) in triangles.iter().enumerate().filter(|(_, one)| one.two_sided) {
+        for edge in one.edges() {
+            at_edge.entry(edge).and_modify(|twice| *twice = None).or_insert(Some(index));
+        }
+    }
+    let across = |(p, q): (Key, Key)| at_edge.get(&(q, p)).copied().flatten();
+    let mut visited = vec![false; triangles.len()];
+    let mut bodies = Vec::new();
+    for first in 0..triangles.len() {
+        if visited[first] || !triangles[first].two_sided {
+            continue;
+        }
+        visited[first] = true;
+        let (mut members, mut next, mut closed) = (vec![first], 0, true);
+        while let Some(member) = members.get(next).copied() {
+            next += 1;
+            for (p, q) in triangles[member].edges() {
+                // An edge that is there twice in one direction belongs to nothing closed.
+                closed &= at_edge.get(&(p, q)).copied().flatten().is_some();
+                match across((p, q)) {
+                    None => closed = false,
+                    Some(other) if visited[other] => {}
+                    Some(other) => {
+                        visited[other] = true;
+                        members.push(other);
+                    }
+                }
+            }
+        }
+        let corners = || members.iter().flat_map(|member| triangles[*member].corners);
+        let low = corners().fold(Vec3::INFINITY, Vec3::min);
+        let high = corners().fold(Vec3::NEG_INFINITY, Vec3::max);
+        let middle = 0.5 * (low + high);
+        let volume = |member: &usize| {
+            let [a, b, c] = triangles[*member].corners.map(|corner| corner - middle);
+            a.dot(b.cross(c))
+        };
+        let volume: f32 = members.iter().map(volume).sum();
+        if closed && volume != 0.0 {
+            bodies.push(Body { members, low, high, outward: volume.signum() });
+        }
+    }
+    bodies
+}
+
+/// Polygons from emissive triangles: pairs with a common edge in one plane become one where that
+/// is convex, which halves the edges to sum over.
+pub fn merged(
+    triangles: &[Plain],
+    lights: &mut Vec<Light>,
+    of_triangle: &mut HashMap<u32, (u32, bool)>,
+) {
+    let mut at_edge: HashMap<(Key, Key), usize> = HashMap::new();
+    for (index, one) in triangles.iter().enumerate() {
+        at_edge.extend(one.edges().map(|edge| (edge, index)));
+    }
+    let mut used = vec![false; triangles.len()];
+    for (index, one) in triangles.iter().enumerate() {
+        let Plain { triangle, corners, radiance, two_sided } = one;
+        if used[index] {
+            continue;
+        }
+        used[index] = true;
+        let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+        let pair = (0..3).find_map(|k| {
+            let (p, q) = (corners[k], corners[(k + 1) % 3]);
+            let other = *at_edge.get(&(key(q), key(p)))?;
+            let theirs = &triangles[other];
+            if used[other] || theirs.radiance != *radiance || theirs.two_sided != *two_sided {
+                return None;
+            }
+            let apex = theirs.corners.iter().copied().find(|c| key(*c) != key(p) && key(*c) != key(q))?;
+            let opposite = corners[(k + 2) % 3];
+            // p, apex, q, opposite goes round; it must be flat and turn left everywhere.
+            let around = [p, apex, q, opposite];
+            let flat = normal.dot(apex - p).abs() <= 1e-5 * (apex - p).length();
+            let convex = (0..4).all(|i| {
+                let (a, b, c) = (around[i], around[(i + 1) % 4], around[(i + 2) % 4]);
+                (b - a).cross(c - b).dot(normal) > 0.0
+            });
+            (flat && convex).then_some((other, around))
+        });
+        let number = (lights.len() as u32, false);
+        of_triangle.insert(*triangle, number);
+        let light = match pair {
+            Some((other, around)) => {
+                used[other] = true;
+                of_triangle.insert(triangles[other].triangle, number);
+                Light::new(&around, *radiance, *two_sided)
+            }
+            None => Light::new(corners, *radiance, *two_sided),
+        };
+        lights.push(light.unwrap_or_else(Light::none));
+    }
+}
+

@@ -1,0 +1,334 @@
+//! What all lights shine on a point where nothing is in between: those near it in closed form,
+//! those farther off by four points of each, eight lights at a time.
+
+use super::polygon::Light;
+use crate::radiometry::{Rgb, importance};
+use glam::Vec3;
+
+/// Running sums that are kept of a point's lights.
+const SUMS: usize = 16;
+/// Lights that are looked at together.
+const LANES: usize = 8;
+/// With more lights only some of them can be asked.
+pub const MOST_LIGHTS: usize = 1024;
+/// Eights of a running sum at most.
+const EIGHTS: usize = MOST_LIGHTS / SUMS / LANES;
+/// Nearer than so many diameters a light is evaluated in closed form; beyond, four points of it
+/// are off by 3 % (rms), one light among many.
+const NEAR: f32 = 1.0;
+
+type Lanes = [f32; LANES];
+
+/// What the lights would shine on a point with nothing in between.
+#[derive(Clone, Copy)]
+pub struct Unoccluded {
+    /// Irradiance of all together.
+    pub irradiance: Rgb,
+    /// Importance of the irradiance, running over stretches of lights.
+    sums: [f32; SUMS],
+}
+
+impl Unoccluded {
+    /// Nothing shines.
+    pub fn none() -> Self {
+        Self { irradiance: Rgb::ZERO, sums: [0.0; SUMS] }
+    }
+}
+
+/// All lights.
+pub struct All {
+    lights: Vec<Light>,
+    eights: Vec<Eight>,
+    /// Lights of a running sum.
+    stretch: usize,
+}
+
+/// Eight lights: four points of each that stand for parts of it.
+struct Eight {
+    centers: [Lanes; 3],
+    points: [[Lanes; 3]; 4],
+    areas: [Lanes; 4],
+    normals: [Lanes; 3],
+    radiance: [Lanes; 3],
+    /// Square of the distance within which that is not enough.
+    near: Lanes,
+    /// 0 where the back shines too.
+    least: Lanes,
+}
+
+impl All {
+    /// Of the lights, in their order.
+    pub fn new(lights: Vec<Light>) -> Self {
+        let few = lights.len() <= SUMS;
+        let eights = lights.chunks(LANES).map(Eight::new).collect::<Vec<_>>();
+        let stretch = if few { 1 } else { eights.len().div_ceil(SUMS) * LANES };
+        Self { lights, eights: if few { Vec::new() } else { eights }, stretch }
+    }
+
+    /// The lights.
+    pub fn lights(&self) -> &[Light] {
+        &self.lights
+    }
+
+    /// What they shine on a surface at `point` with unit `normal`.
+    pub fn unoccluded(&self, point: Vec3, normal: Vec3) -> Unoccluded {
+        let mut all = Unoccluded::none();
+        let mut sum = 0.0;
+        if self.stretch == 1 {
+            for (light, running) in self.lights.iter().zip(&mut all.sums) {
+                let irradiance = light.radiance * light.projected(point, normal);
+                all.irradiance += irradiance;
+                sum += importance(irradiance);
+                *running = sum;
+            }
+            return all;
+        }
+        let eights = self.eights.chunks(self.stretch / LANES);
+        for ((stretch, eights), running) in eights.enumerate().zip(&mut all.sums) {
+            let mut near = [0; EIGHTS];
+            let mut shine = [[0.0; LANES]; 3];
+            add_up(eights, point, normal, &mut shine, &mut near);
+            let mut irradiance = Rgb::from_array(shine.map(|lanes| lanes.iter().sum()));
+            for (eight, mut near) in near.into_iter().enumerate() {
+                while near != 0 {
+                    let lane = near.trailing_zeros() as usize;
+                    near &= near - 1;
+                    let light = &self.lights[stretch * self.stretch + eight * LANES + lane];
+                    irradiance += light.radiance * light.projected(point, normal);
+                }
+            }
+            all.irradiance += irradiance;
+            sum += importance(irradiance);
+            *running = sum;
+        }
+        all
+    }
+
+    /// A light for a uniform number, by what each shines on the point, and the probability that it
+    /// is this one; `None` where nothing shines.
+    pub fn pick(
+        &self,
+        all: &Unoccluded,
+        point: Vec3,
+        normal: Vec3,
+        x: f32,
+    ) -> Option<(usize, f32)> {
+        let stretches = self.lights.len().div_ceil(self.stretch);
+        let sums = &all.sums[..stretches];
+        let total = sums[stretches - 1];
+        if total <= 0.0 {
+            return None;
+        }
+        let at = x * total;
+        let stretch = sums.partition_point(|sum| *sum <= at).min(stretches - 1);
+        let mut sum = if stretch == 0 { 0.0 } else { sums[stretch - 1] };
+        if self.stretch == 1 {
+            return Some((stretch, (sums[stretch] - sum) / total));
+        }
+        let projected = self.projected(stretch, point, normal);
+        let first = stretch * self.stretch;
+        let lights = &self.lights[first..(first + self.stretch).min(self.lights.len())];
+        let mut picked = None;
+        for (index, (light, projected)) in lights.iter().zip(projected.as_flattened()).enumerate() {
+            let own = importance(light.radiance) * projected;
+            sum += own;
+            if own > 0.0 {
+                picked = Some((first + index, own / total));
+                if sum > at {
+                    break;
+                }
+            }
+        }
+        picked
+    }
+
+    /// The probability that [`All::pick`] picks this light.
+    pub fn probability(&self, all: &Unoccluded, point: Vec3, normal: Vec3, light: usize) -> f32 {
+        let stretches = self.lights.len().div_ceil(self.stretch);
+        let total = all.sums[stretches - 1];
+        if total <= 0.0 {
+            return 0.0;
+        }
+        let stretch = light / self.stretch;
+        let projected = match self.stretch {
+            1 => self.lights[light].projected(point, normal),
+            _ => {
+                let projected = self.projected(stretch, point, normal);
+                projected.as_flattened()[light - stretch * self.stretch]
+            }
+        };
+        importance(self.lights[light].radiance) * projected / total
+    }
+
+    /// ∫ cosθ dω over each light of a stretch of many.
+    #[inline]
+    fn projected(&self, stretch: usize, point: Vec3, normal: Vec3) -> [Lanes; EIGHTS] {
+        let mut projected = [[0.0; LANES]; EIGHTS];
+        let first = stretch * self.stretch;
+        let last = (first + self.stretch).min(self.lights.len());
+        let mut near = [0; EIGHTS];
+        let eights = &self.eights[first / LANES..last.div_ceil(LANES)];
+        for ((eight, projected), near) in eights.iter().zip(&mut projected).zip(&mut near) {
+            (*projected, *near) = eight.projected(point, normal);
+        }
+        for index in 0..last - first {
+            if near[index / LANES] >> (index % LANES) & 1 == 1 {
+                projected.as_flattened_mut()[index] =
+                    self.lights[first + index].projected(point, normal);
+            }
+        }
+        projected
+    }
+}
+
+impl Eight {
+    fn new(lights: &[Light]) -> Self {
+        let lanes = |of: &dyn Fn(&Light) -> f32| {
+            std::array::from_fn(|lane| lights.get(lane).map_or(0.0, of))
+        };
+        let axes = [0, 1, 2];
+        let parts = [0, 1, 2, 3];
+        Self {
+            centers: axes.map(|axis| lanes(&|light| light.center[axis])),
+            points: parts.map(|k| axes.map(|axis| lanes(&|light| light.quadrature()[k].0[axis]))),
+            areas: parts.map(|k| lanes(&|light| light.quadrature()[k].1)),
+            normals: axes.map(|axis| lanes(&|light| light.normal[axis])),
+            radiance: axes.map(|axis| lanes(&|light| light.radiance[axis])),
+            near: lanes(&|light| NEAR * NEAR * light.diameter_squared),
+            least: lanes(&|light| if light.two_sided { f32::NEG_INFINITY } else { 0.0 }),
+        }
+    }
+
+    /// ∫ cosθ dω over each by its points, and which are too near for that, a bit each.
+    #[inline(always)]
+    fn projected(&self, point: Vec3, normal: Vec3) -> (Lanes, u32) {
+        let from = |place: &[Lanes; 3], l: usize| {
+            Vec3::new(place[0][l] - point.x, place[1][l] - point.y, place[2][l] - point.z)
+        };
+        let toward = |l: usize| Vec3::from_array(self.normals.map(|lanes| lanes[l]));
+        let mut all = [0.0; LANES];
+        for (part, areas) in self.points.iter().zip(&self.areas) {
+            for l in 0..LANES {
+                let between = from(part, l);
+                let square = between.length_squared().max(1e-18);
+                let emitted = -toward(l).dot(between);
+                // Of two sides one shines here; a single one may be turned away.
+                let emitted = if self.least[l] < 0.0 { emitted.abs() } else { emitted.max(0.0) };
+                all[l] += areas[l] * normal.dot(between).max(0.0) * emitted / (square * square);
+            }
+        }
+        let mut near = 0;
+        for l in 0..LANES {
+            let between = from(&self.centers, l);
+            let square = between.length_squared();
+            let received = normal.dot(between);
+            let above = received > 0.0 || received * received < self.near[l];
+            let faces = -toward(l).dot(between) > self.least[l];
+            near |= u32::from((square < self.near[l]) & above & faces) << l;
+        }
+        (all, near)
+    }
+}
+
+/// Adds what the lights shine by their points, but for those that are too near, a bit each.
+fn add_up(
+    eights: &[Eight],
+    point: Vec3,
+    normal: Vec3,
+    shine: &mut [Lanes; 3],
+    near: &mut [u32; EIGHTS],
+) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn with_avx2(
+            eights: &[Eight],
+            point: Vec3,
+            normal: Vec3,
+            shine: &mut [Lanes; 3],
+            near: &mut [u32; EIGHTS],
+        ) {
+            add_by_eights(eights, point, normal, shine, near);
+        }
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has AVX2.
+            return unsafe { with_avx2(eights, point, normal, shine, near) };
+        }
+    }
+    add_by_eights(eights, point, normal, shine, near);
+}
+
+#[inline(always)]
+fn add_by_eights(
+    eights: &[Eight],
+    point: Vec3,
+    normal: Vec3,
+    shine: &mut [Lanes; 3],
+    near: &mut [u32; EIGHTS],
+) {
+    for (eight, near) in eights.iter().zip(near) {
+        let (projected, too_near) = eight.projected(point, normal);
+        *near = too_near;
+        for (sums, radiance) in shine.iter_mut().zip(&eight.radiance) {
+            for l in 0..LANES {
+                let far = if too_near >> l & 1 == 1 { 0.0 } else { projected[l] };
+                sums[l] += far * radiance[l];
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Numbers, Stream};
+
+    /// Many small lights around a point, of one and of two sides, triangles and quadrilaterals.
+    fn lights(count: usize) -> Vec<Light> {
+        let mut random = Numbers::new(7, Stream::Light, 0);
+        let mut next = || Vec3::from_array([0; 3].map(|_| 2.0 * random.uniform() - 1.0));
+        (0..count)
+            .map(|index| {
+                let (at, u, v) = (3.0 * next(), 0.4 * next(), 0.4 * next());
+                let corners = [at, at + u, at + u + v, at + v];
+                let corners = if index % 3 == 0 { &corners[..3] } else { &corners[..] };
+                let radiance = (next() + 1.1).max(Vec3::ZERO);
+                Light::new(corners, radiance, index % 5 == 0).unwrap()
+            })
+            .collect()
+    }
+
+    #[test]
+    fn all_are_the_sum_of_each_and_are_picked_by_what_they_shine() {
+        for count in [1, 5, 16, 17, 100, 1000] {
+            let all = All::new(lights(count));
+            for (point, normal) in
+                [(Vec3::ZERO, Vec3::Y), (Vec3::new(1.0, -2.0, 0.5), Vec3::new(0.6, 0.0, -0.8))]
+            {
+                let unoccluded = all.unoccluded(point, normal);
+                let each = all.lights().iter();
+                let each: Vec<Rgb> =
+                    each.map(|light| light.radiance * light.projected(point, normal)).collect();
+                let exact: Rgb = each.iter().sum();
+                let off = (unoccluded.irradiance - exact).abs().max_element();
+                assert!(off <= 1e-2 * exact.max_element(), "{count}: {off} of {exact}");
+                if exact == Rgb::ZERO {
+                    continue;
+                }
+                let mut shares = vec![0.0; count];
+                const TRIES: usize = 50_000;
+                for k in 0..TRIES {
+                    let x = (k as f32 + 0.5) / TRIES as f32;
+                    let (light, probability) = all.pick(&unoccluded, point, normal, x).unwrap();
+                    let same = all.probability(&unoccluded, point, normal, light);
+                    assert!((same - probability).abs() <= 1e-5, "{same} {probability}");
+                    shares[light] += 1.0 / TRIES as f32;
+                }
+                for (share, irradiance) in shares.iter().zip(&each) {
+                    let expected = importance(*irradiance) / importance(exact);
+                    assert!((share - expected).abs() < 0.03 * expected + 1e-3, "{share} {expected}");
+                }
+            }
+        }
+    }
+}
