@@ -398,7 +398,8 @@ mod tests {
                     let [x, y] = [k % SIDE, k / SIDE].map(|k| (k as f32 + 0.5) / SIDE as f32);
                     let (place, solid_angle) = light.place_by_angle(point, x, y).unwrap();
                     assert!((place.y - 1.0).abs() < 1e-4, "{place}");
-                    sum += f64::from(normal.dot((place - point).normalize()) * solid_angle);
+                    let cosine = normal.dot((place - point).normalize()).max(0.0);
+                    sum += f64::from(cosine * solid_angle);
                     assert!((solid_angle - light.solid_angle(point)).abs() < 1e-6);
                 }
                 let mean = sum / (SIDE * SIDE) as f64;
