@@ -149,6 +149,31 @@ impl Frame {
         (x0 < x1 && y0 < y1).then_some([x0, x1, y0, y1])
     }
 
+    /// What of a triangle is in front of an orthographic camera, as up to two of them. (A
+    /// perspective one tells by the sign of its homogeneous coordinates.)
+    fn in_front(&self, corners: [Vec3; 3]) -> [Option<[Vec3; 3]>; 2] {
+        let depths = corners.map(|corner| self.project(corner).1);
+        if self.perspective || depths.iter().all(|depth| *depth >= 0.0) {
+            return [Some(corners), None];
+        }
+        let mut left = [Vec3::ZERO; 4];
+        let mut count = 0;
+        for k in 0..3 {
+            let next = (k + 1) % 3;
+            let (own, other) = (depths[k], depths[next]);
+            if own >= 0.0 {
+                left[count] = corners[k];
+                count += 1;
+            }
+            if (own < 0.0) != (other < 0.0) {
+                left[count] = corners[k].lerp(corners[next], own / (own - other));
+                count += 1;
+            }
+        }
+        let [a, b, c, d] = left;
+        [(count >= 3).then_some([a, b, c]), (count == 4).then_some([a, c, d])]
+    }
+
     /// Homogeneous coordinates of a point, and its distance along the optical axis.
     fn project(&self, point: Vec3) -> (Vec3, f32) {
         let relative = point - self.eye;
@@ -167,7 +192,9 @@ impl View {
         for (index, facet) in scene.facets.iter().enumerate() {
             let corners = facet.corners.map(|c| scene.positions[c as usize]);
             let two_sided = facet.back != NO_PATCH;
-            view.triangles.extend(view.set_up(index as u32, corners, two_sided, farthest));
+            for corners in view.frame.in_front(corners).into_iter().flatten() {
+                view.triangles.extend(view.set_up(index as u32, corners, two_sided, farthest));
+            }
         }
         view
     }
