@@ -52,8 +52,8 @@ struct Eight {
     radiance: [Lanes; 3],
     /// Square of the distance within which that is not enough.
     near: Lanes,
-    /// 0 where the back shines too.
-    least: Lanes,
+    /// −1 where the back shines too, 0 where it does not.
+    back: Lanes,
 }
 
 impl All {
@@ -195,36 +195,45 @@ impl Eight {
             normals: axes.map(|axis| lanes(&|light| light.normal[axis])),
             radiance: axes.map(|axis| lanes(&|light| light.radiance[axis])),
             near: lanes(&|light| NEAR * NEAR * light.diameter_squared),
-            least: lanes(&|light| if light.two_sided { f32::NEG_INFINITY } else { 0.0 }),
+            back: lanes(&|light| if light.two_sided { -1.0 } else { 0.0 }),
         }
     }
 
-    /// ∫ cosθ dω over each by its points, and which are too near for that, a bit each.
+    /// ∫ cosθ dω over each by its points; those that are too near for that are left out, and
+    /// told, a bit each.
     #[inline(always)]
     fn projected(&self, point: Vec3, normal: Vec3) -> (Lanes, u32) {
-        let from = |place: &[Lanes; 3], l: usize| {
-            Vec3::new(place[0][l] - point.x, place[1][l] - point.y, place[2][l] - point.z)
-        };
-        let toward = |l: usize| Vec3::from_array(self.normals.map(|lanes| lanes[l]));
+        let [nx, ny, nz] = &self.normals;
         let mut all = [0.0; LANES];
-        for (part, areas) in self.points.iter().zip(&self.areas) {
+        for ([x, y, z], areas) in self.points.iter().zip(&self.areas) {
             for l in 0..LANES {
-                let between = from(part, l);
-                let square = between.length_squared().max(1e-18);
-                let emitted = -toward(l).dot(between);
+                let (x, y, z) = (x[l] - point.x, y[l] - point.y, z[l] - point.z);
+                let square = (x * x + y * y + z * z).max(1e-18);
+                let received = (normal.x * x + normal.y * y + normal.z * z).max(0.0);
                 // Of two sides one shines here; a single one may be turned away.
-                let emitted = if self.least[l] < 0.0 { emitted.abs() } else { emitted.max(0.0) };
-                all[l] += areas[l] * normal.dot(between).max(0.0) * emitted / (square * square);
+                let emitted = -(nx[l] * x + ny[l] * y + nz[l] * z);
+                let emitted = emitted.max(emitted * self.back[l]);
+                all[l] += areas[l] * received * emitted / (square * square);
             }
         }
-        let mut near = 0;
+        let [x, y, z] = &self.centers;
+        let mut too_near = [0.0; LANES];
         for l in 0..LANES {
-            let between = from(&self.centers, l);
-            let square = between.length_squared();
-            let received = normal.dot(between);
-            let above = received > 0.0 || received * received < self.near[l];
-            let faces = -toward(l).dot(between) > self.least[l];
-            near |= u32::from((square < self.near[l]) & above & faces) << l;
+            let (x, y, z) = (x[l] - point.x, y[l] - point.y, z[l] - point.z);
+            let square = x * x + y * y + z * z;
+            let received = normal.x * x + normal.y * y + normal.z * z;
+            let emitted = -(nx[l] * x + ny[l] * y + nz[l] * z);
+            let far = (square >= self.near[l])
+                | ((received <= 0.0) & (received * received >= self.near[l]))
+                | (emitted.max(emitted * self.back[l]) <= 0.0);
+            too_near[l] = if far { 0.0 } else { 1.0 };
+        }
+        let mut near = 0;
+        if too_near != [0.0; LANES] {
+            for (l, too_near) in too_near.iter().enumerate() {
+                near |= u32::from(*too_near > 0.0) << l;
+                all[l] *= 1.0 - too_near;
+            }
         }
         (all, near)
     }
@@ -271,8 +280,7 @@ fn add_by_eights(
         *near = too_near;
         for (sums, radiance) in shine.iter_mut().zip(&eight.radiance) {
             for l in 0..LANES {
-                let far = if too_near >> l & 1 == 1 { 0.0 } else { projected[l] };
-                sums[l] += far * radiance[l];
+                sums[l] += projected[l] * radiance[l];
             }
         }
     }
