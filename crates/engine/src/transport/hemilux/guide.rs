@@ -1,9 +1,11 @@
 //! Where gather rays had better go: small patches that reflect much more than most, the inside of
 //! a lampshade say, are met by few rays all over the hemisphere. Some rays are aimed at them.
 
+use super::elements::Elements;
 use super::light_tree::{Glow, LightTree};
 use super::links::{Links, PatchPoints};
 use crate::patches::PatchedScene;
+use crate::radiometry::Rgb;
 use crate::transport::ray_traced::surface::World;
 use glam::Vec3;
 use std::collections::HashMap;
@@ -13,8 +15,8 @@ const BRIGHT: f32 = 8.0;
 /// Share of all reflected power that bright patches must have to be worth aiming at.
 const WORTH: f32 = 0.06;
 
-/// Farther than so many radii of a patch it is not met by many rays.
-const APART: f32 = 4.0;
+/// Farther than so many sides of a patch it is not met by many rays.
+const APART: f32 = 3.0;
 
 /// The bright patches.
 pub struct Guide {
@@ -36,62 +38,69 @@ pub struct Aim {
 }
 
 impl Guide {
-    /// Of the patches' radiosities and albedos, each as one number; `None` where none is worth
-    /// aiming at.
+    /// Of the elements' radiosities, each as one number; `None` where none is worth aiming at.
     pub fn new(
         world: &World,
         scene: &PatchedScene,
+        elements: &Elements,
         links: &Links,
         radiosity: &[f32],
-        albedo: &[f32],
     ) -> Option<Self> {
-        let area = &scene.patches.area;
+        let area = &elements.area;
         let all: f32 = area.iter().sum();
         let power: f32 = area.iter().zip(radiosity).map(|(area, own)| area * own).sum();
         let limit = BRIGHT * power / all;
-        let bright = |patch: &u32| radiosity[*patch as usize] > limit;
-        let mut patches: Vec<u32> = (0..area.len() as u32).filter(bright).collect();
-        let own = |patch: &u32| area[*patch as usize] * radiosity[*patch as usize];
-        if patches.iter().map(own).sum::<f32>() <= WORTH * power {
+        let bright = |element: &usize| radiosity[*element] > limit;
+        let mut elements_aimed_at: Vec<usize> = (0..area.len()).filter(bright).collect();
+        let own = |element: &usize| area[*element] * radiosity[*element];
+        if elements_aimed_at.iter().map(own).sum::<f32>() <= WORTH * power {
             return None;
         }
         // What others get of it, by the links: the gap between a lamp and the ceiling may be as
         // bright as it will, and what is near is met without being aimed at.
         let mut received = vec![0.0; area.len()];
-        for patch in 0..area.len() as u32 {
-            let index = patch as usize;
-            let met = links.of(index).filter(|link| radiosity.get(*link as usize) > Some(&limit));
-            let met: Vec<u32> = met.collect();
-            if met.is_empty() || albedo[index] <= 0.0 {
+        let middle = |element: usize| elements.points(world, scene, element, 0.5).ball().0;
+        for element in 0..area.len() {
+            let met = links.of(element).map(|link| link as usize);
+            let met = met.filter(|link| radiosity.get(*link) > Some(&limit));
+            let met: Vec<usize> = met.collect();
+            if met.is_empty() || elements.albedo[element] == Rgb::ZERO {
                 continue;
             }
-            let each = area[index] / links.of(index).count() as f32;
-            let (from, _) = PatchPoints::new(world, scene, patch).ball();
+            let each = area[element] / links.of(element).count() as f32;
+            let from = middle(element);
             for link in met {
-                let (center, radius) = PatchPoints::new(world, scene, link).ball();
-                if from.distance(center) > APART * radius {
-                    received[link as usize] += each * radiosity[link as usize];
+                if from.distance(middle(link)) > APART * area[link].sqrt() * world.rays.scale() as f32 {
+                    received[link] += each * radiosity[link];
                 }
             }
         }
-        patches.retain(|patch| received[*patch as usize] > 0.0);
-        let theirs: f32 = patches.iter().map(|patch| received[*patch as usize].min(own(patch))).sum();
+        elements_aimed_at.retain(|element| received[*element] > 0.0);
+        let useful = |element: &usize| received[*element].min(own(element));
+        let theirs: f32 = elements_aimed_at.iter().map(useful).sum();
         if theirs.is_nan() || theirs <= WORTH * power {
             return None;
         }
+        let (mut patches, mut powers) = (Vec::new(), Vec::new());
+        for element in &elements_aimed_at {
+            for patch in elements.members(*element) {
+                patches.push(*patch);
+                powers.push(useful(element) / area[*element] * scene.patches.area[*patch as usize]);
+            }
+        }
         let points: Vec<PatchPoints> =
             patches.iter().map(|patch| PatchPoints::new(world, scene, *patch)).collect();
-        let glow = |(points, patch): (&PatchPoints, &u32)| {
+        let glow = |(points, power): (&PatchPoints, &f32)| {
             let (center, radius) = points.ball();
             Glow {
                 center,
                 radius,
-                power: received[*patch as usize].min(own(patch)),
+                power: *power,
                 normal: points.normal(),
                 two_sided: false,
             }
         };
-        let glows: Vec<Glow> = points.iter().zip(&patches).map(glow).collect();
+        let glows: Vec<Glow> = points.iter().zip(&powers).map(glow).collect();
         Some(Self {
             tree: LightTree::new(&glows),
             number: patches.iter().copied().zip(0..).collect(),

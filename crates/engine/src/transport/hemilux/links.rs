@@ -1,5 +1,5 @@
-//! Tier 1 on the processor: each patch traces rays over its hemisphere and remembers the patches
-//! that they meet, its *links*; the radiosity equation over the links is then solved by sweeps.
+//! Tier 1 on the processor: each element, mostly a patch, traces rays over its hemisphere and
+//! remembers the elements that they meet, its *links*; the radiosity equation over the links is then solved by sweeps.
 //!
 //! A shot serves all receivers, but all of them share its noise, and next to the shooter it is
 //! large. Links of different patches are independent, so a second gather averages their noise
@@ -61,7 +61,7 @@ impl Links {
     /// Traces `rays` more rays from each patch of ordinary size, fewer from smaller ones, which
     /// fewer rays meet; as long as there is room for them.
     pub fn trace(&mut self, world: &World, coarse: &Coarse<'_>, seed: Seed, rays: u32) {
-        let area = &coarse.scene.patches.area;
+        let area = &coarse.elements.area;
         let patches = area.len();
         // Meshes of very many triangles have very many patches; the picture must not wait.
         let rays = (rays as f32).min(MOST_AT_ONCE as f32 / patches.max(1) as f32);
@@ -78,17 +78,26 @@ impl Links {
             return;
         }
         let links = (0..patches).into_par_iter().with_max_len(64).flat_map_iter(|patch| {
-            let points = PatchPoints::new(world, &coarse.scene, patch as u32);
+            let alone = coarse.elements.members(patch).len() == 1;
+            let points = coarse.elements.points(world, &coarse.scene, patch, 0.0);
             let done = self.rounds.iter().map(|round| round.of(patch).len() as u32).sum();
             let mut sequence = Shifted::new(seed, Stream::PatchLight, patch as u64).at(done);
             (start[patch]..start[patch + 1]).map(move |_| {
                 let xi = sequence.next_pair();
+                let others;
+                let points = if alone {
+                    &points
+                } else {
+                    let x = sequence.triple().x;
+                    others = coarse.elements.points(world, &coarse.scene, patch, x);
+                    &others
+                };
                 let (from, normal) = points.point(sequence.second_pair());
                 let direction = cosine_direction(normal, xi);
                 match world.rays.closest(Eye::Light, from, direction) {
                     None => DARK,
                     Some(hit) if hit.back && !world.is_two_sided(hit.triangle) => COVERED,
-                    Some(hit) => coarse.patch_at(&hit).unwrap_or(DARK),
+                    Some(hit) => coarse.element_at(&hit).unwrap_or(DARK),
                 }
             })
         });
@@ -97,8 +106,8 @@ impl Links {
     }
 
     /// Solves the balance B = kd (E_direct + Σ B_link/N) over the links so far.
-    pub fn solve(&mut self, scene: &PatchedScene, albedo: &[Rgb], direct: &[Patched]) {
-        let patches = scene.patches.len();
+    pub fn solve(&mut self, albedo: &[Rgb], direct: &[Patched]) {
+        let patches = direct.len();
         self.bounced.resize(patches, Rgb::ZERO);
         let rows: Vec<u32> = (0..patches)
             .into_par_iter()

@@ -10,6 +10,7 @@
 //! the same iterations give the same bits, whatever the number of threads.
 
 mod cache;
+mod elements;
 mod estimate;
 mod fragments;
 mod gather;
@@ -42,6 +43,7 @@ use crate::rays::Rays;
 use crate::render::{Limits, Observer, RenderError, RenderRequest, Rendered, StopReason};
 use crate::scene::Scene;
 use cache::{Cache, Gathering, Look, Spacing};
+use elements::Elements;
 use estimate::Errors;
 use fragments::Seen;
 use gloss::Gloss;
@@ -144,7 +146,9 @@ impl Method for Hemilux {
             return Ok(stage.rendered(run, black, BTreeMap::new()));
         };
         clock.lap("seconds_prepare");
-        let count = stage.scene.patches.len();
+        let wanted = options.coarse_patches.unwrap_or(patches);
+        let elements = Elements::new(&stage.scene, wanted, !options.shoot);
+        let count = elements.len();
         let ([all, before], direct) = match &mut past {
             Some(past) => {
                 let (iterations, direct) = kept::restore_direct(&mut past.shared, count)?;
@@ -154,7 +158,7 @@ impl Method for Hemilux {
         };
         let seed = Seed { number: request.seed, well_spread: options.well_spread };
         let mut coarse =
-            Coarse::new(&world, &lights, stage.scene.clone(), PATCH_POINTS, seed, direct);
+            Coarse::new(&world, &lights, stage.scene.clone(), elements, PATCH_POINTS, seed, direct);
         if !options.near_field {
             coarse.ignore_near_field();
         }

@@ -2,9 +2,10 @@
 //! patch by the closed form and shadow rays; everything that bounces by stochastic hemicube
 //! iteration on the residual. It is only ever seen through gathers.
 
+use super::elements::Elements;
 use super::guide::Guide;
 use super::lights::{Lights, Once};
-use super::links::{Links, PatchPoints};
+use super::links::Links;
 use super::sequence::{Afresh, Seed, Shifted, cosine_direction};
 use crate::device::{KnownLight, Shooting, ShootingSettings, Sums};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
@@ -12,7 +13,7 @@ use crate::patches::{Facet, PatchedScene, cell_index};
 use crate::radiometry::{LobeAlbedo, Rgb, importance};
 use crate::random::Stream;
 use crate::rays::{Eye, Hit};
-use crate::transport::known::{albedo, equilibrium};
+use crate::transport::known::equilibrium;
 use crate::transport::ray_traced::surface::World;
 use glam::Vec2;
 use rayon::prelude::*;
@@ -53,8 +54,8 @@ pub struct Coarse<'a> {
     pub(super) links: Links,
     /// Patches that gather rays are aimed at.
     pub guide: Option<Guide>,
-    /// Albedo of each patch, all of it taken as diffuse.
-    albedo: Vec<Rgb>,
+    /// What the light is solved for.
+    pub elements: Elements,
     /// Irradiance, direct and indirect.
     both: Values,
     /// The same, indirect only.
@@ -82,12 +83,18 @@ pub struct Patched {
     pub escaped: bool,
 }
 
+impl Patched {
+    /// The inside of a closed body.
+    const DARK: Self = Self { irradiance: Rgb::ZERO, share: 0.0, open: 0.0, escaped: false };
+}
+
 impl<'a> Coarse<'a> {
     /// Lights the patches directly, by `points` points each, unless `direct` already says how.
     pub fn new(
         world: &'a World,
         lights: &'a Lights,
         scene: Arc<PatchedScene>,
+        elements: Elements,
         points: u32,
         seed: Seed,
         direct: Option<Vec<Patched>>,
@@ -104,15 +111,21 @@ impl<'a> Coarse<'a> {
             let [a, b, c] = facet.corners.map(|c| world.rays.place(scene.positions[c as usize]));
             NEAR_FIELD * (b - a).cross(c - a).length().sqrt() / facet.divisions as f32
         };
-        let near = scene.facets.iter().map(near).collect();
-        let patches = scene.patches.len() as u32;
-        let points = points.min((MOST_POINTS / patches.max(1) as usize) as u32).max(1);
-        let lit = |patch| light_patch(world, lights, &scene, patch, points, seed);
+        let mut near: Vec<f32> = scene.facets.iter().map(near).collect();
+        for element in (0..elements.len()).filter(|element| elements.members(*element).len() > 1) {
+            let area = elements.area[element] * (world.rays.scale() as f32).powi(2);
+            for patch in elements.members(element) {
+                let near = &mut near[scene.patches.facet[*patch as usize] as usize];
+                *near = near.max(NEAR_FIELD * (2.0 * area).sqrt());
+            }
+        }
+        let count = elements.len();
+        let points = points.min((MOST_POINTS / count.max(1)) as u32).max(1);
+        let lit = |element| light_element(world, lights, &scene, &elements, element, points, seed);
         let direct: Vec<Patched> =
-            direct.unwrap_or_else(|| (0..patches).into_par_iter().map(lit).collect());
+            direct.unwrap_or_else(|| (0..count).into_par_iter().map(lit).collect());
         let closed = !direct.iter().any(|patch| patch.escaped);
-        let known = Arc::new(known_light(&scene, &direct, closed));
-        let albedo = (0..scene.patches.len()).map(|patch| albedo(&scene, patch)).collect();
+        let known = Arc::new(known_light(&scene, &elements, &direct, closed));
         let reconstruction = Reconstruction::new(&scene, Smoothness::Smooth);
         let mut this = Self {
             world,
@@ -127,7 +140,7 @@ impl<'a> Coarse<'a> {
             sums: Sums::default(),
             links: Links::default(),
             guide: None,
-            albedo,
+            elements,
             both: Values::default(),
             indirect: Values::default(),
         };
@@ -162,7 +175,7 @@ impl<'a> Coarse<'a> {
     pub fn link(&mut self, seed: Seed, rays: u32) {
         let mut links = std::mem::take(&mut self.links);
         links.trace(self.world, self, seed, rays);
-        links.solve(&self.scene, &self.albedo, &self.direct);
+        links.solve(&self.elements.albedo, &self.direct);
         self.links = links;
         self.refresh();
     }
@@ -184,13 +197,16 @@ impl<'a> Coarse<'a> {
 
     pub(super) fn refresh(&mut self) {
         let count = self.sums.iterations.max(1) as f32;
-        let mut both = vec![Rgb::ZERO; self.direct.len()];
+        let patches = self.scene.patches.len();
+        let mut both = vec![Rgb::ZERO; patches];
         let mut indirect = both.clone();
-        for (patch, lit) in self.direct.iter().enumerate() {
+        for patch in 0..patches {
+            let Some(element) = self.elements.of(patch as u32) else { continue };
+            let lit = &self.direct[element as usize];
             if lit.open <= 0.0 {
                 continue;
             }
-            if let Some(bounced) = self.links.bounced.get(patch) {
+            if let Some(bounced) = self.links.bounced.get(element as usize) {
                 (indirect[patch], both[patch]) = (*bounced, *bounced + lit.irradiance);
                 continue;
             }
@@ -207,11 +223,14 @@ impl<'a> Coarse<'a> {
             Values { patches, vertices }
         };
         (self.both, self.indirect) = (smooth(both), smooth(indirect));
-        let albedo: Vec<f32> = self.albedo.iter().map(|albedo| importance(*albedo)).collect();
-        let radiosity = self.albedo.iter().zip(&self.both.patches);
-        let radiosity: Vec<f32> =
-            radiosity.map(|(albedo, both)| importance(*albedo * both.max(Rgb::ZERO))).collect();
-        self.guide = Guide::new(self.world, &self.scene, &self.links, &radiosity, &albedo);
+        let all = self.elements.albedo.iter().enumerate();
+        let radiosity = all.map(|(element, albedo)| {
+            let patch = self.elements.members(element)[0];
+            importance(*albedo * self.both.patches[patch as usize].max(Rgb::ZERO))
+        });
+        let radiosity: Vec<f32> = radiosity.collect();
+        self.guide =
+            Guide::new(self.world, &self.scene, &self.elements, &self.links, &radiosity);
     }
 
     /// The patch at a hit; `None` at a black back.
@@ -220,6 +239,11 @@ impl<'a> Coarse<'a> {
         let piece = &self.scene.facets[facet];
         let first = piece.first_patch(hit.back)?;
         Some(first + cell_index(piece.divisions, at.x, at.y))
+    }
+
+    /// The element at a hit; `None` at a black back and inside of closed bodies.
+    pub fn element_at(&self, hit: &Hit) -> Option<u32> {
+        self.elements.of(self.patch_at(hit)?)
     }
 
     /// Facet of a hit and barycentric coordinates there.
@@ -267,7 +291,8 @@ impl<'a> Coarse<'a> {
         let first = piece.first_patch(back);
         let u = at.x.clamp(0.0, 1.0);
         let cell = cell_index(piece.divisions, u, at.y.clamp(0.0, 1.0 - u));
-        first.map_or(0.0, |first| self.direct[(first + cell) as usize].share)
+        let element = first.and_then(|first| self.elements.of(first + cell));
+        element.map_or(0.0, |element| self.direct[element as usize].share)
     }
 
     /// Irradiance that has bounced, at barycentric coordinates of a facet of the mesh.
@@ -320,22 +345,24 @@ fn in_piece(corners: &[Vec2; 3], u: f32, v: f32) -> Vec2 {
     Vec2::new(p.perp_dot(ac), ab.perp_dot(p)) / determinant
 }
 
-fn light_patch(
+fn light_element(
     world: &World,
     lights: &Lights,
     scene: &PatchedScene,
-    patch: u32,
+    elements: &Elements,
+    element: usize,
     points: u32,
     seed: Seed,
 ) -> Patched {
-    let from = PatchPoints::new(world, scene, patch);
-    let mut sequence = Shifted::new(seed, Stream::PatchLight, u64::from(patch));
+    let mut sequence = Shifted::new(seed, Stream::PatchLight, element as u64);
     let (mut open, mut escaped) = (0, false);
     // Of the points that others see, if there are such; and of those in crevices.
     let mut lit = [Lit::default(); 2];
-    let crevice = CREVICE * from.area().sqrt();
+    let crevice = CREVICE * elements.area[element].sqrt() * world.rays.scale() as f32;
     for _ in 0..points {
-        let (start, normal) = from.point(sequence.next_pair());
+        let xi = sequence.next_pair();
+        let from = elements.points(world, scene, element, sequence.afresh().bounce[0]);
+        let (start, normal) = from.point(xi);
         let direction = cosine_direction(normal, sequence.second_pair());
         let mut hidden = false;
         match world.rays.closest(Eye::Light, start, direction) {
@@ -383,8 +410,16 @@ impl Lit {
     }
 }
 
-fn known_light(scene: &PatchedScene, direct: &[Patched], closed: bool) -> KnownLight {
+fn known_light(
+    scene: &PatchedScene,
+    elements: &Elements,
+    direct: &[Patched],
+    closed: bool,
+) -> KnownLight {
     let patches = &scene.patches;
+    let direct: Vec<Patched> = (0..patches.len() as u32)
+        .map(|patch| elements.of(patch).map_or(Patched::DARK, |at| direct[at as usize]))
+        .collect();
     let mut known = KnownLight {
         radiance: patches.emission.clone(),
         irradiance: direct.iter().map(|patch| patch.irradiance * patch.open).collect(),
