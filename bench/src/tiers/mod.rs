@@ -69,7 +69,7 @@ impl Study {
 
     /// The views that are looked at.
     fn views(&self) -> Vec<views::View> {
-        let mut all = views::ten(SIDE);
+        let mut all = views::all(SIDE);
         if self.quick {
             all.truncate(2);
         }

@@ -114,8 +114,8 @@ impl Truth {
     }
 }
 
-/// The ten views of the pages, the first five of which stand for the rest where time is short.
-pub fn ten(side: u32) -> Vec<View> {
+/// The views of the pages, the first five of which stand for the rest where time is short.
+pub fn all(side: u32) -> Vec<View> {
     let view = |name, why, scene| View::new(name, why, scene, side);
     let cornell = || imported(&made::cornell());
     let corridor = || imported(&made::corridor());
@@ -147,6 +147,9 @@ pub fn ten(side: u32) -> Vec<View> {
             "the lit room with the dark corridor behind",
             seen_from(corridor(), Vec3::new(0.4, 1.6, 3.6), Vec3::new(4.0, 1.1, 1.6), 1.1),
         ),
+        view("shade", "most light comes from the inside of a lampshade", imported(&made::shade())),
+        view("blinds", "a window behind slats", imported(&made::blinds())),
+        view("hall", "thirty lamps that shine to all sides", imported(&made::hall())),
     ]
 }
 

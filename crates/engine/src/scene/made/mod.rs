@@ -4,6 +4,7 @@
 mod caustics;
 mod cornell;
 mod glb;
+mod hidden_light;
 mod mesh;
 mod office;
 mod rooms;
@@ -14,6 +15,7 @@ mod texture;
 pub use caustics::{glass, ring};
 pub use cornell::{cornell, phong_cornell};
 pub use glb::assemble;
+pub use hidden_light::{blinds, hall, shade};
 pub use office::office;
 pub use rooms::{corridor, furnace, tessellated_room};
 

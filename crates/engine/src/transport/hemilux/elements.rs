@@ -6,8 +6,8 @@ use crate::patches::{NO_PATCH, PatchedScene};
 use crate::radiometry::Rgb;
 use crate::transport::known::albedo;
 use crate::transport::ray_traced::surface::World;
-use glam::Vec3;
 use foldhash::{HashMap, HashMapExt};
+use glam::Vec3;
 
 /// "Of no element": the inside of a closed body, where light never comes.
 const NONE: u32 = u32::MAX;
@@ -74,18 +74,16 @@ impl Elements {
         let mut members = vec![0; start[sizes.len()] as usize];
         let mut area = vec![0.0; sizes.len()];
         let mut reflected = vec![Rgb::ZERO; sizes.len()];
-        for patch in 0..count {
-            let element = of_patch[patch];
-            if element == NONE {
-                continue;
-            }
-            let element = element as usize;
+        let reached = of_patch.iter().enumerate().filter(|(_, element)| **element != NONE);
+        for (patch, element) in reached {
+            let element = *element as usize;
             members[next[element] as usize] = patch as u32;
             next[element] += 1;
             area[element] += patches.area[patch];
             reflected[element] += albedo(scene, patch) * patches.area[patch];
         }
-        let albedo = reflected.iter().zip(&area).map(|(sum, area)| *sum / area.max(1e-30)).collect();
+        let albedo =
+            reflected.iter().zip(&area).map(|(sum, area)| *sum / area.max(1e-30)).collect();
         Self { of_patch, start, members, area, albedo }
     }
 
@@ -106,7 +104,13 @@ impl Elements {
 
     /// To pick points of an element: those of one of its patches, for a uniform number. (They are
     /// of about the same size.)
-    pub fn points(&self, world: &World, scene: &PatchedScene, element: usize, x: f32) -> PatchPoints {
+    pub fn points(
+        &self,
+        world: &World,
+        scene: &PatchedScene,
+        element: usize,
+        x: f32,
+    ) -> PatchPoints {
         let members = self.members(element);
         let pick = ((x * members.len() as f32) as usize).min(members.len() - 1);
         PatchPoints::new(world, scene, members[pick])

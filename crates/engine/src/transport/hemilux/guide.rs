@@ -70,7 +70,9 @@ impl Guide {
             let each = area[element] / links.of(element).count() as f32;
             let from = middle(element);
             for link in met {
-                if from.distance(middle(link)) > APART * area[link].sqrt() * world.rays.scale() as f32 {
+                if from.distance(middle(link))
+                    > APART * area[link].sqrt() * world.rays.scale() as f32
+                {
                     received[link] += each * radiosity[link];
                 }
             }
@@ -92,13 +94,7 @@ impl Guide {
             patches.iter().map(|patch| PatchPoints::new(world, scene, *patch)).collect();
         let glow = |(points, power): (&PatchPoints, &f32)| {
             let (center, radius) = points.ball();
-            Glow {
-                center,
-                radius,
-                power: *power,
-                normal: points.normal(),
-                two_sided: false,
-            }
+            Glow { center, radius, power: *power, normal: points.normal(), two_sided: false }
         };
         let glows: Vec<Glow> = points.iter().zip(&powers).map(glow).collect();
         Some(Self {

@@ -166,7 +166,8 @@ pub fn merged(
             if used[other] || theirs.radiance != *radiance || theirs.two_sided != *two_sided {
                 return None;
             }
-            let apex = theirs.corners.iter().copied().find(|c| key(*c) != key(p) && key(*c) != key(q))?;
+            let apex =
+                theirs.corners.iter().copied().find(|c| key(*c) != key(p) && key(*c) != key(q))?;
             let opposite = corners[(k + 2) % 3];
             // p, apex, q, opposite goes round; it must be flat and turn left everywhere.
             let around = [p, apex, q, opposite];
@@ -190,4 +191,3 @@ pub fn merged(
         lights.push(light.unwrap_or_else(Light::none));
     }
 }
-

@@ -100,7 +100,10 @@ impl Light {
         }
         let [low, high] = [-1.0, 1.0].map(|sign: f32| 0.5 + sign * 0.5 / 3f32.sqrt());
         [[low, low], [high, low], [low, high], [high, high]].map(|[x, y]| {
-            let place = a * ((1.0 - x) * (1.0 - y)) + b * (x * (1.0 - y)) + c * (x * y) + d * ((1.0 - x) * y);
+            let place = a * ((1.0 - x) * (1.0 - y))
+                + b * (x * (1.0 - y))
+                + c * (x * y)
+                + d * ((1.0 - x) * y);
             let across = (b - a) * (1.0 - y) + (c - d) * y;
             let along = (d - a) * (1.0 - x) + (c - b) * x;
             (place, 0.25 * across.cross(along).length())

@@ -229,8 +229,7 @@ impl<'a> Coarse<'a> {
             importance(*albedo * self.both.patches[patch as usize].max(Rgb::ZERO))
         });
         let radiosity: Vec<f32> = radiosity.collect();
-        self.guide =
-            Guide::new(self.world, &self.scene, &self.elements, &self.links, &radiosity);
+        self.guide = Guide::new(self.world, &self.scene, &self.elements, &self.links, &radiosity);
     }
 
     /// The patch at a hit; `None` at a black back.

@@ -334,7 +334,10 @@ mod tests {
                 }
                 for (share, irradiance) in shares.iter().zip(&each) {
                     let expected = importance(*irradiance) / importance(exact);
-                    assert!((share - expected).abs() < 0.03 * expected + 1e-3, "{share} {expected}");
+                    assert!(
+                        (share - expected).abs() < 0.03 * expected + 1e-3,
+                        "{share} {expected}"
+                    );
                 }
             }
         }
