@@ -8,7 +8,7 @@ use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
     CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, StopReason, Unobserved, render,
 };
-use hemilux_engine::scene::{Scene, made};
+use hemilux_engine::scene::{Camera, Projection, Scene, made};
 use hemilux_tests::comparison::{mean_ratio, relative_rmse};
 use hemilux_tests::scenes::{Builder, imported, shared};
 use std::sync::Arc;
@@ -134,6 +134,59 @@ fn cornell_box_agrees_with_path_tracing() {
         println!("300 patches, off {off}: {error:.4}");
         assert!(range.contains(&error), "off {off}: {error}");
     }
+}
+
+/// Where most light is hidden: what is asked once, or of one light among many, must not take sides
+/// with what is seen.
+#[test]
+fn hidden_light_has_the_mean_of_path_tracing() {
+    for (name, glb, largest) in [
+        ("shade", made::shade(), 0.10),
+        ("blinds", made::blinds(), 0.25),
+        ("hall", made::hall(), 0.15),
+    ] {
+        let scene = imported(&glb);
+        let sized = |method, iterations| {
+            let request = request(&scene, method, iterations);
+            RenderRequest { width: 64, height: 64, ..request }
+        };
+        let mut half = sized("ray-traced", 400);
+        let reference = run(&half).picture;
+        half.seed += 1;
+        let other = run(&half).picture;
+        let counted = away_from_light(&reference, 5.0);
+        let rendered = run(&sized("hemilux", 4));
+        let error = error_by_halves(&rendered.picture, &reference, &other, &counted);
+        let mean = 2.0
+            / (1.0 / mean_ratio(&rendered.picture, &reference, &counted)
+                + 1.0 / mean_ratio(&rendered.picture, &other, &counted));
+        println!("{name}: mean ratio {mean:.4}, rRMSE {error:.4}");
+        assert!((mean - 1.0).abs() < 0.02, "{name}: {mean}");
+        assert!(error < largest, "{name}: {error}");
+    }
+}
+
+/// A camera that sees along parallels from a plane in the middle of a box: half of the box is
+/// behind it.
+#[test]
+fn an_orthographic_camera_sees_what_is_in_front_of_it() {
+    let mut scene = Scene::clone(&imported(&made::cornell()));
+    let (low, high) = scene.bounds().expect("there are triangles");
+    let middle = 0.5 * (low + high);
+    let eye = middle + Vec3::new(0.3, 0.2, 0.1) * (high - low);
+    let mut camera = Camera::look_at("parallel", eye, middle - Vec3::Z, Vec3::Y, 1.0);
+    camera.projection = Projection::Orthographic { ymag: 0.4 * (high.y - low.y) };
+    scene.cameras.insert(0, camera);
+    let scene = Arc::new(scene);
+    let reference = run(&request(&scene, "ray-traced", 300)).picture;
+    let counted = away_from_light(&reference, 4.0);
+    let picture = run(&request(&scene, "hemilux", 3)).picture;
+    let mean = mean_ratio(&picture, &reference, &counted);
+    let black = |picture: &Picture| picture.pixels.iter().filter(|p| **p == Rgb::ZERO).count();
+    println!("mean ratio {mean:.4}, black {} and {}", black(&picture), black(&reference));
+    assert!((mean - 1.0).abs() < 0.02, "{mean}");
+    assert!(black(&picture).abs_diff(black(&reference)) < 100);
+    assert!(black(&reference) < 9000, "the test tests nothing");
 }
 
 /// Every made scene has the mean radiance that stochastic iteration gives it, with links and with

@@ -281,7 +281,7 @@ impl Rays {
         direction: Vec3,
     ) -> Option<Hit> {
         let sheared = Sheared::<Z>::new(origin, direction);
-        let mut ray = BoxRay::new(origin.into(), direction.into(), 0.0, f32::INFINITY);
+        let mut ray = BoxRay::new(origin.into(), unsigned_zeros(direction), 0.0, f32::INFINITY);
         let mut best: Option<(u32, Crossing)> = None;
         let mut state = self.hierarchy.traversal(ray.direction);
         let mut node;
@@ -338,7 +338,7 @@ impl Rays {
         skip: impl Fn(u32) -> bool,
     ) -> bool {
         let sheared = Sheared::<Z>::new(origin, direction);
-        let ray = BoxRay::new(origin.into(), direction.into(), 0.0, end);
+        let ray = BoxRay::new(origin.into(), unsigned_zeros(direction), 0.0, end);
         let mut state = self.hierarchy.traversal(ray.direction);
         let mut node;
         let tree = self.hierarchy.tree();
@@ -362,6 +362,13 @@ fn axis(direction: Vec3) -> usize {
     } else {
         2
     }
+}
+
+/// The direction without negative zeros, of which the boxes would take the inverse to be negative
+/// and the sign to be positive.
+#[inline(always)]
+fn unsigned_zeros(direction: Vec3) -> Vec3A {
+    (direction + Vec3::ZERO).into()
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 use super::*;
 use crate::radiometry::Rgb;
 use crate::random::Numbers;
+use crate::scene::gltf::{ImportLimits, Resources, import};
+use crate::scene::made;
 use crate::scene::{Material, Triangle, Vertex};
 use glam::Vec2;
 
@@ -226,4 +228,23 @@ fn heaps_are_built_quickly() {
         assert_eq!(hit.is_some(), corners.len() > 1);
     }
     assert!(start.elapsed().as_secs_f64() < 5.0, "{:?}", start.elapsed());
+}
+
+/// Rays along the axes, whatever the sign of their zeros, meet the walls of a room.
+#[test]
+fn rays_along_the_axes_meet_the_walls() {
+    let scene = import(&made::cornell(), &Resources::default(), &ImportLimits::default());
+    let scene = scene.expect("it loads");
+    let rays = Rays::new(&scene);
+    let (low, high) = scene.bounds().expect("there are triangles");
+    let start = rays.place(low.lerp(high, 0.1));
+    for zero in [0.0f32, -0.0] {
+        for direction in [Vec3::NEG_X, Vec3::X, Vec3::NEG_Y, Vec3::Y, Vec3::NEG_Z] {
+            let along = |x: f32| if x == 0.0 { zero } else { x };
+            let direction = Vec3::from_array(direction.to_array().map(along));
+            assert!(rays.closest(Eye::Light, start, direction).is_some(), "{direction:?}");
+            let end = start + direction * (high - low).length() * rays.scale() as f32;
+            assert!(rays.blocked(start, end, |_| false), "{direction:?}");
+        }
+    }
 }

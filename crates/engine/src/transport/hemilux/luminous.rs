@@ -191,3 +191,55 @@ pub fn merged(
         lights.push(light.unwrap_or_else(Light::none));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::gltf::{ImportLimits, Resources, import};
+    use crate::scene::made;
+
+    /// How many of the triangles that shine do so to both sides.
+    fn two_sided(scene: &Scene, flip: bool) -> (usize, usize) {
+        let rays = Rays::new(scene);
+        let mut all: Vec<Plain> = (0..scene.triangles.len() as u32)
+            .map(|index| {
+                let material =
+                    &scene.materials[scene.triangles[index as usize].material as usize];
+                let mut corners = rays.corners(scene, index).0;
+                if flip {
+                    corners.swap(1, 2);
+                }
+                let (radiance, two_sided) = (material.emission, material.double_sided);
+                Plain { triangle: index, corners, radiance, two_sided }
+            })
+            .filter(|one| one.radiance != Rgb::ZERO)
+            .collect();
+        outward(&mut all, scene, &rays);
+        // Those of one side now face outwards: away from the middle of all, for a single body.
+        let middle = all.iter().flat_map(|one| one.corners).sum::<Vec3>() / (3 * all.len()) as f32;
+        for one in all.iter().filter(|one| !one.two_sided && all.len() == 264) {
+            let [a, b, c] = one.corners;
+            assert!((b - a).cross(c - a).dot(a - middle) > 0.0, "it faces inwards");
+        }
+        (all.iter().filter(|one| one.two_sided).count(), all.len())
+    }
+
+    #[test]
+    fn closed_bodies_shine_outwards_unless_something_is_in_them() {
+        let made = |glb: &[u8]| import(glb, &Resources::default(), &ImportLimits::default());
+        let shade = made(&made::shade()).unwrap();
+        assert_eq!(two_sided(&shade, false), (0, 264));
+        assert_eq!(two_sided(&shade, true), (0, 264));
+        assert_eq!(two_sided(&made(&made::hall()).unwrap(), false), (0, 360));
+        // A rectangle is no body.
+        assert_eq!(two_sided(&made(&made::blinds()).unwrap(), false), (2, 2));
+        // Nor does a room shine outwards that all the rest is in.
+        let mut sky = shade.clone();
+        for material in sky.materials.iter_mut().filter(|material| !material.emits()) {
+            if material.name.contains("wall") || material.name.contains("floor") {
+                material.emission = Rgb::ONE;
+            }
+        }
+        assert_eq!(two_sided(&sky, false), (12, 276));
+    }
+}
