@@ -203,8 +203,7 @@ mod tests {
         let rays = Rays::new(scene);
         let mut all: Vec<Plain> = (0..scene.triangles.len() as u32)
             .map(|index| {
-                let material =
-                    &scene.materials[scene.triangles[index as usize].material as usize];
+                let material = &scene.materials[scene.triangles[index as usize].material as usize];
                 let mut corners = rays.corners(scene, index).0;
                 if flip {
                     corners.swap(1, 2);
