@@ -27,7 +27,7 @@ const SECOND_LOOK: u32 = 4;
 /// Pixels around, in each direction, whose rays must agree.
 const AROUND: i32 = 2;
 /// With at least so many rays the neighbours no longer help; with a quarter only the nearest.
-const ENOUGH_RAYS: u32 = 128;
+const ENOUGH_RAYS: u32 = 2048;
 /// Fragments per task.
 const CHUNK: usize = 1024;
 /// How much well-spread points lower the variance where the lights are many.
@@ -173,7 +173,7 @@ impl Direct {
         let exact = lights.is_exact();
         let mut share = lit.share(exact);
         if filtered && lit.disputed && lit.rays < ENOUGH_RAYS {
-            let reach = if lit.rays * 4 < ENOUGH_RAYS { AROUND } else { 1 };
+            let reach = if lit.rays < 32 { AROUND } else { 1 };
             let mut plane = Plane::new();
             plane.add(0, 0, share, lit.rays as f32);
             around(seen, index, reach, |other, across, down| {
