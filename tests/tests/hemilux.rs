@@ -140,10 +140,11 @@ fn cornell_box_agrees_with_path_tracing() {
 /// with what is seen.
 #[test]
 fn hidden_light_has_the_mean_of_path_tracing() {
-    for (name, glb, largest) in [
-        ("shade", made::shade(), 0.10),
-        ("blinds", made::blinds(), 0.25),
-        ("hall", made::hall(), 0.15),
+    // The few patches that slats are make the light behind them uncertain as a whole.
+    for (name, glb, closest, largest) in [
+        ("shade", made::shade(), 0.02, 0.14),
+        ("blinds", made::blinds(), 0.04, 0.12),
+        ("hall", made::hall(), 0.02, 0.08),
     ] {
         let scene = imported(&glb);
         let sized = |method, iterations| {
@@ -161,7 +162,7 @@ fn hidden_light_has_the_mean_of_path_tracing() {
             / (1.0 / mean_ratio(&rendered.picture, &reference, &counted)
                 + 1.0 / mean_ratio(&rendered.picture, &other, &counted));
         println!("{name}: mean ratio {mean:.4}, rRMSE {error:.4}");
-        assert!((mean - 1.0).abs() < 0.02, "{name}: {mean}");
+        assert!((mean - 1.0).abs() < closest, "{name}: {mean}");
         assert!(error < largest, "{name}: {error}");
     }
 }

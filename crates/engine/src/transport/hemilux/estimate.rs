@@ -59,9 +59,7 @@ pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<Bounced>]) -> (Picture, Opti
         for index in seen.start[pixel] as usize..seen.start[pixel + 1] as usize {
             let fragment = &seen.fragments[index];
             let (direct, direct_variance) = if options.light {
-                let filtered = options.shadow_filter;
-                let direct = light.irradiance(lights, seen, index, filtered);
-                (direct, light.variance(lights, index, filtered))
+                light.irradiance(lights, seen, index, options.shadow_filter)
             } else {
                 let (facet, back, at) = seen.place_on_facet(fragment);
                 (coarse.direct(facet, back, at), Rgb::ZERO)

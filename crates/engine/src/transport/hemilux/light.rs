@@ -26,8 +26,10 @@ const ORDINARY_PIXELS: u32 = 250_000;
 const SECOND_LOOK: u32 = 4;
 /// Pixels around, in each direction, whose rays must agree.
 const AROUND: i32 = 2;
-/// With at least so many rays the neighbours no longer help; with a quarter only the nearest.
+/// With at least so many rays the neighbours no longer help.
 const ENOUGH_RAYS: u32 = 2048;
+/// With at least so many only the nearest do.
+const FEW_RAYS: u32 = 32;
 /// Fragments per task.
 const CHUNK: usize = 1024;
 /// How much well-spread points lower the variance where the lights are many.
@@ -162,52 +164,61 @@ impl Direct {
         self.lit.iter_mut().zip(disputed).for_each(|(lit, disputed)| lit.disputed = disputed);
     }
 
-    /// Direct irradiance of a fragment; where its own rays are few, with the help of its
-    /// neighbours' if `filtered`: what a plane through the shares around says of it, where chance
-    /// lets them be the same.
-    pub fn irradiance(&self, lights: &Lights, seen: &Seen, index: usize, filtered: bool) -> Rgb {
+    /// Direct irradiance of a fragment and its estimated variance; where its own rays are few, with
+    /// the help of its neighbours' if `filtered`: what a plane through the shares around says of
+    /// it, where chance lets them be the same, and how far they are off that plane.
+    pub fn irradiance(
+        &self,
+        lights: &Lights,
+        seen: &Seen,
+        index: usize,
+        filtered: bool,
+    ) -> (Rgb, Rgb) {
         let lit = &self.lit[index];
         if lit.rays == 0 {
-            return Rgb::ZERO;
+            return (Rgb::ZERO, Rgb::ZERO);
         }
         let exact = lights.is_exact();
-        let mut share = lit.share(exact);
-        if filtered && lit.disputed && lit.rays < ENOUGH_RAYS {
-            let reach = if lit.rays < 32 { AROUND } else { 1 };
-            let mut plane = Plane::new();
-            plane.add(0, 0, share, lit.rays as f32);
-            around(seen, index, reach, |other, across, down| {
-                let other = &self.lit[other];
-                let weight = 1.0 / (1.0 + (across * across + down * down) as f32 * 0.5);
-                if other.rays > 0 {
-                    let alike = if exact { lit.alike(other) } else { 1.0 };
-                    plane.add(across, down, other.share(exact), other.rays as f32 * weight * alike);
-                }
-            });
-            share = plane.center();
+        let factor = if exact { lit.unoccluded } else { Rgb::ONE };
+        let share = lit.share(exact);
+        if !(filtered && lit.disputed && lit.rays < ENOUGH_RAYS) {
+            return (factor * share, self.own_variance(lit, exact));
         }
-        if exact { lit.unoccluded * share } else { share }
+        let reach = if lit.rays < FEW_RAYS { AROUND } else { 1 };
+        let mut plane = Plane::new();
+        plane.add(0, 0, share, lit.rays as f32);
+        around(seen, index, reach, |other, across, down| {
+            let other = &self.lit[other];
+            let weight = 1.0 / (1.0 + (across * across + down * down) as f32 * 0.5);
+            if other.rays > 0 {
+                let alike = if exact { lit.alike(other) } else { 1.0 };
+                plane.add(across, down, other.share(exact), other.rays as f32 * weight * alike);
+            }
+        });
+        let (share, variance) = plane.center();
+        let variance = variance.map_or_else(
+            || self.own_variance(lit, exact) * HELPED,
+            |variance| factor * factor * variance,
+        );
+        (factor * share, variance)
     }
 
-    /// Estimated variance of [`Direct::irradiance`] from the rays of the fragment itself.
-    pub fn variance(&self, lights: &Lights, index: usize, filtered: bool) -> Rgb {
-        let lit = &self.lit[index];
-        let helped = if filtered && lit.rays < ENOUGH_RAYS { HELPED } else { 1.0 };
-        if !lights.is_exact() {
+    /// Estimated variance of the irradiance by the rays of the fragment alone.
+    fn own_variance(&self, lit: &Lit, exact: bool) -> Rgb {
+        if !exact {
             let (mean, all) = (lit.seen / lit.rays.max(1) as f32, importance(lit.seen));
             if lit.rays < 2 || all <= 0.0 {
                 return mean * mean;
             }
             let scatter = lit.squares * lit.rays as f32 / (all * all) - 1.0;
-            return mean * mean * (scatter.max(0.0) / (lit.rays - 1) as f32 * SPREAD * helped);
+            return mean * mean * (scatter.max(0.0) / (lit.rays - 1) as f32 * SPREAD);
         }
         if lit.rays == 0 || lit.blocked == 0 || lit.blocked == lit.rays {
             return Rgb::ZERO;
         }
         let share = lit.blocked as f32 / lit.rays as f32;
-        // Well-spread points do better than random ones: the variance falls by about n^−1.5; and
-        // the neighbours help.
-        let variance = share * (1.0 - share) / (lit.rays as f32).powf(1.5) * helped;
+        // Well-spread points do better than random ones: the variance falls by about n^−1.5.
+        let variance = share * (1.0 - share) / (lit.rays as f32).powf(1.5);
         lit.unoccluded * lit.unoccluded * variance
     }
 }
@@ -296,12 +307,17 @@ struct Plane {
     right: Mat3,
     /// Least and largest value.
     range: Option<(Rgb, Rgb)>,
+    /// Σ w value².
+    energy: Rgb,
+    /// Σ w².
+    squares: f32,
 }
 
 impl Plane {
     /// Of nothing. (A matrix is one by default.)
     fn new() -> Self {
-        Self { matrix: Mat3::ZERO, right: Mat3::ZERO, range: None }
+        let (matrix, right, energy) = (Mat3::ZERO, Mat3::ZERO, Rgb::ZERO);
+        Self { matrix, right, range: None, energy, squares: 0.0 }
     }
 
     fn add(&mut self, across: i32, down: i32, value: Rgb, weight: f32) {
@@ -311,16 +327,32 @@ impl Plane {
         self.right += Mat3::from_cols(weighted * value.x, weighted * value.y, weighted * value.z);
         let (least, most) = self.range.unwrap_or((value, value));
         self.range = Some((least.min(value), most.max(value)));
+        self.energy += value * value * weight;
+        self.squares += weight * weight;
     }
 
-    /// Its value in the middle; at least and at most what was heard.
-    fn center(mut self) -> Rgb {
-        let Some((least, most)) = self.range else { return Rgb::ZERO };
-        let ridge = RIDGE * self.matrix.x_axis.x;
+    /// Its value in the middle, at least and at most what was heard, and the variance of that by
+    /// how far the values are off the plane; `None` where they are too few to tell.
+    fn center(mut self) -> (Rgb, Option<Rgb>) {
+        let Some((least, most)) = self.range else { return (Rgb::ZERO, None) };
+        let total = self.matrix.x_axis.x;
+        let ridge = RIDGE * total;
         self.matrix.y_axis.y += ridge;
         self.matrix.z_axis.z += ridge;
-        let row = self.matrix.inverse().x_axis;
-        Rgb::from_array(self.right.transpose().mul_vec3(row).to_array()).clamp(least, most)
+        let inverse = self.matrix.inverse();
+        let solved = inverse * self.right;
+        let channels = [solved.x_axis, solved.y_axis, solved.z_axis];
+        let value = Rgb::from_array(channels.map(|channel| channel.x)).clamp(least, most);
+        // Effective number of values; the plane takes three of them.
+        let count = total * total / self.squares.max(f32::MIN_POSITIVE);
+        if count < 5.0 {
+            return (value, None);
+        }
+        let explained =
+            Rgb::from_array(std::array::from_fn(|k| channels[k].dot(self.right.col(k))));
+        let scatter = ((self.energy - explained) / total).max(Rgb::ZERO) * (count / (count - 3.0));
+        // Σ w² of a value's weights in the middle is about that of their mean.
+        (value, Some(scatter / count))
     }
 }
 
@@ -366,10 +398,34 @@ mod tests {
                     (mean, total) = (mean + value(across, down), total + 1.0);
                 }
             }
-            let off = (plane.center() - value(0, 0)).abs().max_element();
+            let (center, variance) = plane.center();
+            assert!(variance.unwrap().max_element() < 1e-6, "{variance:?}");
+            let off = (center - value(0, 0)).abs().max_element();
             let mean_off = (mean / total - value(0, 0)).abs().max_element();
             assert!(off < 1e-4, "{off}");
             assert!(mean_off > 9e-4, "{mean_off}");
         }
+    }
+
+    /// Values scattered by σ about a plane make its middle uncertain by about σ/√n.
+    #[test]
+    fn scatter_about_a_plane_tells_its_variance() {
+        let mut random = crate::random::Numbers::new(5, Stream::Light, 0);
+        let (mut squares, mut told) = (0.0, 0.0);
+        const TRIES: usize = 2000;
+        for _ in 0..TRIES {
+            let mut plane = Plane::new();
+            for across in -2..=2 {
+                for down in -2..=2 {
+                    let off = 0.2 * (random.uniform() - 0.5);
+                    let value = 0.5 + 0.03 * across as f32 + off;
+                    plane.add(across, down, Rgb::splat(value), 7.0);
+                }
+            }
+            let (center, variance) = plane.center();
+            squares += (center.x - 0.5).powi(2) / TRIES as f32;
+            told += variance.unwrap().x / TRIES as f32;
+        }
+        assert!((0.8..1.25).contains(&(told / squares)), "{told} {squares}");
     }
 }

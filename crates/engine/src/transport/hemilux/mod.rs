@@ -441,7 +441,7 @@ impl Tiers<'_> {
             if first || (REFILLS.contains(&number) && !known) {
                 self.cache.smooth(self.seen, options.gather_fit);
                 let (lights, seen) = (self.lights, self.seen);
-                let direct = |index| self.direct.irradiance(lights, seen, index, true);
+                let direct = |index| self.direct.irradiance(lights, seen, index, true).0;
                 let follows = first && !known && options.adaptive;
                 let look = follows.then_some(Look { hasty: self.hasty, direct: &direct });
                 let rays = self.cache.fill(self.world, &self.coarse, seen, gathering, look);
