@@ -4,7 +4,7 @@
 use super::Tiers;
 use super::gather::{Obstacle, Record, SECTORS};
 use super::links::{COVERED, Links, MOST_LINKS, Round};
-use super::shoot::Patched;
+use super::patch_light::Sampled;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::device::{DeviceError, Sums};
 use crate::radiometry::Rgb;
@@ -16,16 +16,6 @@ use glam::Vec3;
 const MOST_ITERATIONS: u64 = 1 << 40;
 const MOST_RAYS: u32 = 1 << 30;
 const MOST_RECORDS: u32 = 1 << 30;
-
-/// Direct light of a patch.
-#[derive(Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct KeptPatch {
-    irradiance: Rgb,
-    share: f32,
-    open: f32,
-    escaped: u32,
-}
 
 /// A record without what follows from its neighbours.
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -61,9 +51,8 @@ impl Tiers<'_> {
     pub fn save(&mut self, parts: &mut Parts, iterations: u64) -> Result<(), DeviceError> {
         let to = &mut parts.shared;
         to.value([iterations.max(self.before), self.before]);
-        let direct: Vec<KeptPatch> = self.coarse.direct.iter().map(KeptPatch::from).collect();
-        to.slice(&direct);
-        save_links(&self.coarse.links, direct.len(), to);
+        to.slice(&self.coarse.sampled);
+        save_links(&self.coarse.links, self.coarse.sampled.len(), to);
         let records: Vec<KeptRecord> = self.cache.records.iter().map(KeptRecord::from).collect();
         to.value(self.cache.sequences);
         to.slice(&records);
@@ -142,16 +131,9 @@ impl Tiers<'_> {
 pub fn restore_direct(
     from: &mut Reader<'_>,
     patches: usize,
-) -> Result<([u64; 2], Vec<Patched>), CheckpointError> {
+) -> Result<([u64; 2], Vec<Sampled>), CheckpointError> {
     let iterations = [from.count(MOST_ITERATIONS)?, from.count(MOST_ITERATIONS)?];
-    let direct: Vec<KeptPatch> = from.exactly(patches)?;
-    let patched = |kept: &KeptPatch| Patched {
-        irradiance: kept.irradiance,
-        share: kept.share,
-        open: kept.open,
-        escaped: kept.escaped != 0,
-    };
-    Ok((iterations, direct.iter().map(patched).collect()))
+    Ok((iterations, from.exactly(patches)?))
 }
 
 /// Links take most of the bytes: two each where that suffices.
@@ -202,13 +184,6 @@ fn restore_links(patches: usize, from: &mut Reader<'_>) -> Result<Links, Checkpo
         return damaged("its links are not of these patches");
     }
     Ok(Links { rounds, bounced })
-}
-
-impl From<&Patched> for KeptPatch {
-    fn from(patched: &Patched) -> Self {
-        let Patched { irradiance, share, open, escaped } = *patched;
-        Self { irradiance, share, open, escaped: u32::from(escaped) }
-    }
 }
 
 impl From<&Record> for KeptRecord {

@@ -5,8 +5,9 @@
 //! large. Links of different patches are independent, so a second gather averages their noise
 //! away: on the Cornell box 100 times cheaper than shots for the same error of the picture.
 
+use super::patch_light::Patched;
 use super::sequence::{Seed, Shifted, cosine_direction};
-use super::shoot::{Coarse, Patched};
+use super::shoot::Coarse;
 use crate::patches::{NO_PATCH, PatchedScene, nth_cell};
 use crate::radiometry::Rgb;
 use crate::random::Stream;

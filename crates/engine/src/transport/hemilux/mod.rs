@@ -22,6 +22,7 @@ mod light_tree;
 mod lights;
 mod links;
 mod luminous;
+mod patch_light;
 mod plan;
 mod polygon;
 mod sequence;
@@ -65,7 +66,7 @@ const REFILLS: [u64; 4] = [1, 4, 12, 28];
 const DENSER: f32 = 0.85;
 /// Most rays of a patch at a time, in times of those of the first iteration.
 const MOST_ROUNDS: u32 = 64;
-/// Points of a patch whose direct light is found.
+/// Points of a patch whose direct light is found at first.
 const PATCH_POINTS: u32 = 2;
 /// Most rays of records made later, in times of those that every record gets in an iteration.
 const MOST_GATHER: u32 = 8;
@@ -409,7 +410,9 @@ impl Tiers<'_> {
             // time for all links.
             None if (number + 1).is_power_of_two() && !known => {
                 let rounds = (number as u32).div_ceil(2).clamp(1, MOST_ROUNDS);
-                self.coarse.link(self.seed, options.coarse_rays * rounds);
+                // The first ones there are already.
+                let points = if first { 0 } else { PATCH_POINTS * rounds };
+                self.coarse.link(self.seed, points, options.coarse_rays * rounds);
             }
             None => {}
         }

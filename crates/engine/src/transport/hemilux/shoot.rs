@@ -4,14 +4,14 @@
 
 use super::elements::Elements;
 use super::guide::Guide;
-use super::lights::{Lights, Once};
+use super::lights::Lights;
 use super::links::Links;
-use super::sequence::{Afresh, Seed, Shifted, cosine_direction};
+use super::patch_light::{Patched, Sampled};
+use super::sequence::{Afresh, Seed, cosine_direction};
 use crate::device::{KnownLight, Shooting, ShootingSettings, Sums};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
 use crate::patches::{Facet, PatchedScene, cell_index};
 use crate::radiometry::{LobeAlbedo, Rgb, importance};
-use crate::random::Stream;
 use crate::rays::{Eye, Hit};
 use crate::transport::known::equilibrium;
 use crate::transport::ray_traced::surface::World;
@@ -20,15 +20,11 @@ use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::sync::Arc;
 
-/// Most points of all patches whose direct light is found, unless one a patch is more.
+/// Most points of all patches together whose direct light is found at a time, unless one a patch is more.
 const MOST_POINTS: usize = 1 << 20;
 
 /// Nearer than so many sides of a patch its mean does not do: light there varies within it.
 const NEAR_FIELD: f32 = 2.0;
-
-/// Share of a patch's side up to which a point of it sees something nearby: it is seen by that
-/// rather than by what is farther away, for which the patch's light stands.
-const CREVICE: f32 = 0.25;
 
 /// Smoothing changes a patch's value by this factor at most.
 const MOST_CHANGE: f32 = 2.5;
@@ -44,6 +40,8 @@ pub struct Coarse<'a> {
     pieces: Vec<u32>,
     /// Distance within which a facet's patches are too large to be seen from, ray units.
     near: Vec<f32>,
+    /// Direct light of the elements, point by point.
+    pub(super) sampled: Vec<Sampled>,
     pub(super) direct: Vec<Patched>,
     /// Whether no ray of all patches left the scene.
     pub closed: bool,
@@ -70,26 +68,8 @@ struct Values {
     vertices: Vec<Rgb>,
 }
 
-/// Direct light on a patch.
-#[derive(Clone, Copy)]
-pub struct Patched {
-    /// Mean irradiance of the points that are not inside a body.
-    pub irradiance: Rgb,
-    /// Share of the emitters' light that gets there, about.
-    pub share: f32,
-    /// Share of points that are not inside a body.
-    pub open: f32,
-    /// Whether a ray left the scene.
-    pub escaped: bool,
-}
-
-impl Patched {
-    /// The inside of a closed body.
-    const DARK: Self = Self { irradiance: Rgb::ZERO, share: 0.0, open: 0.0, escaped: false };
-}
-
 impl<'a> Coarse<'a> {
-    /// Lights the patches directly, by `points` points each, unless `direct` already says how.
+    /// Lights the patches directly, by `points` points each, unless `sampled` already says how.
     pub fn new(
         world: &'a World,
         lights: &'a Lights,
@@ -97,7 +77,7 @@ impl<'a> Coarse<'a> {
         elements: Elements,
         points: u32,
         seed: Seed,
-        direct: Option<Vec<Patched>>,
+        sampled: Option<Vec<Sampled>>,
     ) -> Self {
         let triangles = scene.scene.triangles.len();
         let mut pieces = vec![0u32; triangles + 1];
@@ -120,12 +100,8 @@ impl<'a> Coarse<'a> {
             }
         }
         let count = elements.len();
-        let points = points.min((MOST_POINTS / count.max(1)) as u32).max(1);
-        let lit = |element| light_element(world, lights, &scene, &elements, element, points, seed);
-        let direct: Vec<Patched> =
-            direct.unwrap_or_else(|| (0..count).into_par_iter().map(lit).collect());
-        let closed = !direct.iter().any(|patch| patch.escaped);
-        let known = Arc::new(known_light(&scene, &elements, &direct, closed));
+        let points = points.min(most_points(count));
+        let known = Arc::new(KnownLight { radiance: Vec::new(), irradiance: Vec::new() });
         let reconstruction = Reconstruction::new(&scene, Smoothness::Smooth);
         let mut this = Self {
             world,
@@ -134,8 +110,9 @@ impl<'a> Coarse<'a> {
             reconstruction,
             pieces,
             near,
-            direct,
-            closed,
+            sampled: sampled.unwrap_or_default(),
+            direct: Vec::new(),
+            closed: false,
             known,
             sums: Sums::default(),
             links: Links::default(),
@@ -144,8 +121,29 @@ impl<'a> Coarse<'a> {
             both: Values::default(),
             indirect: Values::default(),
         };
+        if this.sampled.is_empty() {
+            this.sampled = vec![Sampled::default(); count];
+            this.light(seed, points);
+        }
+        this.look();
+        this.known = Arc::new(known_light(&this.scene, &this.elements, &this.direct, this.closed));
         this.refresh();
         this
+    }
+
+    /// Lights more points of each element.
+    fn light(&mut self, seed: Seed, points: u32) {
+        let (world, lights) = (self.world, self.lights);
+        let (scene, elements) = (&self.scene, &self.elements);
+        self.sampled.par_iter_mut().enumerate().with_max_len(256).for_each(|(element, sampled)| {
+            sampled.add(world, lights, scene, elements, element, points, seed);
+        });
+    }
+
+    /// Takes what the points say.
+    fn look(&mut self) {
+        self.direct = self.sampled.iter().map(Sampled::mean).collect();
+        self.closed = !self.direct.iter().any(|patch| patch.escaped);
     }
 
     /// Settings of the iteration that carries the rest.
@@ -171,8 +169,13 @@ impl<'a> Coarse<'a> {
         Ok(())
     }
 
-    /// Traces more links and solves for them, and makes that what hits look up.
-    pub fn link(&mut self, seed: Seed, rays: u32) {
+    /// Lights more points of each element, traces more links and solves for them, and makes that
+    /// what hits look up.
+    pub fn link(&mut self, seed: Seed, points: u32, rays: u32) {
+        if points > 0 {
+            self.light(seed, points.min(most_points(self.elements.len())));
+            self.look();
+        }
         let mut links = std::mem::take(&mut self.links);
         links.trace(self.world, self, seed, rays);
         links.solve(&self.elements.albedo, &self.direct);
@@ -336,77 +339,17 @@ impl<'a> Coarse<'a> {
     }
 }
 
+/// Most points of each of so many elements at a time.
+fn most_points(elements: usize) -> u32 {
+    ((MOST_POINTS / elements.max(1)) as u32).max(1)
+}
+
 /// Barycentric coordinates in a piece of the barycentric (u, v) of its triangle.
 fn in_piece(corners: &[Vec2; 3], u: f32, v: f32) -> Vec2 {
     let [a, b, c] = *corners;
     let (ab, ac, p) = (b - a, c - a, Vec2::new(u, v) - a);
     let determinant = ab.perp_dot(ac);
     Vec2::new(p.perp_dot(ac), ab.perp_dot(p)) / determinant
-}
-
-fn light_element(
-    world: &World,
-    lights: &Lights,
-    scene: &PatchedScene,
-    elements: &Elements,
-    element: usize,
-    points: u32,
-    seed: Seed,
-) -> Patched {
-    let mut sequence = Shifted::new(seed, Stream::PatchLight, element as u64);
-    let (mut open, mut escaped) = (0, false);
-    // Of the points that others see, if there are such; and of those in crevices.
-    let mut lit = [Lit::default(); 2];
-    let crevice = CREVICE * elements.area[element].sqrt() * world.rays.scale() as f32;
-    for _ in 0..points {
-        let xi = sequence.next_pair();
-        let from = elements.points(world, scene, element, sequence.afresh().bounce[0]);
-        let (start, normal) = from.point(xi);
-        let direction = cosine_direction(normal, sequence.second_pair());
-        let mut hidden = false;
-        match world.rays.closest(Eye::Light, start, direction) {
-            None => escaped = true,
-            // Seeing a black back: inside a body, or behind a one-sided wall; light never comes here.
-            Some(hit) if hit.back && !world.is_two_sided(hit.triangle) => continue,
-            Some(hit) if hit.distance < crevice => hidden = true,
-            Some(_) => {}
-        }
-        open += 1;
-        lit[usize::from(hidden)].add(lights.once(&world.rays, start, normal, sequence.triple()));
-    }
-    let lit = if lit[0].count > 0 { lit[0] } else { lit[1] };
-    let open = open as f32 / points as f32;
-    Patched { irradiance: lit.irradiance(), share: lit.share(), open, escaped }
-}
-
-/// Direct light at points of a patch.
-#[derive(Clone, Copy, Default)]
-struct Lit {
-    count: u32,
-    unoccluded: Rgb,
-    cast: Rgb,
-    seen: Rgb,
-}
-
-impl Lit {
-    fn add(&mut self, once: Once) {
-        self.count += 1;
-        self.unoccluded += once.unoccluded;
-        self.cast += once.cast;
-        if once.seen {
-            self.seen += once.cast;
-        }
-    }
-
-    /// Mean irradiance: that without occlusion times the share that is seen of what was cast.
-    fn irradiance(&self) -> Rgb {
-        let share = Rgb::select(self.cast.cmpgt(Rgb::ZERO), self.seen / self.cast, Rgb::ZERO);
-        self.unoccluded * share / self.count.max(1) as f32
-    }
-
-    fn share(&self) -> f32 {
-        importance(self.seen) / importance(self.cast).max(f32::MIN_POSITIVE)
-    }
 }
 
 fn known_light(
