@@ -20,6 +20,8 @@ pub struct Elements {
     /// Patches of element e: `members[start[e]..start[e + 1]]`.
     start: Vec<u32>,
     members: Vec<u32>,
+    /// Areas of an element's members, running.
+    running: Vec<f32>,
     /// Area, m².
     pub area: Vec<f32>,
     /// Albedo, all of it taken as diffuse.
@@ -72,19 +74,21 @@ impl Elements {
         }
         let mut next = start.clone();
         let mut members = vec![0; start[sizes.len()] as usize];
+        let mut running = vec![0.0; members.len()];
         let mut area = vec![0.0; sizes.len()];
         let mut reflected = vec![Rgb::ZERO; sizes.len()];
         let reached = of_patch.iter().enumerate().filter(|(_, element)| **element != NONE);
         for (patch, element) in reached {
             let element = *element as usize;
-            members[next[element] as usize] = patch as u32;
-            next[element] += 1;
             area[element] += patches.area[patch];
+            let place = next[element] as usize;
+            (members[place], running[place]) = (patch as u32, area[element]);
+            next[element] += 1;
             reflected[element] += albedo(scene, patch) * patches.area[patch];
         }
         let albedo =
             reflected.iter().zip(&area).map(|(sum, area)| *sum / area.max(1e-30)).collect();
-        Self { of_patch, start, members, area, albedo }
+        Self { of_patch, start, members, running, area, albedo }
     }
 
     /// Number of elements.
@@ -102,8 +106,7 @@ impl Elements {
         &self.members[self.start[element] as usize..self.start[element + 1] as usize]
     }
 
-    /// To pick points of an element: those of one of its patches, for a uniform number. (They are
-    /// of about the same size.)
+    /// To pick points of an element: those of one of its patches, by area, for a uniform number.
     pub fn points(
         &self,
         world: &World,
@@ -112,8 +115,9 @@ impl Elements {
         x: f32,
     ) -> PatchPoints {
         let members = self.members(element);
-        let pick = ((x * members.len() as f32) as usize).min(members.len() - 1);
-        PatchPoints::new(world, scene, members[pick])
+        let running = &self.running[self.start[element] as usize..][..members.len()];
+        let pick = running.partition_point(|area| *area <= x * self.area[element]);
+        PatchPoints::new(world, scene, members[pick.min(members.len() - 1)])
     }
 }
 
@@ -121,4 +125,42 @@ impl Elements {
 fn facing(normal: Vec3) -> u8 {
     let axis = normal.abs().max_position();
     (2 * axis) as u8 + u8::from(normal[axis] < 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::gltf::{ImportLimits, Resources, import};
+    use crate::scene::made;
+    use std::sync::Arc;
+
+    #[test]
+    fn crowded_patches_become_one_without_loss_of_area() {
+        let room = made::tessellated_room(20_000);
+        let scene = import(&room, &Resources::default(), &ImportLimits::default()).unwrap();
+        let scene = Arc::new(scene);
+        let world = World::new(scene.clone());
+        let patched = PatchedScene::new(scene, 1000);
+        let alone = Elements::new(&patched, 1000, false);
+        assert_eq!(alone.len(), patched.patches.len());
+        let together = Elements::new(&patched, 1000, true);
+        assert!(together.len() < patched.patches.len() / 2, "{}", together.len());
+        let reached = (0..patched.patches.len()).filter(|p| together.of(*p as u32).is_some());
+        let area: f32 = reached.map(|patch| patched.patches.area[patch]).sum();
+        assert!((together.area.iter().sum::<f32>() / area - 1.0).abs() < 1e-3);
+        // Members are picked by their areas.
+        let most = |element: &usize| together.members(*element).len();
+        let element = (0..together.len()).max_by_key(most).unwrap();
+        let members = together.members(element);
+        const TRIES: usize = 10_000;
+        let scale = world.rays.scale() as f32;
+        let picked = |k: usize| {
+            let x = (k as f32 + 0.5) / TRIES as f32;
+            together.points(&world, &patched, element, x).area() / (scale * scale)
+        };
+        let mean = (0..TRIES).map(picked).sum::<f32>() / TRIES as f32;
+        let own = members.iter().map(|patch| patched.patches.area[*patch as usize]);
+        let expected = own.map(|area| area * area).sum::<f32>() / together.area[element];
+        assert!((mean / expected - 1.0).abs() < 0.01, "{mean} {expected}");
+    }
 }

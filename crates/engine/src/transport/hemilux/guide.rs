@@ -14,7 +14,6 @@ use std::collections::HashMap;
 const BRIGHT: f32 = 8.0;
 /// Share of all reflected power that bright patches must have to be worth aiming at.
 const WORTH: f32 = 0.06;
-
 /// Farther than so many sides of a patch it is not met by many rays.
 const APART: f32 = 3.0;
 

@@ -1,5 +1,5 @@
-//! The lights as polygons: what they shine on a point if nothing is in between (Lambert's closed
-//! form), and points on them for the rays that find out what is in between.
+//! The lights of a scene: which of them a point asks, and places on them for the rays that find
+//! out what is in between.
 
 use super::light_tree::LightTree;
 use super::luminous::{Plain, merged, outward};

@@ -41,7 +41,7 @@ impl Plain {
 /// the light that would be asked for, nothing ever comes out.
 pub fn outward(triangles: &mut [Plain], scene: &Scene, rays: &Rays) {
     let bodies = bodies(triangles);
-    if bodies.len() * scene.triangles.len() > MOST_TESTS {
+    if bodies.is_empty() || bodies.len() * scene.triangles.len() > MOST_TESTS {
         return;
     }
     let mut body_of = HashMap::new();

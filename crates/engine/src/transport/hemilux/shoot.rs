@@ -20,7 +20,8 @@ use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::sync::Arc;
 
-/// Most points of all patches together whose direct light is found at a time, unless one a patch is more.
+/// Most points of all patches together whose direct light is found at a time, unless one a patch
+/// is more.
 const MOST_POINTS: usize = 1 << 20;
 
 /// Nearer than so many sides of a patch its mean does not do: light there varies within it.
