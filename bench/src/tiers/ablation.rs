@@ -12,7 +12,7 @@ const SECONDS: f64 = 2.0;
 const SEEDS: u64 = 3;
 
 /// What is switched off, and how.
-const VARIANTS: [(&str, &[(&str, &str)]); 12] = [
+const VARIANTS: [(&str, &[(&str, &str)]); 13] = [
     ("nothing", &[]),
     ("tier 2: indirect light as the coarse mesh has it", &[("gather", "false")]),
     ("tier 3: direct light as the coarse mesh has it", &[("light", "false")]),
@@ -22,6 +22,7 @@ const VARIANTS: [(&str, &[(&str, &str)]); 12] = [
     ("the near field: hits close by take the patch's mean", &[("near_field", "false")]),
     ("records hear their neighbours", &[("gather_fit", "false")]),
     ("pixels share shadow rays", &[("shadow_filter", "false")]),
+    ("pixels share lobe rays", &[("lobe_filter", "false")]),
     ("well-spread points: plain random numbers", &[("well_spread", "false")]),
     ("adaptivity: records evenly, shadow rays everywhere", &[("adaptive", "false")]),
     ("sub-pixel samples: 4 instead of 32", &[("pixel_samples", "4")]),

@@ -27,6 +27,8 @@ struct Point {
     seed: u64,
     predicted: f64,
     actual: f64,
+    /// What the reference can tell apart.
+    resolution: f64,
     energy: f64,
     seconds: f64,
     /// Of the prediction, by cause.
@@ -45,6 +47,7 @@ impl Point {
             seed,
             predicted: rendered.stats.estimated_error.unwrap_or(f64::NAN),
             actual: truth.error(rendered),
+            resolution: truth.resolution(),
             energy: truth.energy(rendered),
             seconds: rendered.stats.seconds_solve,
             parts: CAUSES
@@ -52,6 +55,11 @@ impl Point {
                 .map(|cause| rendered.stats.diagnostics.get(*cause).copied().unwrap_or(f64::NAN))
                 .collect(),
         }
+    }
+
+    /// Whether the reference is good enough to judge the prediction.
+    fn is_resolved(&self) -> bool {
+        self.actual >= self.resolution
     }
 
     fn ratio(&self) -> f64 {
@@ -100,8 +108,16 @@ pub fn ask(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
 }
 
 fn csv(points: &[Point]) -> Table {
-    let mut header =
-        vec!["view", "iterations", "seed", "predicted", "actual", "mean_ratio", "seconds_solve"];
+    let mut header = vec![
+        "view",
+        "iterations",
+        "seed",
+        "predicted",
+        "actual",
+        "resolution",
+        "mean_ratio",
+        "seconds_solve",
+    ];
     header.extend(CAUSES);
     let mut table = Table::new(&header);
     for point in points {
@@ -111,6 +127,7 @@ fn csv(points: &[Point]) -> Table {
             point.seed.to_string(),
             format!("{:.5}", point.predicted),
             format!("{:.5}", point.actual),
+            format!("{:.5}", point.resolution),
             format!("{:.4}", point.energy),
             format!("{:.3}", point.seconds),
         ];
@@ -121,18 +138,26 @@ fn csv(points: &[Point]) -> Table {
 }
 
 fn summary(points: &[Point]) -> String {
-    let good = points.iter().filter(|point| GOOD.contains(&point.ratio())).count();
-    let low = points.iter().filter(|point| point.ratio() < *GOOD.start()).count();
-    let ratios: Vec<f64> = points.iter().map(Point::ratio).collect();
+    let (judged, unresolved): (Vec<&Point>, Vec<&Point>) =
+        points.iter().partition(|point| point.is_resolved());
+    let ratios: Vec<f64> = judged.iter().map(|point| point.ratio()).collect();
+    let share = |is: &dyn Fn(f64) -> bool| {
+        100.0 * ratios.iter().filter(|ratio| is(**ratio)).count() as f64 / ratios.len() as f64
+    };
+    let mut views: Vec<&str> = unresolved.iter().map(|point| point.view.as_str()).collect();
+    views.dedup();
     format!(
-        "- {} pictures; predicted/actual between {} and {} in {:.0} % of them, below in {:.0} %; \
-         median {:.2}\n{}",
-        points.len(),
+        "- {} pictures that their references can judge; predicted/actual between {} and {} in \
+         {:.0} % of them, below in {:.0} %; median {:.2}\n- {} pictures nearer to the truth than \
+         their references can tell: {}\n{}",
+        ratios.len(),
         GOOD.start(),
         GOOD.end(),
-        100.0 * good as f64 / points.len() as f64,
-        100.0 * low as f64 / points.len() as f64,
-        median(ratios),
+        share(&|ratio| GOOD.contains(&ratio)),
+        share(&|ratio| ratio < *GOOD.start()),
+        median(ratios.clone()),
+        unresolved.len(),
+        if views.is_empty() { "none".into() } else { views.join(", ") },
         results::machine(),
     )
 }
@@ -150,12 +175,18 @@ fn by_view(views: &[View], points: &[Point]) -> String {
         let mut row = vec![view.name.clone(), view.why.into()];
         row.extend(ITERATIONS.iter().map(|count| {
             let (predicted, actual) = (of(*count, &|p| p.predicted), of(*count, &|p| p.actual));
-            format!("{} / {}", percent(predicted), percent(actual))
+            let resolution = of(*count, &|p| p.resolution);
+            format!("{} / {}", percent(predicted), told(actual, resolution))
         }));
         row.push(format!("{:.3}", of(ITERATIONS[ITERATIONS.len() - 1], &|p| p.energy)));
         table.add(row);
     }
     table.markdown()
+}
+
+/// An error, as far as a reference can tell.
+pub fn told(actual: f64, resolution: f64) -> String {
+    if actual >= resolution { percent(actual) } else { format!("< {}", percent(resolution)) }
 }
 
 fn targets(asked: &[(f64, Point)]) -> String {
@@ -165,7 +196,7 @@ fn targets(asked: &[(f64, Point)]) -> String {
             point.view.clone(),
             percent(*target),
             percent(point.predicted),
-            percent(point.actual),
+            told(point.actual, point.resolution),
             format!("{:.2}", point.seconds),
         ]);
     }
@@ -174,7 +205,7 @@ fn targets(asked: &[(f64, Point)]) -> String {
 
 fn chart(points: &[Point]) -> Chart {
     let mut lines: Vec<Line> = Vec::new();
-    for point in points.iter().filter(|point| point.seed == 1) {
+    for point in points.iter().filter(|point| point.seed == 1 && point.is_resolved()) {
         match lines.iter_mut().find(|line| line.name == point.view) {
             Some(line) => line.points.push((point.actual, point.predicted)),
             None => lines.push(Line {

@@ -1,6 +1,7 @@
 //! Seconds to an error against what a scene has more of: triangles, lights, pixels, bounces.
 
 use super::Study;
+use super::calibration::told;
 use super::views::{View, with_albedo, with_lights};
 use crate::results::Failure;
 use crate::views::imported;
@@ -16,7 +17,7 @@ const GOAL: f64 = 0.03;
 const LADDER: [u64; 8] = [1, 2, 3, 4, 6, 8, 12, 16];
 const SIDE: u32 = 128;
 
-/// What grows, and the views from little to much of it.
+/// What gjudged, and the views from little to much of it.
 struct Axis {
     name: &'static str,
     steps: Vec<(f64, View)>,
@@ -65,7 +66,7 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
         "predicted",
         "of it, first picture",
     ]);
-    let (mut good, mut rows) = (0, 0);
+    let (mut good, mut judged) = (0, 0);
     let mut panels = Vec::new();
     let mut slopes = String::new();
     for axis in axes(study.quick) {
@@ -83,14 +84,19 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
                 if error <= GOAL || iterations == LADDER[LADDER.len() - 1] {
                     let reached = error <= GOAL;
                     let predicted = rendered.stats.estimated_error.unwrap_or(f64::NAN);
-                    good += usize::from(super::calibration::GOOD.contains(&(predicted / error)));
-                    rows += 1;
+                    // What the reference can't tell judges no prediction.
+                    let resolution = truth.resolution();
+                    if error >= resolution {
+                        good +=
+                            usize::from(super::calibration::GOOD.contains(&(predicted / error)));
+                        judged += 1;
+                    }
                     table.add(vec![
                         axis.name.into(),
                         format!("{x:.3}").trim_end_matches('0').trim_end_matches('.').into(),
                         if reached { format!("{seconds:.2}") } else { format!("> {seconds:.2}") },
                         iterations.to_string(),
-                        crate::page::percent(error),
+                        told(error, resolution),
                         crate::page::percent(predicted),
                         format!("{first:.2}"),
                     ]);
@@ -112,8 +118,8 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
         });
     }
     slopes += &format!(
-        "- errors predicted within {} and {} of the actual ones in {good} of {rows} pictures; their \
-         scenes and sizes had no part in setting the weights\n",
+        "- errors predicted within {} and {} of the actual ones in {good} of {judged} pictures that \
+         their references can judge; their scenes and sizes had no part in setting the weights\n",
         super::calibration::GOOD.start(),
         super::calibration::GOOD.end(),
     );

@@ -36,7 +36,8 @@ pub struct Arguments {
     /// Folder where references are kept.
     #[arg(long, default_value = "out/tiers/references")]
     references: PathBuf,
-    /// Seconds of path tracing for each half of a reference; 60 by default.
+    /// Seconds of path tracing for each half of a reference, three times that where paths find light
+    /// with difficulty; 60 by default.
     #[arg(long)]
     reference_seconds: Option<f64>,
 }
@@ -96,8 +97,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut parts = Vec::new();
     if arguments.parts.contains(&Part::References) {
         for view in study.views().into_iter().chain(growth::views(study.quick)) {
-            let own = study.truth(&view)?.own_error();
-            eprintln!("{} {}: the reference's own error is {own:.4}", view.name, view.side);
+            let truth = study.truth(&view)?;
+            let (own, resolution) = (truth.own_error(), truth.resolution());
+            eprintln!(
+                "{} {}: the reference's own error is {own:.4}, it resolves {resolution:.4}",
+                view.name, view.side,
+            );
         }
     }
     if wanted(Part::Calibration) {

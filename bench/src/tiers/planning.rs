@@ -58,7 +58,7 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
                 let request = view.request(hand.0, limits, seed, hand.1);
                 let rendered = render(study.device.as_mut(), &request, &mut Unobserved)?;
                 let error = truth.error(&rendered);
-                errors.push(error.abs());
+                errors.push(error.max(truth.resolution()));
                 csv.add(vec![
                     view.name.clone(),
                     words(hand),

@@ -65,6 +65,23 @@ impl Reference {
         product(x, &self.first, x, &self.second, 1.0, counted) / self.mean(counted).powi(2)
     }
 
+    /// Relative error below which this reference can't tell pictures apart: √ of twice the standard
+    /// error that the halves' noise gives [`Reference::squared_error`] of an exact picture, taken
+    /// as normal and the channels of a pixel as one. NaN of a single picture.
+    pub fn resolution(&self, counted: &[bool]) -> f64 {
+        if self.single {
+            return f64::NAN;
+        }
+        let (mut fourth, mut count) = (0.0, 0.0);
+        let halves = self.first.pixels.iter().zip(&self.second.pixels);
+        for ((a, b), _) in halves.zip(counted).filter(|(_, counted)| **counted) {
+            // Of a difference with twice the variance, E d⁴ = 12 σ⁴.
+            fourth += f64::from((*a - *b).length_squared()).powi(2) / 12.0;
+            count += 3.0;
+        }
+        (2.0 * fourth.sqrt() / count).sqrt() / self.mean(counted)
+    }
+
     /// Median of |x − ref|/ref over the counted pixels and channels where the reference is not
     /// black; NaN where there are none. The reference's noise is not taken off.
     pub fn median_error(&self, x: &Picture, counted: &[bool]) -> f64 {
@@ -225,6 +242,24 @@ mod tests {
         assert!((found / 0.1 - 1.0).abs() < 0.1, "{found}");
         let found = error(reference.squared_error(&noisy(3, 0.0, 0.1), &all()));
         assert!((found / 0.05 - 1.0).abs() < 0.2, "{found}");
+    }
+
+    /// Exact pictures against references of many seeds: their squared errors scatter about 0 by
+    /// half the square of what is called the resolution, but for the channels, which are
+    /// independent here: √(4.4/3) = 1.2 for such noise.
+    #[test]
+    fn the_resolution_is_twice_the_standard_error_of_exact_pictures() {
+        let exact = noisy(1, 0.0, 0.0);
+        let (mut squares, mut resolution, seeds) = (0.0, 0.0, 40);
+        for seed in 0..seeds {
+            let halves = [2 * seed + 10, 2 * seed + 11].map(|seed| noisy(seed, 0.0, 0.4));
+            let [first, second] = halves;
+            let reference = Reference::new(first, second);
+            squares += reference.squared_error(&exact, &all()).powi(2) / seeds as f64;
+            resolution += reference.resolution(&all()) / seeds as f64;
+        }
+        let ratio = resolution.powi(2) / 2.0 / squares.sqrt();
+        assert!((0.9..1.6).contains(&ratio), "{ratio}, expected 1.2");
     }
 
     #[test]

@@ -21,7 +21,7 @@ pub use bytes::{Reader, Writer};
 const MAGIC: [u8; 8] = *b"HMLXCKPT";
 /// Changes whenever the bytes of any method mean something else than before. Machines of the
 /// other byte order have their own.
-const FORMAT: u32 = 4 | if cfg!(target_endian = "big") { 1 << 31 } else { 0 };
+const FORMAT: u32 = 5 | if cfg!(target_endian = "big") { 1 << 31 } else { 0 };
 /// Bytes before the header: magic, format, three lengths, three sums, and the sum of all that.
 const PREAMBLE: usize = 8 + 4 + 4 + 8 + 8 + 3 * 4 + 4;
 /// A longer header is none of ours.

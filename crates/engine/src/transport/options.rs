@@ -129,6 +129,11 @@ pub const OPTIONS: &[OptionSpec] = &[
         meaning: "rays: area: points of the emissive triangles; disk, rim: each connected group of them as a disk, sampled over its area or along its edge, its centre weighted by cosⁿθ and the random points by 1 − cosⁿθ (Lange; biased)",
     },
     OptionSpec {
+        name: "lobe_filter",
+        default: "true",
+        meaning: "hemilux: neighbouring pixels share the rays of glossy lobes, as far as the lobes blur what they show",
+    },
+    OptionSpec {
         name: "map_texels",
         default: "1000000",
         meaning: "illumination-map: wanted number of cells of the map, 1 to 16777216; at least one a diffuse triangle side, more where caustics are",

@@ -4,6 +4,7 @@
 mod caustics;
 mod cornell;
 mod glb;
+mod gloss;
 mod hidden_light;
 mod mesh;
 mod office;
@@ -15,6 +16,7 @@ mod texture;
 pub use caustics::{glass, ring};
 pub use cornell::{cornell, phong_cornell};
 pub use glb::assemble;
+pub use gloss::{gallery, kitchen};
 pub use hidden_light::{blinds, hall, shade};
 pub use office::office;
 pub use rooms::{corridor, furnace, tessellated_room};

@@ -12,7 +12,7 @@ const COVERAGE: f32 = 0.04;
 /// Relative error of indirect light that is shown as the coarse mesh has it.
 const COARSE: f32 = 0.2;
 /// Relative error that nothing here sees: the coarse mesh behind the gathers.
-const ALLOWANCE: f64 = 0.004;
+const ALLOWANCE: f64 = 0.002;
 
 /// What pixels are off by, and why: `noise` of the records, by how much either half of their rays
 /// changes the picture; `bent`, how far the records are off the planes through them by more than
@@ -20,9 +20,9 @@ const ALLOWANCE: f64 = 0.004;
 /// surfaces share.
 pub const CAUSES: [&str; 5] = ["noise", "bent", "shadows", "lobes", "edges"];
 /// What pictures turn out to have of each cause's variance. Halves of well-spread points are worse
-/// than points that are spread together; a plane's middle is nearer than its rim; lobes and edges
-/// see the coarse mesh, whose error is no scatter.
-const FOUND: [f64; 5] = [0.5, 0.5, 1.0, 2.0, 8.0];
+/// than points that are spread together; a plane's middle is nearer than its rim; neighbours share
+/// what their shadows are off by; lobes and edges see the coarse mesh, whose error is no scatter.
+const FOUND: [f64; 5] = [0.3, 0.7, 1.8, 2.0, 7.5];
 
 /// A pixel.
 #[derive(Clone, Copy)]
@@ -48,8 +48,7 @@ pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<Bounced>]) -> (Picture, Opti
     let (light, coarse, lights) = (&tiers.direct, &tiers.coarse, tiers.lights);
     let mut gloss = Vec::new();
     if tiers.gloss.len() > 0 {
-        gloss.resize(seen.fragments.len(), (Rgb::ZERO, Rgb::ZERO));
-        tiers.gloss.each(|fragment, mean, variance| gloss[fragment] = (mean, variance));
+        gloss = tiers.gloss.of_fragments(seen, options.lobe_filter);
     }
     let coverage = COVERAGE * (options.samples as f32).powf(-1.5);
     let pixel = |pixel: usize| {

@@ -42,6 +42,18 @@ pub struct Fragment {
     pub glossy: bool,
 }
 
+/// Samples of a fragment on one facet that reflects a lobe. Facets that share a fragment have
+/// lobes of their own: what a highlight shows turns by twice as much as the surface does.
+#[derive(Clone, Copy)]
+pub struct Lobe {
+    /// Index of the fragment.
+    pub fragment: u32,
+    /// Facet and side; see [`item`].
+    pub code: u32,
+    /// Samples that see that side of that facet, a bit each.
+    pub mask: u64,
+}
+
 /// A facet over the picture.
 struct Placed {
     corners: [Vec3; 3],
@@ -63,6 +75,8 @@ pub struct Seen {
     samples: Vec<Vec2>,
     /// Fragments in the order of their pixels.
     pub fragments: Vec<Fragment>,
+    /// Lobes in the order of their pixels.
+    pub lobes: Vec<Lobe>,
     /// Where they are.
     pub places: Places,
     /// Fragments of pixel p: `start[p]..start[p + 1]`.
@@ -97,6 +111,7 @@ impl Seen {
             samples: crate::measurement::sample_pattern(samples.clamp(1, MOST_SAMPLES)),
             scene: scene.clone(),
             fragments: Vec::new(),
+            lobes: Vec::new(),
             places: Places::new(&[]),
             start: vec![0],
             shine: Vec::with_capacity((width * height) as usize),
@@ -110,6 +125,9 @@ impl Seen {
             let first = firsts[firsts.len() - 1];
             seen.start.extend(band.ends.iter().map(|end| end + first as u32));
             seen.shine.extend(&band.shine);
+            let own = band.lobes.iter();
+            seen.lobes
+                .extend(own.map(|lobe| Lobe { fragment: lobe.fragment + first as u32, ..*lobe }));
             firsts.push(first + band.fragments.len());
         }
         // By all threads, since most of the time goes into memory that is new.
@@ -131,7 +149,7 @@ impl Seen {
 
     /// The surface point of a fragment's n-th sample, off the surface by the rounding error.
     pub fn sample_point(&self, fragment: &Fragment, n: u32) -> Vec3 {
-        let offset = self.sample(fragment, n);
+        let offset = self.sample(fragment.mask, n);
         let Some((facet, back)) = item::decode(fragment.code) else { return fragment.point };
         let at = self.barycentric(facet, fragment.pixel, offset);
         self.spot(facet, back, at).0
@@ -157,14 +175,20 @@ impl Seen {
     /// Facet, side and barycentric coordinates of a fragment's first sample.
     pub fn place_on_facet(&self, fragment: &Fragment) -> (usize, bool, Vec2) {
         let (facet, back) = item::decode(fragment.code).unwrap_or((0, false));
-        let offset = self.sample(fragment, 0);
+        let offset = self.sample(fragment.mask, 0);
         (facet as usize, back, self.barycentric(facet, fragment.pixel, offset))
     }
 
-    /// The surface at a fragment's n-th sample.
-    pub fn surface(&self, world: &World, fragment: &Fragment, n: u32) -> Surface {
-        let (facet, back) = item::decode(fragment.code).unwrap_or((0, false));
-        let at = self.barycentric(facet, fragment.pixel, self.sample(fragment, n));
+    /// Share of the pixel's samples that a lobe has.
+    pub fn share(&self, lobe: &Lobe) -> f32 {
+        lobe.mask.count_ones() as f32 / self.samples.len() as f32
+    }
+
+    /// The surface at a lobe's n-th sample.
+    pub fn surface(&self, world: &World, lobe: &Lobe, n: u32) -> Surface {
+        let (facet, back) = item::decode(lobe.code).unwrap_or((0, false));
+        let pixel = self.fragments[lobe.fragment as usize].pixel;
+        let at = self.barycentric(facet, pixel, self.sample(lobe.mask, n));
         let placed = &self.placed[facet as usize];
         let spot = Spot::new(placed.corners, placed.normal, at.x, at.y);
         let piece = &self.scene.facets[facet as usize];
@@ -173,9 +197,8 @@ impl Seen {
         world.surface_at(piece.source, at, spot, side)
     }
 
-    fn sample(&self, fragment: &Fragment, n: u32) -> Vec2 {
-        let bits = fragment.mask.count_ones();
-        let mut mask = fragment.mask;
+    fn sample(&self, mut mask: u64, n: u32) -> Vec2 {
+        let bits = mask.count_ones();
         for _ in 0..n % bits.max(1) {
             mask &= mask - 1;
         }
@@ -223,6 +246,7 @@ impl Seen {
         }
         let mut band = Band {
             fragments: Vec::with_capacity(pixels + pixels / 8),
+            lobes: Vec::new(),
             ends: Vec::with_capacity(pixels),
             shine: Vec::with_capacity(pixels),
         };
@@ -241,20 +265,16 @@ impl Seen {
                 }
             }
             let pixel = first_row * self.width + pixel as u32;
-            band.shine.push(self.collect(world, pixel, &groups, &mut band.fragments));
+            let shine = self.collect(world, pixel, &groups, &mut band);
+            band.shine.push(shine);
             band.ends.push(band.fragments.len() as u32);
         }
         band
     }
 
-    /// Appends the fragments of a pixel; returns what it emits.
-    fn collect(
-        &self,
-        world: &World,
-        pixel: u32,
-        groups: &[Group],
-        fragments: &mut Vec<Fragment>,
-    ) -> Rgb {
+    /// Appends the fragments and lobes of a pixel; returns what it emits.
+    fn collect(&self, world: &World, pixel: u32, groups: &[Group], band: &mut Band) -> Rgb {
+        let Band { fragments, lobes, .. } = band;
         let each = 1.0 / self.samples.len() as f32;
         let mut shine = Rgb::ZERO;
         let first = fragments.len();
@@ -300,15 +320,19 @@ impl Seen {
             let one = Fragment { pixel, code, mask, share, point, normal, diffuse, glossy };
             // Neighbours of a smooth surface go together.
             let reach = 3.0 * self.frame.footprint(point, self.height);
-            let near = fragments[first..].iter_mut().find(|other| {
+            let near = fragments[first..].iter().position(|other| {
                 other.glossy == glossy
                     && other.normal.dot(normal) > SMOOTH
                     && other.normal.dot(other.point - point).abs() < reach
                     && (other.diffuse - diffuse).abs().max_element() < 0.02
             });
-            match near {
+            let fragment = near.map_or(fragments.len(), |near| first + near);
+            match fragments.get_mut(fragment) {
                 Some(other) => other.join(&one),
                 None => fragments.push(one),
+            }
+            if glossy {
+                lobes.push(Lobe { fragment: fragment as u32, code, mask });
             }
         }
         for fragment in &mut fragments[first..] {
@@ -338,6 +362,7 @@ struct Group {
 
 struct Band {
     fragments: Vec<Fragment>,
+    lobes: Vec<Lobe>,
     ends: Vec<u32>,
     shine: Vec<Rgb>,
 }

@@ -164,7 +164,8 @@ impl Record {
                 let normal = if away > 0.0 { -normal } else { normal };
                 *nearest = Obstacle { distance: along, normal, offset: away.abs() };
             }
-            let radiance = weight * coarse.reflected(&hit, afresh.then_some(afresh_numbers));
+            let radiance =
+                weight * coarse.reflected(&hit, direction, afresh.then_some(afresh_numbers));
             self.sum += radiance;
             self.split += if 2 * ray < rays { radiance } else { -radiance };
         }

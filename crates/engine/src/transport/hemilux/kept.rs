@@ -76,8 +76,8 @@ impl Tiers<'_> {
         to.value(self.direct.rays);
         to.slice(&lit);
         to.value(self.gloss.passes);
-        let gloss = self.gloss.sums.iter().map(|(sum, squares)| [*sum, *squares]);
-        to.slice(&gloss.collect::<Vec<_>>());
+        to.value(self.gloss.brightness);
+        to.slice(&self.gloss.sums);
         Ok(())
     }
 
@@ -118,9 +118,10 @@ impl Tiers<'_> {
             place.disputed = lit.disputed != 0;
         }
         self.gloss.passes = from.value()?;
-        let gloss: Vec<[Rgb; 2]> = from.exactly(self.gloss.sums.len())?;
-        for (place, [sum, squares]) in self.gloss.sums.iter_mut().zip(gloss) {
-            *place = (sum, squares);
+        self.gloss.brightness = from.value()?;
+        self.gloss.sums = from.exactly(self.gloss.sums.len())?;
+        if self.gloss.sums.iter().any(|sums| sums.rays > MOST_RAYS) {
+            return Err(CheckpointError::damaged("there can't be that many rays"));
         }
         from.end()
     }

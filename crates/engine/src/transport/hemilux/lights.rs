@@ -4,7 +4,7 @@
 use super::light_tree::LightTree;
 use super::luminous::{Plain, merged, outward};
 use super::polygon::Light;
-use super::unoccluded::{All, MOST_LIGHTS, Unoccluded};
+use super::unoccluded::{All, Axis, MOST_LIGHTS, Unoccluded};
 use crate::patches::{cell_index, cells};
 use crate::radiometry::Rgb;
 use crate::rays::{Hit, Rays};
@@ -130,6 +130,14 @@ impl Lights {
             return Unoccluded::none();
         }
         self.all.unoccluded(point, normal)
+    }
+
+    /// The same for a lobe that looks along an axis: only to pick lights by.
+    pub fn toward(&self, point: Vec3, normal: Vec3, axis: Axis) -> Unoccluded {
+        if !self.is_exact() {
+            return Unoccluded::none();
+        }
+        self.all.toward(point, normal, axis)
     }
 
     /// A point of the lights for three uniform numbers, as a surface at `point` sees it: picked by

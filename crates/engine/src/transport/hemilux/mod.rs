@@ -21,9 +21,11 @@ mod light;
 mod light_tree;
 mod lights;
 mod links;
+mod lobe;
 mod luminous;
 mod patch_light;
 mod plan;
+mod plane;
 mod polygon;
 mod sequence;
 mod settings;
@@ -46,14 +48,16 @@ use crate::scene::Scene;
 use cache::{Cache, Gathering, Look, Spacing};
 use elements::Elements;
 use estimate::Errors;
-use fragments::Seen;
+use fragments::{Fragment, Seen};
 use gloss::Gloss;
 use light::Direct;
 use lights::Lights;
+use rayon::prelude::*;
 use sequence::Seed;
 pub use settings::HemiluxSettings;
 use shoot::Coarse;
 use std::collections::BTreeMap;
+use std::f32::consts::PI;
 use std::time::Instant;
 
 /// Decisions in checkpoints: wanted patches of the coarse mesh, rays of a record in the first
@@ -70,8 +74,8 @@ const MOST_ROUNDS: u32 = 64;
 const PATCH_POINTS: u32 = 2;
 /// Most rays of records made later, in times of those that every record gets in an iteration.
 const MOST_GATHER: u32 = 8;
-/// The same of another camera's first ones.
-const FIRST_GATHER: u32 = 2;
+/// Passes of shadow rays in an iteration of another camera that finds the rest known.
+const LIGHT_AHEAD: u32 = 2;
 /// What a picture takes, in shares of the first iteration, before one was made.
 const PICTURE_SHARE: f64 = 0.25;
 /// Pause between estimates for reports, in times of what the last one took.
@@ -183,7 +187,7 @@ impl Method for Hemilux {
         clock.lap("seconds_light");
         let mut tiers = Tiers {
             direct,
-            gloss: Gloss::new(&seen),
+            gloss: Gloss::new(&world, &seen),
             world: &world,
             lights: &lights,
             seen: &seen,
@@ -266,7 +270,7 @@ pub fn needed_bytes(scene: &Scene, width: u32, height: u32) -> u64 {
 
 /// Memory at the peak for a scene of so many triangles, bytes.
 pub fn needed_bytes_for(triangles: u64, width: u32, height: u32) -> u64 {
-    const PER_PIXEL: u64 = 360;
+    const PER_PIXEL: u64 = 440;
     const PER_TRIANGLE: u64 = 1500;
     let pixels = u64::from(width) * u64::from(height);
     Rays::needed_bytes(triangles) + triangles * PER_TRIANGLE + pixels * PER_PIXEL
@@ -418,7 +422,10 @@ impl Tiers<'_> {
         }
         self.clock.lap("seconds_shoot");
         if options.light {
-            self.direct.pass(self.world, self.lights, self.seen, self.seed);
+            // Only shadows are new where all else is known.
+            for _ in 0..if known { LIGHT_AHEAD } else { 1 } {
+                self.direct.pass(self.world, self.lights, self.seen, self.seed);
+            }
         }
         self.clock.lap("seconds_light");
         if options.gather {
@@ -429,11 +436,7 @@ impl Tiers<'_> {
             let gathering = Gathering {
                 seed: self.seed,
                 rays: self.gather_rays(so_far),
-                new_rays: if known {
-                    enough.min(FIRST_GATHER * options.gather_rays)
-                } else {
-                    enough
-                },
+                new_rays: if known { enough.min(options.gather_rays) } else { enough },
                 afresh: options.gather_direct,
                 spacing: self.spacing(so_far),
             };
@@ -456,7 +459,7 @@ impl Tiers<'_> {
         }
         self.clock.lap("seconds_gather");
         if self.gloss.len() > 0 {
-            self.gloss.pass(self.world, self.lights, &self.coarse, self.seen, self.seed);
+            self.look_at_lobes(number.max(self.before));
         }
         self.clock.lap("seconds_gloss");
         run.tally.iterations += 1;
@@ -465,6 +468,38 @@ impl Tiers<'_> {
             run.tally.light_shots = self.direct.rays;
         }
         Ok(())
+    }
+
+    /// Another pass of lobe rays, unless they are good enough; in the first iteration a second one,
+    /// too, which knows where they are needed.
+    fn look_at_lobes(&mut self, iterations: u64) {
+        let first = self.gloss.passes == 0;
+        if first {
+            self.gloss.pass(&self.coarse, self.seen, self.seed, self.options.adaptive);
+            self.gloss.brightness = self.brightness();
+        }
+        if !(first && self.hasty) && self.gloss.matters(self.seen, iterations) {
+            self.gloss.pass(&self.coarse, self.seen, self.seed, self.options.adaptive);
+        }
+    }
+
+    /// Mean radiance of the picture, by the direct light and the coarse solution.
+    fn brightness(&self) -> f32 {
+        let (seen, coarse, direct, lights) = (self.seen, &self.coarse, &self.direct, self.lights);
+        let of_fragment = |(index, fragment): (usize, &Fragment)| {
+            let (facet, back, at) = seen.place_on_facet(fragment);
+            let (direct, _) = direct.irradiance(lights, seen, index, false);
+            let irradiance = direct + coarse.bounced(facet, back, at);
+            (fragment.diffuse * irradiance).element_sum() * fragment.share / PI
+        };
+        let chunks = seen.fragments.par_chunks(1024).enumerate();
+        let of_chunk = |(chunk, fragments): (usize, &[Fragment])| {
+            let numbered = fragments.iter().enumerate();
+            let numbered = numbered.map(|(index, fragment)| (1024 * chunk + index, fragment));
+            numbered.map(|fragment| f64::from(of_fragment(fragment))).sum::<f64>()
+        };
+        let sums: Vec<f64> = chunks.map(of_chunk).collect();
+        (sums.iter().sum::<f64>() / (3 * seen.shine.len()) as f64) as f32
     }
 
     /// The picture after so many iterations, unless it is there already.

@@ -13,6 +13,9 @@ const THREE: [u32; 3] = [3_518_319_155, 2_882_110_345, 2_360_945_575];
 /// Two of those in five dimensions.
 const FIVE: [u32; 2] = [3_785_032_107, 3_335_640_777];
 
+/// Order in which the pixels of a tile of 4 × 4 take the points of a sequence (Bayer 1973).
+pub const BAYER: [u32; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
+
 /// Random numbers to find light out afresh with.
 #[derive(Clone, Copy)]
 pub struct Afresh {
@@ -30,6 +33,16 @@ pub struct Afresh {
 pub struct Next(u32);
 
 impl Next {
+    /// Those of the bounce behind.
+    pub fn after(self) -> Self {
+        Self(pcg(self.0 ^ 0x9e37_79b9))
+    }
+
+    /// One number beside them.
+    pub fn number(self) -> f32 {
+        (pcg(self.0 ^ 0x85eb_ca6b) >> 8) as f32 * (1.0 / 16_777_216.0)
+    }
+
     /// The numbers.
     pub fn afresh(self) -> Afresh {
         let mut state = self.0;

@@ -28,6 +28,8 @@ pub struct HemiluxSettings {
     pub light: bool,
     /// Whether neighbouring pixels share shadow rays while these are few.
     pub shadow_filter: bool,
+    /// Whether neighbouring pixels share lobe rays.
+    pub lobe_filter: bool,
     /// Whether what gather rays meet nearby is looked at more closely than by its patch's mean.
     pub near_field: bool,
     /// Whether random points are well spread, rather than plainly random.
@@ -63,6 +65,7 @@ impl HemiluxSettings {
             gather_fit: settings.switch("gather_fit")?,
             light: settings.switch("light")?,
             shadow_filter: settings.switch("shadow_filter")?,
+            lobe_filter: settings.switch("lobe_filter")?,
             near_field: settings.switch("near_field")?,
             well_spread: settings.switch("well_spread")?,
             adaptive: settings.switch("adaptive")?,

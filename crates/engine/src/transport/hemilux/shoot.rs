@@ -6,16 +6,17 @@ use super::elements::Elements;
 use super::guide::Guide;
 use super::lights::Lights;
 use super::links::Links;
+use super::lobe::{self, Through};
 use super::patch_light::{Patched, Sampled};
-use super::sequence::{Afresh, Seed, cosine_direction};
+use super::sequence::{Afresh, Next, Seed, cosine_direction};
 use crate::device::{KnownLight, Shooting, ShootingSettings, Sums};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
 use crate::patches::{Facet, PatchedScene, cell_index};
-use crate::radiometry::{LobeAlbedo, Rgb, importance};
+use crate::radiometry::{Rgb, importance};
 use crate::rays::{Eye, Hit};
 use crate::transport::known::equilibrium;
-use crate::transport::ray_traced::surface::World;
-use glam::Vec2;
+use crate::transport::ray_traced::surface::{Surface, World};
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -27,13 +28,22 @@ const MOST_POINTS: usize = 1 << 20;
 /// Nearer than so many sides of a patch its mean does not do: light there varies within it.
 const NEAR_FIELD: f32 = 2.0;
 
+/// Share of the rays that find what has bounced that is aimed at bright patches, where there are
+/// such.
+const AIMED_BOUNCES: f32 = 0.3;
+/// How often a lobe that a gather ray meets is followed: so many times its share of what the surface
+/// reflects, and at least so often; and how many lobes from there.
+const LOBES: f32 = 2.0;
+const LEAST_LOBES: f32 = 0.1;
+const MOST_LOBES: u32 = 2;
+
 /// Smoothing changes a patch's value by this factor at most.
 const MOST_CHANGE: f32 = 2.5;
 
 /// The coarse solution.
 pub struct Coarse<'a> {
-    world: &'a World,
-    lights: &'a Lights,
+    pub(super) world: &'a World,
+    pub(super) lights: &'a Lights,
     /// The mesh.
     pub scene: Arc<PatchedScene>,
     reconstruction: Reconstruction,
@@ -308,16 +318,41 @@ impl<'a> Coarse<'a> {
         self.on_facet(&self.both, facet, back, at) - self.on_facet(&self.indirect, facet, back, at)
     }
 
-    /// Radiance that a hit reflects, as if all of it were diffuse. With random numbers the light
-    /// there is found out afresh: the emitters' by a shadow ray, and, where the patch is so near
-    /// that its mean will not do, what has bounced by another ray.
-    pub fn reflected(&self, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
+    /// Radiance that a hit reflects against the `direction` of the ray. With random numbers the
+    /// light there is found out afresh: the emitters' by a shadow ray, what a lobe reflects, at
+    /// times, by another ray, and, where the patch is so near that its mean will not do, what has
+    /// bounced by one more.
+    pub fn reflected(&self, hit: &Hit, direction: Vec3, afresh: Option<Afresh>) -> Rgb {
         let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
-        let mut albedo = surface.reflectance.diffuse;
-        if surface.reflectance.is_glossy() {
-            let lobe = LobeAlbedo::shared().mean(surface.reflectance.exponent);
-            albedo += surface.reflectance.specular * lobe;
+        let numbers = afresh.filter(|_| surface.reflectance.is_glossy());
+        let Some((numbers, next)) = numbers.and_then(|numbers| Some((numbers, numbers.next?)))
+        else {
+            return self.by_albedo(&surface, surface.albedo(), hit, afresh);
+        };
+        let diffuse = self.by_albedo(&surface, surface.reflectance.diffuse, hit, Some(numbers));
+        let probability =
+            (LOBES * (1.0 - surface.diffuse_share(-direction))).clamp(LEAST_LOBES, 1.0);
+        if next.number() >= probability {
+            return diffuse;
         }
+        let numbers = Afresh { next: Some(next.after()), ..next.afresh() };
+        let through = Through { xi: numbers.bounce, numbers, most: MOST_LOBES };
+        diffuse + lobe::reflected(self, surface, -direction, through).0 / probability
+    }
+
+    /// The same as if all of it were reflected diffusely.
+    pub fn reflected_as_diffuse(&self, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
+        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
+        self.by_albedo(&surface, surface.albedo(), hit, afresh)
+    }
+
+    /// The same of the diffuse part alone.
+    pub fn reflected_diffusely(&self, hit: &Hit, numbers: Afresh) -> Rgb {
+        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
+        self.by_albedo(&surface, surface.reflectance.diffuse, hit, Some(numbers))
+    }
+
+    fn by_albedo(&self, surface: &Surface, albedo: Rgb, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
         if albedo == Rgb::ZERO {
             return Rgb::ZERO;
         }
@@ -330,13 +365,44 @@ impl<'a> Coarse<'a> {
         let direct = direct.irradiance(self.share(facet, hit.back, at));
         let bounced = match afresh.next {
             Some(next) if hit.distance < self.near[facet] => {
-                let direction = cosine_direction(normal, afresh.bounce);
-                let hit = self.world.rays.closest(Eye::Light, start, direction);
-                hit.map_or(Rgb::ZERO, |hit| PI * self.reflected(&hit, Some(next.afresh())))
+                self.bounced_by_ray(start, normal, afresh.bounce, next)
             }
             _ => self.on_facet(&self.indirect, facet, hit.back, at),
         };
         albedo * (bounced + direct) / PI
+    }
+
+    /// Irradiance that has bounced, by one ray: some of them are aimed at bright patches (balance
+    /// heuristic, Veach 1997).
+    fn bounced_by_ray(&self, start: Vec3, normal: Vec3, xi: [f32; 2], next: Next) -> Rgb {
+        let aimed_share = if self.guide.is_some() { AIMED_BOUNCES } else { 0.0 };
+        let guide = self.guide.as_ref();
+        let aim = match guide.filter(|_| next.number() < aimed_share) {
+            // Other numbers than those that light is found by behind it.
+            Some(guide) => match guide.aim(start, normal, next.after().afresh().light) {
+                Some(aim) => Some(aim),
+                None => return Rgb::ZERO,
+            },
+            None => None,
+        };
+        let direction =
+            aim.as_ref().map_or_else(|| cosine_direction(normal, xi), |aim| aim.direction);
+        let Some(hit) = self.world.rays.closest(Eye::Light, start, direction) else {
+            return Rgb::ZERO;
+        };
+        let mut weight = 1.0;
+        if let Some(guide) = guide {
+            let patch = self.patch_at(&hit);
+            if aim.is_some_and(|aim| Some(aim.patch) != patch) {
+                return Rgb::ZERO;
+            }
+            let cosine = self.world.rays.spot(&hit).normal.dot(direction);
+            let density = patch
+                .map_or(0.0, |patch| guide.density(start, normal, patch, hit.distance, cosine));
+            let height = normal.dot(direction).max(f32::MIN_POSITIVE);
+            weight = height / (height * (1.0 - aimed_share) + aimed_share * PI * density);
+        }
+        weight * PI * self.reflected_as_diffuse(&hit, Some(next.afresh()))
     }
 }
 

@@ -17,6 +17,9 @@ const EIGHTS: usize = MOST_LIGHTS / SUMS / LANES;
 /// are off by 3 % (rms), one light among many.
 const NEAR: f32 = 1.0;
 
+/// What a lobe is taken to reflect at least of every light.
+const LEAST_SHARE: f32 = 0.02;
+
 type Lanes = [f32; LANES];
 
 /// What the lights would shine on a point with nothing in between.
@@ -24,14 +27,25 @@ type Lanes = [f32; LANES];
 pub struct Unoccluded {
     /// Irradiance of all together.
     pub irradiance: Rgb,
-    /// Importance of the irradiance, running over stretches of lights.
+    /// Importance of the irradiance, or of what a lobe makes of it, running over stretches of lights.
     sums: [f32; SUMS],
+    /// The lobe, if lights are asked for by what it may reflect of them.
+    lobe: Option<Axis>,
+}
+
+/// Where a lobe looks.
+#[derive(Clone, Copy)]
+pub struct Axis {
+    /// Unit vector to what the middle of the lobe shows.
+    pub direction: Vec3,
+    /// Of the cosine.
+    pub exponent: f32,
 }
 
 impl Unoccluded {
     /// Nothing shines.
     pub fn none() -> Self {
-        Self { irradiance: Rgb::ZERO, sums: [0.0; SUMS] }
+        Self { irradiance: Rgb::ZERO, sums: [0.0; SUMS], lobe: None }
     }
 }
 
@@ -50,6 +64,9 @@ struct Eight {
     areas: [Lanes; 4],
     normals: [Lanes; 3],
     radiance: [Lanes; 3],
+    importance: Lanes,
+    /// Of the disk that holds it.
+    radius: Lanes,
     /// Square of the distance within which that is not enough.
     near: Lanes,
     /// −1 where the back shines too, 0 where it does not.
@@ -104,6 +121,29 @@ impl All {
         all
     }
 
+    /// The same for a lobe: what the lights shine where it looks counts most.
+    pub fn toward(&self, point: Vec3, normal: Vec3, axis: Axis) -> Unoccluded {
+        let mut all = Unoccluded { lobe: Some(axis), ..Unoccluded::none() };
+        let mut sum = 0.0;
+        for (stretch, running) in (0..self.stretches()).zip(&mut all.sums) {
+            let asked = self.asked(stretch, point, normal, Some(axis));
+            let mut lanes = [0.0; LANES];
+            for eight in asked.iter().take(self.stretch.div_ceil(LANES)) {
+                for (lane, own) in lanes.iter_mut().zip(eight) {
+                    *lane += own;
+                }
+            }
+            sum += lanes.iter().sum::<f32>();
+            *running = sum;
+        }
+        all
+    }
+
+    /// Number of running sums.
+    fn stretches(&self) -> usize {
+        self.lights.len().div_ceil(self.stretch)
+    }
+
     /// A light for a uniform number, by what each shines on the point, and the probability that it
     /// is this one; `None` where nothing shines.
     pub fn pick(
@@ -113,7 +153,7 @@ impl All {
         normal: Vec3,
         x: f32,
     ) -> Option<(usize, f32)> {
-        let stretches = self.lights.len().div_ceil(self.stretch);
+        let stretches = self.stretches();
         let sums = &all.sums[..stretches];
         let total = sums[stretches - 1];
         if total <= 0.0 {
@@ -125,14 +165,12 @@ impl All {
         if self.stretch == 1 {
             return Some((stretch, (sums[stretch] - sum) / total));
         }
-        let projected = self.projected(stretch, point, normal);
         let first = stretch * self.stretch;
-        let lights = &self.lights[first..(first + self.stretch).min(self.lights.len())];
+        let asked = self.asked(stretch, point, normal, all.lobe);
         let mut picked = None;
-        for (index, (light, projected)) in lights.iter().zip(projected.as_flattened()).enumerate() {
-            let own = importance(light.radiance) * projected;
+        for (index, own) in asked.as_flattened().iter().take(self.stretch).enumerate() {
             sum += own;
-            if own > 0.0 {
+            if *own > 0.0 {
                 picked = Some((first + index, own / total));
                 if sum > at {
                     break;
@@ -144,26 +182,86 @@ impl All {
 
     /// The probability that [`All::pick`] picks this light.
     pub fn probability(&self, all: &Unoccluded, point: Vec3, normal: Vec3, light: usize) -> f32 {
-        let stretches = self.lights.len().div_ceil(self.stretch);
-        let total = all.sums[stretches - 1];
+        let total = all.sums[self.stretches() - 1];
         if total <= 0.0 {
             return 0.0;
         }
         let stretch = light / self.stretch;
-        let projected = match self.stretch {
-            1 => self.lights[light].projected(point, normal),
-            _ => {
-                let projected = self.projected(stretch, point, normal);
-                projected.as_flattened()[light - stretch * self.stretch]
-            }
-        };
-        importance(self.lights[light].radiance) * projected / total
+        let asked = self.asked(stretch, point, normal, all.lobe);
+        asked.as_flattened()[light - stretch * self.stretch] / total
     }
 
-    /// ∫ cosθ dω over each light of a stretch of many.
-    #[inline]
+    /// What each light of a stretch counts where one is picked.
+    fn asked(
+        &self,
+        stretch: usize,
+        point: Vec3,
+        normal: Vec3,
+        lobe: Option<Axis>,
+    ) -> [Lanes; EIGHTS] {
+        #[cfg(target_arch = "x86_64")]
+        {
+            #[target_feature(enable = "avx2")]
+            fn with_avx2(
+                all: &All,
+                stretch: usize,
+                point: Vec3,
+                normal: Vec3,
+                lobe: Option<Axis>,
+            ) -> [Lanes; EIGHTS] {
+                all.asked_by_eights(stretch, point, normal, lobe)
+            }
+            if is_x86_feature_detected!("avx2") {
+                // SAFETY: the processor has AVX2.
+                return unsafe { with_avx2(self, stretch, point, normal, lobe) };
+            }
+        }
+        self.asked_by_eights(stretch, point, normal, lobe)
+    }
+
+    #[inline(always)]
+    fn asked_by_eights(
+        &self,
+        stretch: usize,
+        point: Vec3,
+        normal: Vec3,
+        lobe: Option<Axis>,
+    ) -> [Lanes; EIGHTS] {
+        let mut all = self.projected(stretch, point, normal);
+        let first = stretch * self.stretch;
+        if self.stretch == 1 {
+            let light = &self.lights[first];
+            let radius = 0.5 * light.diameter_squared.sqrt();
+            let between = (light.center - point).to_array();
+            let share = lobe.map_or(1.0, |axis| axis.share(between, radius));
+            all[0][0] *= importance(light.radiance) * share;
+            return all;
+        }
+        let last = (first + self.stretch).min(self.lights.len());
+        let eights = &self.eights[first / LANES..last.div_ceil(LANES)];
+        for (eight, all) in eights.iter().zip(&mut all) {
+            let [x, y, z] = &eight.centers;
+            for (all, importance) in all.iter_mut().zip(&eight.importance) {
+                *all *= importance;
+            }
+            if let Some(axis) = lobe {
+                for l in 0..LANES {
+                    let between = [x[l] - point.x, y[l] - point.y, z[l] - point.z];
+                    all[l] *= axis.share(between, eight.radius[l]);
+                }
+            }
+        }
+        all
+    }
+
+    /// ∫ cosθ dω over each light of a stretch.
+    #[inline(always)]
     fn projected(&self, stretch: usize, point: Vec3, normal: Vec3) -> [Lanes; EIGHTS] {
         let mut projected = [[0.0; LANES]; EIGHTS];
+        if self.stretch == 1 {
+            projected[0][0] = self.lights[stretch].projected(point, normal);
+            return projected;
+        }
         let first = stretch * self.stretch;
         let last = (first + self.stretch).min(self.lights.len());
         let mut near = [0; EIGHTS];
@@ -181,6 +279,20 @@ impl All {
     }
 }
 
+impl Axis {
+    /// About how much of a light of that size the lobe reflects, of what it reflects at most; more
+    /// where it reflects little, since rays by the lobe seldom find that.
+    #[inline(always)]
+    fn share(&self, [x, y, z]: [f32; 3], radius: f32) -> f32 {
+        let per_distance = 1.0 / (x * x + y * y + z * z).max(1e-18).sqrt();
+        let to = self.direction;
+        let [x, y, z] = [x * per_distance - to.x, y * per_distance - to.y, z * per_distance - to.z];
+        let beside = ((x * x + y * y + z * z).sqrt() - radius * per_distance).max(0.0);
+        let fall = 1.0 + 0.25 * self.exponent * beside * beside;
+        LEAST_SHARE + 1.0 / (fall * fall)
+    }
+}
+
 impl Eight {
     fn new(lights: &[Light]) -> Self {
         let lanes = |of: &dyn Fn(&Light) -> f32| {
@@ -194,6 +306,8 @@ impl Eight {
             areas: parts.map(|k| lanes(&|light| light.quadrature()[k].1)),
             normals: axes.map(|axis| lanes(&|light| light.normal[axis])),
             radiance: axes.map(|axis| lanes(&|light| light.radiance[axis])),
+            importance: lanes(&|light| importance(light.radiance)),
+            radius: lanes(&|light| 0.5 * light.diameter_squared.sqrt()),
             near: lanes(&|light| NEAR * NEAR * light.diameter_squared),
             back: lanes(&|light| if light.two_sided { -1.0 } else { 0.0 }),
         }
@@ -304,6 +418,37 @@ mod tests {
                 Light::new(corners, radiance, index % 5 == 0).unwrap()
             })
             .collect()
+    }
+
+    #[test]
+    fn a_lobe_asks_for_what_it_looks_at() {
+        for count in [5, 100] {
+            let all = All::new(lights(count));
+            let (point, normal) = (Vec3::new(0.1, -3.0, 0.2), Vec3::Y);
+            let direction = Vec3::new(0.3, 0.9, -0.1).normalize();
+            let toward = all.toward(point, normal, Axis { direction, exponent: 200.0 });
+            let (mut total, mut ahead) = (0.0, 0.0);
+            for index in 0..count {
+                let probability = all.probability(&toward, point, normal, index);
+                let plain = all.probability(&all.unoccluded(point, normal), point, normal, index);
+                assert_eq!(probability > 0.0, plain > 0.0);
+                total += probability;
+                let to_light = (all.lights()[index].center - point).normalize();
+                if to_light.dot(direction) > 0.99 && probability > 0.0 {
+                    assert!(probability > plain, "{probability} {plain}");
+                    ahead += 1.0;
+                }
+            }
+            assert!((total - 1.0).abs() < 1e-4, "{total}");
+            assert!(count < 100 || ahead > 0.0, "no light is ahead");
+            const TRIES: usize = 5000;
+            for k in 0..TRIES {
+                let x = (k as f32 + 0.5) / TRIES as f32;
+                let (light, probability) = all.pick(&toward, point, normal, x).unwrap();
+                let same = all.probability(&toward, point, normal, light);
+                assert!((same - probability).abs() <= 1e-4 * same, "{same} {probability}");
+            }
+        }
     }
 
     #[test]

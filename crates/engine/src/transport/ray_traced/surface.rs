@@ -245,6 +245,20 @@ impl Surface {
         self
     }
 
+    /// Share of the light from all around that it reflects.
+    pub fn albedo(&self) -> Rgb {
+        let Reflectance { diffuse, specular, exponent } = self.reflectance;
+        if !self.reflectance.is_glossy() {
+            return diffuse;
+        }
+        diffuse + specular * LobeAlbedo::shared().mean(exponent)
+    }
+
+    /// The mirror direction of `viewer`.
+    pub fn mirrored(&self, viewer: Vec3) -> Vec3 {
+        2.0 * self.shading_normal.dot(viewer) * self.shading_normal - viewer
+    }
+
     /// Whether it reflects anything.
     pub fn reflects(&self) -> bool {
         self.reflectance.diffuse != Rgb::ZERO || self.reflectance.is_glossy()
@@ -293,7 +307,7 @@ impl Surface {
         let (cosine, axis) = if diffusely {
             ((1.0 - xi[0]).sqrt(), self.normal)
         } else {
-            let mirror = 2.0 * self.shading_normal.dot(viewer) * self.shading_normal - viewer;
+            let mirror = self.mirrored(viewer);
             let power = 1.0 / (self.reflectance.exponent + 1.0);
             ((1.0 - xi[0]).powf(power), mirror.normalize_or(self.shading_normal))
         };

@@ -1,0 +1,87 @@
+//! What a lobe reflects: rays by the lobe and rays to the lights, weighed against each other (Veach
+//! and Guibas 1995), from lobe to lobe. What a lobe ray meets that is diffuse has its direct light
+//! found out afresh, and the rest is the coarse solution's.
+
+use super::sequence::Afresh;
+use super::shoot::Coarse;
+use super::unoccluded::Axis;
+use crate::radiometry::Rgb;
+use crate::rays::Eye;
+use crate::transport::ray_traced::surface::Surface;
+use glam::Vec3;
+
+/// A lobe is followed if it carries at least such a share of its light to the first; what is
+/// fainter, or comes later, is taken to be diffuse.
+const FAINT: f32 = 0.02;
+
+/// Random numbers of a ray through lobes.
+pub struct Through {
+    /// Its direction from the first.
+    pub xi: [f32; 2],
+    /// Those for lights, and for what lies behind.
+    pub numbers: Afresh,
+    /// Most lobes.
+    pub most: u32,
+}
+
+/// Radiance that a surface's lobe reflects towards the unit vector `viewer`, by one ray, and by one
+/// to the lights from each lobe on its way; and 1 over the distance to what it met first, 0 where
+/// that is nothing.
+pub fn reflected(
+    coarse: &Coarse<'_>,
+    surface: Surface,
+    mut viewer: Vec3,
+    through: Through,
+) -> (Rgb, f32) {
+    let Through { mut xi, mut numbers, most } = through;
+    let (world, lights) = (coarse.world, coarse.lights);
+    let mut surface = surface.lobe_only();
+    let (mut sum, mut carried, mut nearness) = (Rgb::ZERO, Rgb::ONE, 0.0);
+    for lobe in 1.. {
+        let start = surface.start();
+        let exponent = surface.reflectance.exponent;
+        let axis = Axis { direction: surface.mirrored(viewer), exponent };
+        let unoccluded = lights.toward(start, surface.normal, axis);
+        if let Some(light) = lights.sample(&unoccluded, start, surface.normal, numbers.light) {
+            let direction = (light.end - start).normalize_or_zero();
+            let (parts, density) = surface.evaluate(viewer, direction, 0.0);
+            let value = parts.both();
+            if value != Rgb::ZERO && !world.rays.blocked(start, light.end, |_| false) {
+                sum += carried * value * light.irradiance * heuristic(light.density, density);
+            }
+        }
+        let Some(scattered) = surface.scatter(viewer, 0.0, false, xi) else { break };
+        let direction = scattered.direction;
+        let Some(hit) = world.rays.closest(Eye::Light, start, direction) else { break };
+        if lobe == 1 {
+            nearness = 1.0 / hit.distance.max(1e-3);
+        }
+        let Some(met) = world.surface(&hit) else { break };
+        let place = (start, surface.normal);
+        carried *= scattered.factor.both();
+        if met.emission != Rgb::ZERO {
+            let other = lights.density(&unoccluded, place, &hit, met.normal, direction);
+            sum += carried * met.emission * heuristic(scattered.density, other);
+        }
+        let worth = (carried * met.reflectance.specular).max_element();
+        let Some(next) = numbers.next.filter(|_| worth > FAINT && lobe < most) else {
+            sum += carried * coarse.reflected_as_diffuse(&hit, Some(numbers));
+            break;
+        };
+        sum += carried * coarse.reflected_diffusely(&hit, numbers);
+        (surface, viewer) = (met.lobe_only(), -direction);
+        numbers = Afresh { next: Some(next.after()), ..next.afresh() };
+        xi = numbers.bounce;
+    }
+    (sum, nearness)
+}
+
+/// Weight of a sample whose own density is `own` where the other way has density `other`: the
+/// power heuristic with exponent 2.
+fn heuristic(own: f32, other: f32) -> f32 {
+    if own.is_infinite() {
+        return 1.0;
+    }
+    let ratio = other / own.max(f32::MIN_POSITIVE);
+    1.0 / (1.0 + ratio * ratio)
+}

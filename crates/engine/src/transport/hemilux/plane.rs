@@ -1,0 +1,116 @@
+//! What neighbouring pixels say together.
+
+use crate::radiometry::Rgb;
+use glam::{Mat3, Vec3};
+
+/// What makes planes through few neighbours flat, in squared pixels.
+const RIDGE: f32 = 0.05;
+
+/// Least-squares plane over pixels: beside an edge, where neighbours are on one side only, their
+/// mean would be off by as much as light changes towards them.
+pub struct Plane {
+    /// Σ w (1, x, y)ᵀ(1, x, y).
+    matrix: Mat3,
+    /// Σ w (1, x, y)ᵀ value, per channel.
+    right: Mat3,
+    /// Least and largest value.
+    range: Option<(Rgb, Rgb)>,
+    /// Σ w value².
+    energy: Rgb,
+    /// Σ w².
+    squares: f32,
+}
+
+impl Plane {
+    /// Of nothing. (A matrix is one by default.)
+    pub fn new() -> Self {
+        let (matrix, right, energy) = (Mat3::ZERO, Mat3::ZERO, Rgb::ZERO);
+        Self { matrix, right, range: None, energy, squares: 0.0 }
+    }
+
+    /// Adds what a pixel says, `across` to the right and `down`.
+    pub fn add(&mut self, across: i32, down: i32, value: Rgb, weight: f32) {
+        let at = Vec3::new(1.0, across as f32, down as f32);
+        let weighted = at * weight;
+        self.matrix += Mat3::from_cols(weighted, weighted * at.y, weighted * at.z);
+        self.right += Mat3::from_cols(weighted * value.x, weighted * value.y, weighted * value.z);
+        let (least, most) = self.range.unwrap_or((value, value));
+        self.range = Some((least.min(value), most.max(value)));
+        self.energy += value * value * weight;
+        self.squares += weight * weight;
+    }
+
+    /// Its value in the middle, at least and at most what was heard, and the variance of that by
+    /// how far the values are off the plane; `None` where they are too few to tell.
+    pub fn center(mut self) -> (Rgb, Option<Rgb>) {
+        let Some((least, most)) = self.range else { return (Rgb::ZERO, None) };
+        let total = self.matrix.x_axis.x;
+        let ridge = RIDGE * total;
+        self.matrix.y_axis.y += ridge;
+        self.matrix.z_axis.z += ridge;
+        let inverse = self.matrix.inverse();
+        let solved = inverse * self.right;
+        let channels = [solved.x_axis, solved.y_axis, solved.z_axis];
+        let value = Rgb::from_array(channels.map(|channel| channel.x)).clamp(least, most);
+        // Effective number of values; the plane takes three of them.
+        let count = total * total / self.squares.max(f32::MIN_POSITIVE);
+        if count < 5.0 {
+            return (value, None);
+        }
+        let explained =
+            Rgb::from_array(std::array::from_fn(|k| channels[k].dot(self.right.col(k))));
+        let scatter = ((self.energy - explained) / total).max(Rgb::ZERO) * (count / (count - 3.0));
+        // Σ w² of a value's weights in the middle is about that of their mean.
+        (value, Some(scatter / count))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Stream;
+
+    /// Beside an edge the neighbours are on one side only.
+    #[test]
+    fn a_plane_follows_what_changes_towards_one_side() {
+        let value =
+            |across: i32, down: i32| Rgb::new(3.0, 0.2, 0.01) + 0.001 * (across - down) as f32;
+        for weight in [1e-3, 1.0, 1e3] {
+            let (mut plane, mut mean, mut total) = (Plane::new(), Rgb::ZERO, 0.0);
+            for down in -2..=2 {
+                for across in 0..=2 {
+                    plane.add(across, down, value(across, down), weight);
+                    (mean, total) = (mean + value(across, down), total + 1.0);
+                }
+            }
+            let (center, variance) = plane.center();
+            assert!(variance.unwrap().max_element() < 1e-6, "{variance:?}");
+            let off = (center - value(0, 0)).abs().max_element();
+            let mean_off = (mean / total - value(0, 0)).abs().max_element();
+            assert!(off < 1e-4, "{off}");
+            assert!(mean_off > 9e-4, "{mean_off}");
+        }
+    }
+
+    /// Values scattered by σ about a plane make its middle uncertain by about σ/√n.
+    #[test]
+    fn scatter_about_a_plane_tells_its_variance() {
+        let mut random = crate::random::Numbers::new(5, Stream::Light, 0);
+        let (mut squares, mut told) = (0.0, 0.0);
+        const TRIES: usize = 2000;
+        for _ in 0..TRIES {
+            let mut plane = Plane::new();
+            for across in -2..=2 {
+                for down in -2..=2 {
+                    let off = 0.2 * (random.uniform() - 0.5);
+                    let value = 0.5 + 0.03 * across as f32 + off;
+                    plane.add(across, down, Rgb::splat(value), 7.0);
+                }
+            }
+            let (center, variance) = plane.center();
+            squares += (center.x - 0.5).powi(2) / TRIES as f32;
+            told += variance.unwrap().x / TRIES as f32;
+        }
+        assert!((0.8..1.25).contains(&(told / squares)), "{told} {squares}");
+    }
+}
