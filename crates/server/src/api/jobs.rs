@@ -1,8 +1,8 @@
 //! Jobs as clients ask for them and as the API shows them.
 
-use super::Warning;
 use super::scenes::CameraName;
 use super::webhooks::WebhookTarget;
+use super::{Warning, instant};
 use crate::job_state::JobState;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -375,12 +375,15 @@ pub struct Job {
     pub request: JobRequest,
     /// When it was accepted.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "instant::serialize")]
     pub created_at: Timestamp,
     /// When it last started.
     #[schema(required, value_type = Option<String>, format = DateTime)]
+    #[serde(serialize_with = "instant::serialize_if_any")]
     pub started_at: Option<Timestamp>,
     /// When it ended.
     #[schema(required, value_type = Option<String>, format = DateTime)]
+    #[serde(serialize_with = "instant::serialize_if_any")]
     pub finished_at: Option<Timestamp>,
     /// Whether it stays until it is deleted, however old it gets.
     pub pinned: bool,

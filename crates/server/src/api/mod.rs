@@ -2,6 +2,7 @@
 //! beyond checking itself.
 
 pub mod events;
+pub mod instant;
 pub mod jobs;
 pub mod keys;
 pub mod limits;

@@ -1,6 +1,6 @@
 //! Scenes as the API shows them.
 
-use super::Warning;
+use super::{Warning, instant};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -28,6 +28,7 @@ pub struct Scene {
     pub size: u64,
     /// When it was first stored.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "instant::serialize")]
     pub created_at: Timestamp,
     /// Triangles after instancing.
     pub triangles: u64,

@@ -1,8 +1,8 @@
 //! What is kept of jobs: their solutions, what can be made of them, and the record of a result.
 
-use super::Warning;
 use super::jobs::{CameraRequest, Job, JobRequest, Picture, Plan, SnapshotRequest, Stats, Timings};
 use super::scenes::SceneFormat;
+use super::{Warning, instant};
 use crate::job_state::JobState;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -192,9 +192,11 @@ pub struct Manifest {
     pub warnings: Vec<Warning>,
     /// When the job was accepted.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "instant::serialize")]
     pub created_at: Timestamp,
     /// When it ended.
     #[schema(required, value_type = Option<String>, format = DateTime)]
+    #[serde(serialize_with = "instant::serialize_if_any")]
     pub finished_at: Option<Timestamp>,
     /// Where the time went.
     pub timings: Timings,

@@ -1,6 +1,6 @@
 //! Webhooks: who is told when a job ends, and what became of it.
 
-use super::FieldError;
+use super::{FieldError, instant};
 use crate::job_state::JobState;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -127,6 +127,7 @@ pub struct WebhookMessage {
     pub job: Uuid,
     /// When it ended.
     #[schema(value_type = String, format = DateTime)]
+    #[serde(serialize_with = "instant::serialize")]
     pub ended_at: Timestamp,
     /// Where to read the job.
     pub url: String,
@@ -159,9 +160,11 @@ pub struct Delivery {
     pub attempts: u32,
     /// When it is sent next.
     #[schema(required, value_type = Option<String>, format = DateTime)]
+    #[serde(serialize_with = "instant::serialize_if_any")]
     pub next_attempt_at: Option<Timestamp>,
     /// When it arrived.
     #[schema(required, value_type = Option<String>, format = DateTime)]
+    #[serde(serialize_with = "instant::serialize_if_any")]
     pub delivered_at: Option<Timestamp>,
     /// What came of the last attempt.
     #[schema(required)]
