@@ -1,16 +1,11 @@
-//! The tree of boxes around triangles: built here, widened and traversed by `obvhs`.
-//!
-//! Our own builder because files are hostile: `obvhs` clusters bottom-up, which takes quadratic
-//! time and gives trees as deep as the scene is large where many boxes coincide (20,000 copies of
-//! a triangle: 20 s, depth 2,856). Splitting top-down by the surface area heuristic in bins is
-//! bounded in both.
+//! The tree of boxes around triangles: binary by the surface area heuristic in bins, top-down,
+//! which hostile heaps of coinciding triangles can neither slow down nor deepen; then eight
+//! children a node, with up to eight triangles a leaf, since eight are tested at once.
 
+use super::boxes::{Boxes, LEAF, Node, Slabs, WIDTH};
 use glam::Vec3A;
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::node::Bvh2Node;
-use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
-use obvhs::cwbvh::{CwBvh, Traversal};
+use std::mem::MaybeUninit;
+use std::ops::Range;
 
 /// Bins of the heuristic.
 const BINS: usize = 32;
@@ -18,8 +13,11 @@ const BINS: usize = 32;
 const HALVE_BELOW: usize = 40;
 /// Levels of the wide tree that a traversal's stack holds.
 const MOST_LEVELS: usize = 31;
-/// Triangles of a leaf, at most.
-const LEAF_TRIANGLES: u32 = 3;
+/// Nodes that wait, at most: a node leaves seven for later while its eighth is looked into.
+const MOST_WAITING: usize = MOST_LEVELS * (WIDTH - 1) + 1;
+/// A leaf is parted while its node has room if that saves this share of its area: otherwise leaves
+/// are full, and few.
+const PART: f32 = 0.2;
 /// Nodes of at least so many triangles are built side by side.
 const SIDE_BY_SIDE: usize = 4096;
 
@@ -37,7 +35,9 @@ pub struct Boxed {
 /// The tree.
 #[derive(Default)]
 pub struct Hierarchy {
-    tree: CwBvh,
+    nodes: Vec<Node>,
+    /// The boxes that each leaf has, in their new order: one to [`WIDTH`].
+    leaves: Vec<Range<u32>>,
 }
 
 impl Hierarchy {
@@ -46,50 +46,160 @@ impl Hierarchy {
         if boxes.is_empty() {
             return Self::default();
         }
-        let mut tree = widened(boxes, HALVE_BELOW);
-        if levels(&tree) > MOST_LEVELS {
-            tree = widened(boxes, 0);
+        let mut tree = Self::widened(boxes, HALVE_BELOW);
+        if tree.levels() > MOST_LEVELS {
+            tree = Self::widened(boxes, 0);
         }
-        Self { tree }
+        tree
     }
 
-    /// Things in the order of the leaves, from things by [`Boxed::index`].
-    pub fn in_order<T>(&self, things: Vec<T>) -> Vec<T> {
-        let mut things: Vec<Option<T>> = things.into_iter().map(Some).collect();
-        let order = self.tree.primitive_indices.iter();
-        order.filter_map(|index| things[*index as usize].take()).collect()
+    fn widened(boxes: &mut [Boxed], halve_below: usize) -> Self {
+        let mut binary = vec![Binary::default(); 2 * boxes.len() - 1];
+        let (root, rest) = binary.split_at_mut(1);
+        build(boxes, 0, &mut root[0], rest, 1, halve_below);
+        let mut tree = Self::default();
+        tree.nodes.push(Node::EMPTY);
+        let mut open = vec![(0usize, 0usize)];
+        while let Some((wide, top)) = open.pop() {
+            for (child, index) in children(&binary, top).into_iter().enumerate() {
+                let below = &binary[index as usize];
+                let place = if below.count as usize <= WIDTH {
+                    tree.leaves.push(below.first..below.first + below.count);
+                    LEAF | (tree.leaves.len() - 1) as u32
+                } else {
+                    tree.nodes.push(Node::EMPTY);
+                    open.push((tree.nodes.len() - 1, index as usize));
+                    (tree.nodes.len() - 1) as u32
+                };
+                tree.nodes[wide].put(child, below.bounds.low, below.bounds.high, place);
+            }
+        }
+        tree
     }
 
-    /// The tree, for `obvhs::traverse!`.
-    pub fn tree(&self) -> &CwBvh {
-        &self.tree
+    /// Levels of nodes.
+    fn levels(&self) -> usize {
+        let (mut deepest, mut open) = (0, vec![(0usize, 1usize)]);
+        while let Some((index, level)) = open.pop() {
+            deepest = deepest.max(level);
+            let inner = self.nodes[index].inner();
+            open.extend(inner.map(|child| (child as usize, level + 1)));
+        }
+        deepest
     }
 
-    /// The start of a traversal.
-    pub fn traversal(&self, direction: Vec3A) -> Traversal {
-        self.tree.new_traversal(direction)
+    /// The boxes that each leaf has, in the order to which [`Hierarchy::new`] brought them: one to
+    /// [`WIDTH`].
+    pub fn leaves(&self) -> &[Range<u32>] {
+        &self.leaves
+    }
+
+    /// Shows `leaf` the leaves that a ray meets before `end`, nearer nodes first where
+    /// `NEAREST_FIRST`, until it returns `true`, and returns whether it did. It may lower `end`.
+    #[inline(always)]
+    pub fn walk<const NEAREST_FIRST: bool, B: Boxes>(
+        &self,
+        ray: &Slabs,
+        mut end: f32,
+        mut leaf: impl FnMut(usize, &mut f32) -> bool,
+    ) -> bool {
+        if self.nodes.is_empty() {
+            return false;
+        }
+        let mut waiting = [const { MaybeUninit::<(f32, u32)>::uninit() }; MOST_WAITING];
+        let mut count = 0;
+        let mut at = 0;
+        loop {
+            if at & LEAF == 0 {
+                let node = &self.nodes[at as usize];
+                let (mut met, enter) = B::met(node, ray, end);
+                if met & met.wrapping_sub(1) == 0 && met != 0 {
+                    at = node.child(met.trailing_zeros() as usize);
+                    continue;
+                }
+                let first = count;
+                while met != 0 {
+                    let child = met.trailing_zeros() as usize;
+                    met &= met - 1;
+                    let new = (enter[child], node.child(child));
+                    let mut place = count;
+                    if NEAREST_FIRST {
+                        // Sorted by insertion: the nearest comes last and is taken first.
+                        while place > first {
+                            // SAFETY: everything below `count` was written.
+                            let before = unsafe { waiting[place - 1].assume_init() };
+                            if before.0 >= new.0 {
+                                break;
+                            }
+                            waiting[place].write(before);
+                            place -= 1;
+                        }
+                    }
+                    waiting[place].write(new);
+                    count += 1;
+                }
+            } else if leaf((at & !LEAF) as usize, &mut end) {
+                return true;
+            }
+            loop {
+                if count == 0 {
+                    return false;
+                }
+                count -= 1;
+                // SAFETY: everything below `count` was written.
+                let (enter, next) = unsafe { waiting[count].assume_init() };
+                if !NEAREST_FIRST || enter <= end {
+                    at = next;
+                    break;
+                }
+            }
+        }
     }
 }
 
-fn widened(boxes: &mut [Boxed], halve_below: usize) -> CwBvh {
-    let mut nodes = vec![Bvh2Node::default(); 2 * boxes.len() - 1];
-    let (root, rest) = nodes.split_at_mut(1);
-    build(boxes, 0, &mut root[0], rest, 1, halve_below);
-    let primitive_indices = boxes.iter().map(|item| item.index).collect();
-    let binary = Bvh2 { nodes, primitive_indices, ..Bvh2::default() };
-    bvh2_to_cwbvh(&binary, LEAF_TRIANGLES, true, false)
+/// A node of the binary tree: its boxes are those from `first` on.
+#[derive(Clone, Copy, Default)]
+struct Binary {
+    bounds: Bounds,
+    first: u32,
+    count: u32,
+    /// The first of two neighbouring children, where there are any.
+    children: u32,
 }
 
-/// Levels of a wide tree.
-fn levels(tree: &CwBvh) -> usize {
-    let (mut deepest, mut open) = (0, vec![(0usize, 1usize)]);
-    while let Some((index, level)) = open.pop() {
-        deepest = deepest.max(level);
-        let node = &tree.nodes[index];
-        let inner = (0..8).filter(|child| !node.is_child_empty(*child) && !node.is_leaf(*child));
-        open.extend(inner.map(|child| (node.child_node_index(child) as usize, level + 1)));
+/// The children of a wide node over the binary node `top`: first what needs nodes of its own is
+/// parted, largest first; then leaves are, where that makes less area.
+fn children(binary: &[Binary], top: usize) -> Vec<u32> {
+    let mut children = vec![top as u32];
+    let node = |index: u32| &binary[index as usize];
+    let gain = |index: u32| {
+        let node = node(index);
+        let area = node.bounds.half_area();
+        if node.count as usize > WIDTH {
+            return (true, area);
+        }
+        if node.count == 1 {
+            return (false, 0.0);
+        }
+        let parts = node.children as usize;
+        let parted = binary[parts].bounds.half_area() + binary[parts + 1].bounds.half_area();
+        (false, area - parted)
+    };
+    while children.len() < WIDTH {
+        let (best, (inner, most)) = (0..children.len())
+            .map(|child| (child, gain(children[child])))
+            .fold((0, (false, 0.0)), |best, new| {
+                let more = (new.1.0, new.1.1) > (best.1.0, best.1.1);
+                if more { new } else { best }
+            });
+        if !inner && most <= PART * node(children[best]).bounds.half_area() {
+            break;
+        }
+        let parts = node(children[best]).children;
+        children[best] = parts;
+        children.push(parts + 1);
     }
-    deepest
+    children
 }
 
 /// A box that grows.
@@ -97,6 +207,12 @@ fn levels(tree: &CwBvh) -> usize {
 struct Bounds {
     low: Vec3A,
     high: Vec3A,
+}
+
+impl Default for Bounds {
+    fn default() -> Self {
+        Self::NONE
+    }
 }
 
 impl Bounds {
@@ -119,19 +235,18 @@ impl Bounds {
 fn build(
     boxes: &mut [Boxed],
     first_box: usize,
-    node: &mut Bvh2Node,
-    below: &mut [Bvh2Node],
+    node: &mut Binary,
+    below: &mut [Binary],
     first_below: usize,
     depth_left: usize,
 ) {
     let mut bounds = Bounds::NONE;
     boxes.iter().for_each(|item| bounds.add(item.low, item.high));
-    let aabb = Aabb::new(bounds.low, bounds.high);
+    let (first, count) = (first_box as u32, boxes.len() as u32);
+    *node = Binary { bounds, first, count, children: first_below as u32 };
     if boxes.len() == 1 {
-        *node = Bvh2Node::new(aabb, 1, first_box as u32);
         return;
     }
-    *node = Bvh2Node::new(aabb, 0, first_below as u32);
     let middle = if depth_left == 0 { None } else { partition(boxes) };
     let middle = middle.unwrap_or_else(|| halve(boxes));
     let depth_left = depth_left.saturating_sub(1);

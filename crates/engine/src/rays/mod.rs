@@ -15,12 +15,11 @@ mod hierarchy;
 mod triangle;
 
 use crate::scene::{Camera, Projection, Scene};
-use boxes::{Baseline, Boxes};
-use glam::{DVec3, UVec2, Vec3, Vec3A};
+use boxes::{Baseline, Boxes, Slabs};
+use glam::{DVec3, Vec3, Vec3A};
 use hierarchy::{Boxed, Hierarchy};
-use obvhs::ray::Ray as BoxRay;
-use obvhs::traverse;
-use triangle::{Corners, Crossing, Sheared};
+use std::ops::Range;
+use triangle::{Crossing, Packet, Sheared};
 
 /// The scene is scaled to between this and twice this many ray units.
 const SIZE: f64 = 1_048_576.0;
@@ -57,7 +56,9 @@ pub struct Hit {
     pub distance: f32,
     /// Whether the back was met.
     pub back: bool,
-    leaf: u32,
+    /// Which packet has it.
+    packet: u32,
+    lane: u32,
 }
 
 /// A point of a surface.
@@ -102,20 +103,11 @@ pub fn inset(corners: [Vec3; 3]) -> f32 {
     if share < 0.5 { share } else { 0.5 }
 }
 
-/// A triangle as rays need it, in the order of the hierarchy's leaves.
-struct Leaf {
-    corners: Corners,
-    normal: Vec3,
-    /// Index into [`Scene::triangles`].
-    triangle: u32,
-    /// Whether its back is there for light and cameras: it reflects, or lets light out.
-    two_sided: bool,
-}
-
 /// The scene for rays.
 pub struct Rays {
     hierarchy: Hierarchy,
-    leaves: Vec<Leaf>,
+    /// The triangles, by leaf of the hierarchy.
+    packets: Vec<Packet>,
     center: DVec3,
     scale: f64,
     /// Centre and radius of a ball around everything, ray units.
@@ -137,15 +129,14 @@ impl Rays {
         let middle = (0.5 * (low + high) - center) * scale;
         let mut rays = Self {
             hierarchy: Hierarchy::default(),
-            leaves: Vec::new(),
+            packets: Vec::new(),
             center,
             scale,
             ball: (middle, 0.51 * (high - low).length() * scale),
             #[cfg(target_arch = "x86_64")]
-            has_avx2: is_x86_feature_detected!("avx2"),
+            has_avx2: is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
         };
         let mut boxes = Vec::with_capacity(scene.triangles.len());
-        let mut leaves = Vec::with_capacity(scene.triangles.len());
         let margin = Vec3A::splat((extent * scale) as f32 * BOX_MARGIN);
         for (index, triangle) in scene.triangles.iter().enumerate() {
             let corners = scene.corners(triangle).map(|corner| rays.place(corner));
@@ -155,25 +146,27 @@ impl Rays {
             }
             let low = Vec3A::from(a.min(b).min(c)) - margin;
             let high = Vec3A::from(a.max(b).max(c)) + margin;
-            boxes.push(Boxed { low, high, index: leaves.len() as u32 });
-            leaves.push(Leaf {
-                corners: corners.map(|corner| corner.to_array()),
-                normal: unit_normal(corners),
-                triangle: index as u32,
-                two_sided: {
-                    let material = &scene.materials[triangle.material as usize];
-                    material.double_sided || material.clear_share() > 0.0
-                },
-            });
+            boxes.push(Boxed { low, high, index: index as u32 });
         }
         rays.hierarchy = Hierarchy::new(&mut boxes);
-        rays.leaves = rays.hierarchy.in_order(leaves);
+        let packet = |run: &Range<u32>| {
+            let mut packet = Packet::EMPTY;
+            for item in &boxes[run.start as usize..run.end as usize] {
+                let triangle = &scene.triangles[item.index as usize];
+                let material = &scene.materials[triangle.material as usize];
+                let two_sided = material.double_sided || material.clear_share() > 0.0;
+                let corners = scene.corners(triangle).map(|corner| rays.place(corner));
+                packet.push(item.index, corners, two_sided);
+            }
+            packet
+        };
+        rays.packets = rays.hierarchy.leaves().iter().map(packet).collect();
         rays
     }
 
     /// Whether there is nothing to hit.
     pub fn is_empty(&self) -> bool {
-        self.leaves.is_empty()
+        self.packets.is_empty()
     }
 
     /// Bytes that [`Rays::new`] takes at its peak for a scene of so many triangles.
@@ -226,11 +219,12 @@ impl Rays {
 
     /// What a ray from `origin` (ray units) along the unit `direction` meets first.
     pub fn closest(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<Hit> {
-        match axis(direction) {
-            0 => self.closest_along::<0>(eye, origin, direction),
-            1 => self.closest_along::<1>(eye, origin, direction),
-            _ => self.closest_along::<2>(eye, origin, direction),
+        #[cfg(target_arch = "x86_64")]
+        if self.has_avx2 {
+            // SAFETY: the feature was detected.
+            return unsafe { self.closest_avx2(eye, origin, direction) };
         }
+        self.closest_by::<Baseline>(eye, origin, direction)
     }
 
     /// Whether any triangle but those that `skip` names lies between two points (ray units).
@@ -240,135 +234,91 @@ impl Rays {
             return false;
         }
         let (direction, end) = (between / distance, distance * SHORT_OF_END);
-        match axis(direction) {
-            0 => self.blocked_along::<0>(from, direction, end, skip),
-            1 => self.blocked_along::<1>(from, direction, end, skip),
-            _ => self.blocked_along::<2>(from, direction, end, skip),
+        #[cfg(target_arch = "x86_64")]
+        if self.has_avx2 {
+            // SAFETY: the feature was detected.
+            return unsafe { self.blocked_avx2(from, direction, end, skip) };
         }
+        self.blocked_by::<Baseline>(from, direction, end, skip)
     }
 
     /// The place that a hit tells.
     pub fn spot(&self, hit: &Hit) -> Spot {
-        let leaf = &self.leaves[hit.leaf as usize];
-        Spot::new(leaf.corners.map(Vec3::from_array), leaf.normal, hit.u, hit.v)
-    }
-
-    fn closest_along<const Z: usize>(
-        &self,
-        eye: Eye,
-        origin: Vec3,
-        direction: Vec3,
-    ) -> Option<Hit> {
-        #[cfg(target_arch = "x86_64")]
-        if self.has_avx2 {
-            // SAFETY: the feature was detected.
-            return unsafe { self.closest_avx2::<Z>(eye, origin, direction) };
-        }
-        self.closest_by::<Z, Baseline>(eye, origin, direction)
+        let (packet, lane) = (&self.packets[hit.packet as usize], hit.lane as usize);
+        Spot::new(packet.corners(lane), packet.normal(lane), hit.u, hit.v)
     }
 
     #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn closest_avx2<const Z: usize>(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<Hit> {
-        self.closest_by::<Z, boxes::Avx2>(eye, origin, direction)
+    #[target_feature(enable = "avx2,fma")]
+    fn closest_avx2(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<Hit> {
+        self.closest_by::<boxes::Avx2>(eye, origin, direction)
     }
 
     #[inline(always)]
-    fn closest_by<const Z: usize, B: Boxes>(
+    fn closest_by<B: Boxes>(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<Hit> {
+        let sheared = Sheared::new(origin, direction);
+        let mut best: Option<(usize, u32, Crossing)> = None;
+        self.hierarchy.walk::<true, B>(
+            &Slabs::new(origin, direction),
+            f32::INFINITY,
+            |leaf, end| {
+                let packet = &self.packets[leaf];
+                let mut met = B::crossed(packet, &sheared, *end);
+                while met != 0 {
+                    let lane = met.trailing_zeros();
+                    met &= met - 1;
+                    if let Some(crossing) = sheared.cross(packet, lane as usize, *end) {
+                        let black = !crossing.front && packet.two_sided >> lane & 1 == 0;
+                        let seen_at =
+                            if black { crossing.t * (1.0 + BACK_RECEDES) } else { crossing.t };
+                        if seen_at < *end && !(black && eye == Eye::Camera) {
+                            *end = seen_at;
+                            best = Some((leaf, lane, crossing));
+                        }
+                    }
+                }
+                false
+            },
+        );
+        let (packet, lane, Crossing { t, u, v, front }) = best?;
+        let triangle = self.packets[packet].triangles[lane as usize];
+        Some(Hit { triangle, u, v, distance: t, back: !front, packet: packet as u32, lane })
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma")]
+    fn blocked_avx2(
         &self,
-        eye: Eye,
         origin: Vec3,
         direction: Vec3,
-    ) -> Option<Hit> {
-        let sheared = Sheared::<Z>::new(origin, direction);
-        let mut ray = BoxRay::new(origin.into(), unsigned_zeros(direction), 0.0, f32::INFINITY);
-        let mut best: Option<(u32, Crossing)> = None;
-        let mut state = self.hierarchy.traversal(ray.direction);
-        let mut node;
-        let tree = self.hierarchy.tree();
-        traverse!(tree, node, state, B::met(node, &ray, state.oct_inv4), {
-            let leaf = &self.leaves[state.primitive_id as usize];
-            if let Some(crossing) = sheared.cross(&leaf.corners, ray.tmax) {
-                let black = !crossing.front && !leaf.two_sided;
-                let seen_at = if black { crossing.t * (1.0 + BACK_RECEDES) } else { crossing.t };
-                if seen_at < ray.tmax && !(black && eye == Eye::Camera) {
-                    ray.tmax = seen_at;
-                    best = Some((state.primitive_id, crossing));
+        end: f32,
+        skip: impl Fn(u32) -> bool,
+    ) -> bool {
+        self.blocked_by::<boxes::Avx2>(origin, direction, end, skip)
+    }
+
+    #[inline(always)]
+    fn blocked_by<B: Boxes>(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        end: f32,
+        skip: impl Fn(u32) -> bool,
+    ) -> bool {
+        let sheared = Sheared::new(origin, direction);
+        self.hierarchy.walk::<false, B>(&Slabs::new(origin, direction), end, |leaf, _| {
+            let packet = &self.packets[leaf];
+            let mut met = B::crossed(packet, &sheared, end);
+            while met != 0 {
+                let lane = met.trailing_zeros() as usize;
+                met &= met - 1;
+                if sheared.cross(packet, lane, end).is_some() && !skip(packet.triangles[lane]) {
+                    return true;
                 }
             }
-        });
-        let (leaf, Crossing { t, u, v, front }) = best?;
-        let triangle = self.leaves[leaf as usize].triangle;
-        Some(Hit { triangle, u, v, distance: t, back: !front, leaf })
+            false
+        })
     }
-
-    fn blocked_along<const Z: usize>(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        end: f32,
-        skip: impl Fn(u32) -> bool,
-    ) -> bool {
-        #[cfg(target_arch = "x86_64")]
-        if self.has_avx2 {
-            // SAFETY: the feature was detected.
-            return unsafe { self.blocked_avx2::<Z>(origin, direction, end, skip) };
-        }
-        self.blocked_by::<Z, Baseline>(origin, direction, end, skip)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn blocked_avx2<const Z: usize>(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        end: f32,
-        skip: impl Fn(u32) -> bool,
-    ) -> bool {
-        self.blocked_by::<Z, boxes::Avx2>(origin, direction, end, skip)
-    }
-
-    #[inline(always)]
-    fn blocked_by<const Z: usize, B: Boxes>(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        end: f32,
-        skip: impl Fn(u32) -> bool,
-    ) -> bool {
-        let sheared = Sheared::<Z>::new(origin, direction);
-        let ray = BoxRay::new(origin.into(), unsigned_zeros(direction), 0.0, end);
-        let mut state = self.hierarchy.traversal(ray.direction);
-        let mut node;
-        let tree = self.hierarchy.tree();
-        traverse!(tree, node, state, B::met(node, &ray, state.oct_inv4), {
-            let leaf = &self.leaves[state.primitive_id as usize];
-            if sheared.cross(&leaf.corners, end).is_some() && !skip(leaf.triangle) {
-                return true;
-            }
-        });
-        false
-    }
-}
-
-/// The axis along which a direction goes most.
-fn axis(direction: Vec3) -> usize {
-    let Vec3 { x, y, z } = direction.abs();
-    if x > y && x > z {
-        0
-    } else if y > z {
-        1
-    } else {
-        2
-    }
-}
-
-/// The direction without negative zeros, of which the boxes would take the inverse to be negative
-/// and the sign to be positive.
-#[inline(always)]
-fn unsigned_zeros(direction: Vec3) -> Vec3A {
-    (direction + Vec3::ZERO).into()
 }
 
 #[cfg(test)]

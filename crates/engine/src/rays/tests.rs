@@ -249,3 +249,98 @@ fn rays_along_the_axes_meet_the_walls() {
         }
     }
 }
+
+/// Eight at a time meet what one at a time meets, to the bit: in clutter, on walls along the axes,
+/// through common edges and corners, and in heaps of the same triangle.
+#[test]
+fn eights_meet_what_ones_meet() {
+    let mut all = clutter(300, 0.5);
+    all.extend(clutter(40, 0.5).into_iter().map(|[a, b, c]| {
+        let flat = |p: Vec3| Vec3::new(p.x, p.y, 0.5);
+        [flat(a), flat(b), flat(c)]
+    }));
+    all.extend([[Vec3::ZERO, Vec3::X, Vec3::Y]; 30]);
+    let rays = Rays::new(&scene(&all, false));
+    let mut numbers = numbers(9);
+    let mut hits = 0;
+    for round in 0..20_000 {
+        let origin = rays.place(3.0 * point(&mut numbers) - 1.0);
+        let target = match round % 4 {
+            0 => all[round % all.len()][round % 3],
+            1 => 0.5 * (all[round % all.len()][0] + all[round % all.len()][1]),
+            _ => point(&mut numbers),
+        };
+        let direction = match round % 5 {
+            0 => [Vec3::X, -Vec3::Y, Vec3::Z][round % 3],
+            1 => Vec3::new(0.6, -0.0, -0.8),
+            _ => (rays.place(target) - origin).normalize(),
+        };
+        let eye = if round % 2 == 0 { Eye::Camera } else { Eye::Light };
+        let [one, best] = [
+            rays.closest_by::<Baseline>(eye, origin, direction),
+            rays.closest(eye, origin, direction),
+        ]
+        .map(|hit| hit.map(|hit| (hit.distance, hit.u, hit.v, hit.back, hit.triangle)));
+        // Which of several at one place is met first is the order's to say.
+        let at = |hit: Option<(f32, f32, f32, bool, u32)>| hit.map(|hit| hit.0);
+        assert_eq!(at(one), at(best), "{origin} {direction}");
+        if one.is_some_and(|hit| hit.4 < 300) && best.is_some_and(|hit| hit.4 < 300) {
+            assert_eq!(one, best, "{origin} {direction}");
+        }
+        hits += usize::from(one.is_some());
+        let (between, distance) =
+            (rays.place(target) - origin, (rays.place(target) - origin).length());
+        let (towards, end) = (between / distance, distance * SHORT_OF_END);
+        let blocked = rays.blocked_by::<Baseline>(origin, towards, end, |_| false);
+        assert_eq!(blocked, rays.blocked(origin, rays.place(target), |_| false), "{origin}");
+    }
+    assert!((5_000..19_000).contains(&hits), "{hits}");
+}
+
+/// No triangle is dropped that one by one would be met: rays along the middle of slivers, where
+/// edge functions are 0 or rounded to either side of it, at corners, and behind the ray's end.
+#[test]
+fn what_eights_drop_nobody_meets() {
+    let mut numbers = numbers(4);
+    let (mut met, mut dropped) = (0, 0);
+    for _ in 0..100_000 {
+        let mut number = || 2e5 * numbers.uniform() - 1e5;
+        let mut packet = Packet::EMPTY;
+        for lane in 0..8 {
+            let at = |along: f32, z: f32| Vec3::new(0.7 * along, 0.3 * along, z);
+            let mut corners = [at(number(), 5e5), at(number(), 5e5), at(number(), 5e5)];
+            match lane {
+                0..3 => {}
+                3 => corners[0] = at(0.0, number()),
+                _ => corners[2] = Vec3::new(number(), number(), number()),
+            }
+            packet.push(0, corners, true);
+        }
+        let sheared = Sheared::new(Vec3::ZERO, Vec3::Z);
+        let kept = passing(&packet, &sheared, 6e5);
+        for lane in 0..8 {
+            let crosses = sheared.cross(&packet, lane, 6e5).is_some();
+            assert!(!crosses || kept >> lane & 1 == 1, "{:?}", packet.corners(lane));
+            met += usize::from(crosses);
+            dropped += usize::from(kept >> lane & 1 == 0);
+        }
+    }
+    println!("{met} met, {dropped} dropped");
+    assert!(met > 10_000, "{met}");
+}
+
+/// What the best test of this processor lets through.
+fn passing(packet: &Packet, ray: &Sheared, end: f32) -> u32 {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2,fma")]
+        fn with_avx2(packet: &Packet, ray: &Sheared, end: f32) -> u32 {
+            boxes::Avx2::crossed(packet, ray, end)
+        }
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            // SAFETY: the features were detected.
+            return unsafe { with_avx2(packet, ray, end) };
+        }
+    }
+    Baseline::crossed(packet, ray, end)
+}

@@ -2,17 +2,72 @@
 //! the axis, the crossing is a question of the signs of three edge functions in the plane. Two
 //! triangles with a common edge compute the same value for it but for the sign.
 
+use super::boxes::WIDTH;
+use super::unit_normal;
 use glam::Vec3;
 
-/// Corners of a triangle, ray units.
-pub type Corners = [[f32; 3]; 3];
+/// The triangles of a leaf: by corner and axis, the coordinates of each.
+#[repr(C, align(32))]
+pub struct Packet {
+    pub(super) corners: [[[f32; WIDTH]; 3]; 3],
+    /// Indices into [`crate::scene::Scene::triangles`].
+    pub triangles: [u32; WIDTH],
+    /// Bits of those whose backs are there for light and cameras: they reflect, or let light out.
+    pub two_sided: u32,
+    count: u32,
+    normals: [Vec3; WIDTH],
+}
 
-/// A ray that goes most along axis `Z`, as a shear that makes it the axis.
-pub struct Sheared<const Z: usize> {
-    origin: [f32; 3],
-    shear_x: f32,
-    shear_y: f32,
-    scale_z: f32,
+impl Packet {
+    /// No triangles.
+    pub const EMPTY: Self = Self {
+        corners: [[[0.0; WIDTH]; 3]; 3],
+        triangles: [0; WIDTH],
+        two_sided: 0,
+        count: 0,
+        normals: [Vec3::ZERO; WIDTH],
+    };
+
+    /// Adds one to fewer than [`WIDTH`].
+    pub fn push(&mut self, triangle: u32, corners: [Vec3; 3], two_sided: bool) {
+        let lane = self.count as usize;
+        for (corner, at) in corners.iter().enumerate() {
+            (0..3).for_each(|axis| self.corners[corner][axis][lane] = at[axis]);
+        }
+        self.triangles[lane] = triangle;
+        self.normals[lane] = unit_normal(corners);
+        self.two_sided |= u32::from(two_sided) << lane;
+        self.count += 1;
+    }
+
+    /// A bit for each triangle.
+    #[inline(always)]
+    pub fn all(&self) -> u32 {
+        (1 << self.count) - 1
+    }
+
+    /// The corners of one.
+    #[inline]
+    pub fn corners(&self, lane: usize) -> [Vec3; 3] {
+        let [a, b, c] = &self.corners;
+        let corner = |[x, y, z]: &[[f32; WIDTH]; 3]| Vec3::new(x[lane], y[lane], z[lane]);
+        [corner(a), corner(b), corner(c)]
+    }
+
+    /// The unit normal of one's front.
+    pub fn normal(&self, lane: usize) -> Vec3 {
+        self.normals[lane]
+    }
+}
+
+/// A ray as a shear that makes it the axis along which it goes most.
+pub struct Sheared {
+    /// Axes of space that are x, y and z after the shear.
+    pub(super) axes: [usize; 3],
+    pub(super) origin: [f32; 3],
+    pub(super) shear_x: f32,
+    pub(super) shear_y: f32,
+    pub(super) scale_z: f32,
 }
 
 /// Where a ray crosses a triangle.
@@ -34,30 +89,36 @@ const fn gamma(n: i32) -> f32 {
     n / (1.0 - n)
 }
 
-impl<const Z: usize> Sheared<Z> {
-    const X: usize = (Z + 1) % 3;
-    const Y: usize = (Z + 2) % 3;
-
-    /// The ray from `origin` along `direction`, whose component `Z` is its largest.
+impl Sheared {
+    /// The ray from `origin` along `direction`.
+    #[inline(always)]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
-        let d = direction.to_array();
+        let Vec3 { x, y, z } = direction.abs();
+        // Without branches: nothing foretells where the next ray goes.
+        let along = if x.max(y) > z { usize::from(y >= x) } else { 2 };
+        let axes = [[1, 2, 0], [2, 0, 1], [0, 1, 2]][along];
+        let (direction, origin) = (direction.to_array(), origin.to_array());
+        let d = axes.map(|axis: usize| direction[axis]);
         Self {
-            origin: origin.to_array(),
-            shear_x: d[Self::X] / d[Z],
-            shear_y: d[Self::Y] / d[Z],
-            scale_z: 1.0 / d[Z],
+            axes,
+            origin: axes.map(|axis| origin[axis]),
+            shear_x: d[0] / d[2],
+            shear_y: d[1] / d[2],
+            scale_z: 1.0 / d[2],
         }
     }
 
     /// The crossing with a triangle at a distance that is certainly above 0 and below `end`.
     #[inline(always)]
-    pub fn cross(&self, corners: &Corners, end: f32) -> Option<Crossing> {
-        let relative = |corner: &[f32; 3]| {
-            let z = corner[Z] - self.origin[Z];
-            let x = corner[Self::X] - self.origin[Self::X];
-            let y = corner[Self::Y] - self.origin[Self::Y];
+    pub fn cross(&self, packet: &Packet, lane: usize, end: f32) -> Option<Crossing> {
+        let relative = |corner: &[[f32; WIDTH]; 3]| {
+            let [x, y, z] = self.axes;
+            let x = corner[x][lane] - self.origin[0];
+            let y = corner[y][lane] - self.origin[1];
+            let z = corner[z][lane] - self.origin[2];
             (x - self.shear_x * z, y - self.shear_y * z, self.scale_z * z)
         };
+        let corners = &packet.corners;
         let [(ax, ay, az), (bx, by, bz), (cx, cy, cz)] =
             [relative(&corners[0]), relative(&corners[1]), relative(&corners[2])];
         let (mut u, mut v, mut w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
@@ -83,10 +144,11 @@ impl<const Z: usize> Sheared<Z> {
         // Bound of the rounding error of t, so that a ray never meets the surface it starts on.
         let largest = |a: f32, b: f32, c: f32| a.abs().max(b.abs()).max(c.abs());
         let (x, y, z) = (largest(ax, bx, cx), largest(ay, by, cy), largest(az, bz, cz));
-        let (error_x, error_y, error_z) = (gamma(5) * (x + z), gamma(5) * (y + z), gamma(3) * z);
-        let error_edge = 2.0 * (gamma(2) * x * y + error_y * x + error_x * y);
+        const GAMMA: [f32; 6] = [0.0, gamma(1), gamma(2), gamma(3), gamma(4), gamma(5)];
+        let (error_x, error_y, error_z) = (GAMMA[5] * (x + z), GAMMA[5] * (y + z), GAMMA[3] * z);
+        let error_edge = 2.0 * (GAMMA[2] * x * y + error_y * x + error_x * y);
         let edge = largest(u, v, w);
-        let error = 3.0 * (gamma(3) * edge * z + error_edge * z + error_z * edge) * over.abs();
+        let error = 3.0 * (GAMMA[3] * edge * z + error_edge * z + error_z * edge) * over.abs();
         if t <= error {
             return None;
         }
