@@ -17,7 +17,7 @@ const GOAL: f64 = 0.03;
 const LADDER: [u64; 8] = [1, 2, 3, 4, 6, 8, 12, 16];
 const SIDE: u32 = 128;
 
-/// What gjudged, and the views from little to much of it.
+/// What grows, and the views from little to much of it.
 struct Axis {
     name: &'static str,
     steps: Vec<(f64, View)>,

@@ -298,7 +298,7 @@ fn eights_meet_what_ones_meet() {
 }
 
 /// No triangle is dropped that one by one would be met: rays along the middle of slivers, where
-/// edge functions are 0 or rounded to either side of it, at corners, and behind the ray's end.
+/// edge functions are 0 or rounded to either side of it, at corners, and behind its start.
 #[test]
 fn what_eights_drop_nobody_meets() {
     let mut numbers = numbers(4);
