@@ -344,3 +344,16 @@ fn passing(packet: &Packet, ray: &Sheared, end: f32) -> u32 {
     }
     Baseline::crossed(packet, ray, end)
 }
+
+/// Small triangles far apart part their leaves most, and so fill them least.
+#[test]
+fn scenes_take_no_more_than_is_asked_for() {
+    for size in [1e-4, 0.02, 0.5] {
+        let all = clutter(5_000, size);
+        let rays = Rays::new(&scene(&all, true));
+        let packets = rays.packets.len() * size_of::<Packet>();
+        // Boxes and both trees take 200 more a triangle.
+        let bytes = packets + 200 * all.len();
+        assert!(bytes as u64 <= Rays::needed_bytes(all.len() as u64), "{size}: {bytes}");
+    }
+}
