@@ -11,5 +11,6 @@ pub mod oracle;
 pub mod replicas;
 pub mod scenes;
 pub mod server;
+pub mod small_disk;
 pub mod stability;
 pub mod twins;

@@ -84,6 +84,11 @@ impl Server {
 
     /// A server that `command` starts; it must print where it listens, as `hemilux serve` does.
     pub fn spawn(command: &mut Command) -> Self {
+        Self::try_spawn(command).expect("the server says where it listens")
+    }
+
+    /// A server that `command` starts; `None` where it ends before it listens.
+    pub fn try_spawn(command: &mut Command) -> Option<Self> {
         let mut child = command
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
@@ -91,9 +96,14 @@ impl Server {
             .expect("the server starts");
         let mut line = String::new();
         let output = child.stdout.take().expect("stdout is piped");
-        BufReader::new(output).read_line(&mut line).expect("the server says where it listens");
-        let address = line.trim().strip_prefix("http://").expect("an address").to_owned();
-        Self { id: child.id(), child: Some(child), address, _folder: None }
+        BufReader::new(output).read_line(&mut line).expect("its output can be read");
+        let Some(address) = line.trim().strip_prefix("http://") else {
+            child.kill().expect("it can be killed");
+            child.wait().expect("it ends");
+            return None;
+        };
+        let address = address.to_owned();
+        Some(Self { id: child.id(), child: Some(child), address, _folder: None })
     }
 
     /// A server that somebody else started and will end.

@@ -1,0 +1,127 @@
+//! A small disk that outlives the servers on it: a tmpfs in a mount namespace that a sleeping
+//! process keeps.
+
+use crate::server::PATIENCE;
+use std::fs::{self, File};
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Instant;
+
+/// Bytes written at once while the disk is filled.
+const STEP: usize = 4 << 10;
+
+/// The disk. It goes when this is dropped and no server is left on it.
+pub struct SmallDisk {
+    keeper: Child,
+    folder: PathBuf,
+}
+
+impl SmallDisk {
+    /// Mounts a disk of `mib` MiB on `folder`, for this disk's own servers alone. `None` where the
+    /// system allows no mount namespaces.
+    ///
+    /// # Panics
+    /// Where the system allows namespaces but no disk appears.
+    pub fn mount(folder: &Path, mib: u32) -> Option<Self> {
+        let allowed = Command::new("unshare").args(["-rm", "true"]).output();
+        if !allowed.is_ok_and(|output| output.status.success()) {
+            return None;
+        }
+        let mount = format!("mount -t tmpfs -o size={mib}m none \"$0\" && exec sleep infinity");
+        let mut keeper = Command::new("unshare");
+        let keeper = keeper.args(["-rm", "sh", "-c", &mount]).arg(folder);
+        let disk = Self {
+            keeper: keeper.stdin(Stdio::null()).spawn().expect("unshare runs"),
+            folder: folder.to_owned(),
+        };
+        let deadline = Instant::now() + PATIENCE;
+        while !disk.is_mounted() {
+            assert!(Instant::now() < deadline, "no disk appears");
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        Some(disk)
+    }
+
+    fn is_mounted(&self) -> bool {
+        let mounts = fs::read_to_string(format!("/proc/{}/mounts", self.keeper.id()));
+        let folder = self.folder.to_string_lossy();
+        mounts.is_ok_and(|text| text.lines().any(|line| line.split(' ').nth(1) == Some(&*folder)))
+    }
+
+    /// The command that runs `command` where this disk is mounted.
+    pub fn enter(&self, command: &Command) -> Command {
+        let keeper = self.keeper.id().to_string();
+        let mut entering = Command::new("nsenter");
+        entering.args(["-t", &keeper, "-U", "-m", "--preserve-credentials"]);
+        entering.arg(command.get_program()).args(command.get_args());
+        entering
+    }
+
+    /// The disk's folder as this process sees it.
+    pub fn seen_from_here(&self) -> PathBuf {
+        let folder = self.folder.strip_prefix("/").unwrap_or(&self.folder);
+        Path::new(&format!("/proc/{}/root", self.keeper.id())).join(folder)
+    }
+
+    fn ballast(&self) -> PathBuf {
+        self.seen_from_here().join("ballast")
+    }
+
+    /// Fills the disk, but for `left` bytes.
+    ///
+    /// # Panics
+    /// Where the disk cannot be written for another reason than being full.
+    pub fn fill_but(&self, left: u64) {
+        let mut file = File::create(self.ballast()).expect("a file on the small disk");
+        let full = loop {
+            match file.write(&[0; STEP]) {
+                Ok(_) => {}
+                Err(error) => break error,
+            }
+        };
+        assert_eq!(full.kind(), ErrorKind::StorageFull, "{full}");
+        let written = file.metadata().expect("a size").len();
+        file.set_len(written.saturating_sub(left)).expect("a file can be cut");
+    }
+
+    /// Gives the space back.
+    ///
+    /// # Panics
+    /// Where the disk cannot be written.
+    pub fn free(&self) {
+        match fs::remove_file(self.ballast()) {
+            Err(error) if error.kind() != ErrorKind::NotFound => panic!("cannot free it: {error}"),
+            _ => {}
+        }
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let _ = self.keeper.kill();
+        let _ = self.keeper.wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tempfile::TempDir;
+
+    #[test]
+    fn a_small_disk_is_full_where_it_says_so() {
+        let folder = TempDir::new().unwrap();
+        let Some(disk) = SmallDisk::mount(folder.path(), 2) else {
+            println!("skipped: the system allows no mount namespaces");
+            return;
+        };
+        disk.fill_but(64 << 10);
+        let file = disk.seen_from_here().join("file");
+        assert!(fs::write(&file, vec![0; 32 << 10]).is_ok());
+        assert!(fs::write(&file, vec![0; 128 << 10]).is_err());
+        disk.free();
+        assert!(fs::write(&file, vec![0; 1 << 20]).is_ok());
+        assert!(!folder.path().join("file").exists(), "it is for its own servers alone");
+    }
+}
