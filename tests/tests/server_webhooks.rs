@@ -191,13 +191,17 @@ fn doors_inside_are_not_knocked_at() {
     listener.set_nonblocking(true).unwrap();
     let port = listener.local_addr().unwrap().port();
     let server = Server::start();
-    for host in ["127.0.0.1", "localhost", "[::ffff:127.0.0.1]"] {
-        let job = server.submit(&wish(&json!({"url": format!("http://{host}:{port}/")})));
-        server.wait(&job);
-        let refused = delivery(&server, &job, |one| one["state"] == "given_up");
-        let why = refused["last_answer"].as_str().unwrap();
-        assert!(why.contains("not public"), "{why}");
+    // An address is refused at once; a name only when it is looked up.
+    for host in ["127.0.0.1", "[::ffff:127.0.0.1]"] {
+        let webhook = json!({"url": format!("http://{host}:{port}/")});
+        let problem = server.post("/v1/jobs", &wish(&webhook)).problem(422);
+        assert_eq!(problem["errors"][0]["field"], "webhook.url", "{problem}");
     }
+    let job = server.submit(&wish(&json!({"url": format!("http://localhost:{port}/")})));
+    server.wait(&job);
+    let refused = delivery(&server, &job, |one| one["attempts"] == 1);
+    let why = refused["last_answer"].as_str().unwrap();
+    assert!(why.contains("not public"), "{why}");
     assert!(listener.accept().is_err(), "somebody knocked");
     for (webhook, field) in [
         (json!({"url": "ftp://example.org/"}), "webhook.url"),
@@ -210,6 +214,102 @@ fn doors_inside_are_not_knocked_at() {
         let problem = server.post("/v1/jobs", &wish(&webhook)).problem(422);
         assert_eq!(problem["errors"][0]["field"], field, "{problem}");
     }
+}
+
+/// What a name means may change: here the operator allows it.
+#[test]
+fn a_private_answer_once_is_not_for_ever() {
+    let (url, messages) = receiver(&["200 OK"]);
+    let url = url.replace("127.0.0.1", "localhost");
+    let folder = TempDir::new().unwrap();
+    let server = Server::start_in(folder.path(), &[]);
+    let job = server.submit(&wish(&json!({"url": url})));
+    server.wait(&job);
+    let pending = delivery(&server, &job, |one| one["attempts"] == 1);
+    assert_eq!(pending["state"], "pending", "{pending}");
+    assert!(messages.try_recv().is_err(), "somebody knocked");
+    server.terminate();
+    let server = Server::start_in(folder.path(), &["--webhook-allow", "127.0.0.0/8,::1"]);
+    assert_eq!(messages.recv_timeout(PATIENCE).unwrap().json()["job"], job);
+    delivery(&server, &job, |one| one["state"] == "delivered");
+}
+
+/// A receiver that takes connections and never says a word; how many it has taken.
+fn black_hole() -> (String, std::sync::Arc<std::sync::Mutex<Vec<std::net::TcpStream>>>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("http://{}", listener.local_addr().unwrap());
+    let held = std::sync::Arc::default();
+    let taken: std::sync::Arc<std::sync::Mutex<Vec<_>>> = std::sync::Arc::clone(&held);
+    std::thread::spawn(move || {
+        listener.incoming().for_each(|stream| taken.lock().unwrap().extend(stream));
+    });
+    (url, held)
+}
+
+/// A job that ends before it begins, with a message about it.
+fn cancelled(server: &Server, bearer: &str, webhook: &Value) -> String {
+    let headers = [("content-type", "application/json"), ("authorization", bearer)];
+    let mut endless = wish(webhook);
+    endless["max_iterations"] = Value::Null;
+    endless["time_budget_s"] = json!(600);
+    let answer = server.send("POST", "/v1/jobs", &headers, endless.to_string().as_bytes());
+    assert_eq!(answer.status, 202, "{}", answer.text());
+    let job = answer.json()["id"].as_str().unwrap().to_owned();
+    let path = format!("/v1/jobs/{job}/cancel");
+    assert_eq!(server.send("POST", &path, &headers, b"").status, 200);
+    job
+}
+
+#[test]
+fn a_receiver_that_never_answers_delays_no_other() {
+    let folder = TempDir::new().unwrap();
+    let key = |name: &str| {
+        let mut add = std::process::Command::new(hemilux_tests::server::program());
+        add.args(["keys", "add", name, "--data-dir"]).arg(folder.path());
+        format!("Bearer {}", String::from_utf8(add.output().unwrap().stdout).unwrap().trim())
+    };
+    let (ann, bob) = (key("ann"), key("bob"));
+    let arguments = ["--max-webhooks-pending-each", "30", ALLOW[0], ALLOW[1]];
+    let server = Server::start_in(folder.path(), &arguments);
+    let (hole, held) = black_hole();
+    let stuck: Vec<String> =
+        (0..50).map(|_| cancelled(&server, &ann, &json!({"url": hole}))).collect();
+    let deadline = Instant::now() + PATIENCE;
+    while held.lock().unwrap().is_empty() {
+        assert!(Instant::now() < deadline, "nothing was sent to the silent receiver");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    // Less than one message to the silent receiver takes: another caller's, and another receiver
+    // of the same caller.
+    let (good, messages) = receiver(&["200 OK"]);
+    for who in [&bob, &ann] {
+        let begun = Instant::now();
+        let job = cancelled(&server, who, &json!({"url": good}));
+        let message = messages.recv_timeout(Duration::from_secs(9)).expect("it is not held up");
+        assert_eq!(message.json()["job"], job);
+        assert!(begun.elapsed() < Duration::from_secs(9), "{:?}", begun.elapsed());
+    }
+    assert!(held.lock().unwrap().len() <= 8, "only a few wait for the same receiver");
+    // Over the bound the oldest are given up, and say so.
+    let given_up = || {
+        stuck.iter().find_map(|job| {
+            let path = format!("/v1/jobs/{job}/webhooks");
+            let list = server.send("GET", &path, &[("authorization", ann.as_str())], b"").json();
+            let told = list["deliveries"].get(0).filter(|told| told["state"] == "given_up");
+            told.map(|told| told["last_answer"].as_str().unwrap().to_owned())
+        })
+    };
+    let deadline = Instant::now() + PATIENCE;
+    let why = loop {
+        if let Some(why) = given_up() {
+            break why;
+        }
+        assert!(Instant::now() < deadline, "nothing was given up");
+        std::thread::sleep(Duration::from_millis(50));
+    };
+    assert!(why.contains("--max-webhooks-pending-each"), "{why}");
+    let metrics = server.get("/metrics").text();
+    assert!(metrics.contains("hemilux_webhooks_total{outcome=\"over_limit\"}"), "{metrics}");
 }
 
 #[test]

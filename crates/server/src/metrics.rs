@@ -237,7 +237,12 @@ impl Metrics {
 
     /// Counts an attempt at a webhook.
     pub fn count_webhook(&self, outcome: &'static str) {
-        self.webhooks.get_or_create(&OutcomeLabel { outcome }).inc();
+        self.count_webhooks(outcome, 1);
+    }
+
+    /// Counts messages to webhooks of which the same came.
+    pub fn count_webhooks(&self, outcome: &'static str, messages: u64) {
+        self.webhooks.get_or_create(&OutcomeLabel { outcome }).inc_by(messages);
     }
 
     /// Counts what retention removed.

@@ -45,6 +45,10 @@ pub struct GuardConfig {
     /// it, only public addresses.
     #[arg(long, env = "HEMILUX_WEBHOOK_ALLOW", value_delimiter = ',')]
     pub webhook_allow: Vec<Network>,
+    /// Messages to webhooks of one key or address that may wait for their receivers; beyond it
+    /// the oldest for the receiver that most wait for are given up. 10,000 by default.
+    #[arg(long, env = "HEMILUX_MAX_WEBHOOKS_PENDING_EACH", default_value_t = 10_000, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    pub max_webhooks_pending_each: u64,
     /// Days that ended jobs are kept, and scenes that no job uses; for ever by default.
     #[arg(long, env = "HEMILUX_KEEP_DAYS", value_parser = parse_amount)]
     pub keep_days: Option<f64>,

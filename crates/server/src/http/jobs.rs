@@ -8,11 +8,13 @@ use crate::access::Caller;
 use crate::api::FieldError;
 use crate::api::jobs::{Job, JobPage, JobRequest};
 use crate::api::scenes::Scene;
+use crate::api::webhooks::host_and_port;
 use crate::artifacts::sha256_hex;
 use crate::builtin;
 use crate::job_state::JobState;
 use crate::store::{Accepted, JobFilter, NewJob, Submitter};
 use crate::trace_context::TraceParent;
+use crate::webhooks::address::may_receive;
 use crate::worker;
 use axum::Json;
 use axum::extract::{Request, State};
@@ -203,10 +205,22 @@ pub fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
 /// Refuses what the server or the engine would not do.
 pub fn check(app: &App, job: &JobRequest) -> Result<(), Problem> {
     let mut errors = job.problems(&app.config.job_limits(), &app.vocabulary);
+    errors.extend(webhook_problem(app, job));
     if errors.is_empty() {
         errors.extend(worker::setting_problem(&job.options));
     }
     if errors.is_empty() { Ok(()) } else { Err(Problem::invalid(errors)) }
+}
+
+/// Why a message could never be sent: the webhook's URL has an address in it, not a name, and
+/// messages may not go there.
+fn webhook_problem(app: &App, job: &JobRequest) -> Option<FieldError> {
+    let (host, _) = host_and_port(&job.webhook.as_ref()?.url)?;
+    let address = host.parse().ok()?;
+    let rule =
+        "must not be an address inside a network, unless --webhook-allow of the server names it";
+    (!may_receive(address, &app.config.guard.webhook_allow))
+        .then(|| FieldError::new("webhook.url", rule))
 }
 
 /// Refuses a job that could never fit into this server's memory, rather than to let it fail.

@@ -53,8 +53,9 @@ pub async fn extend_job(
     let job = find(&app, id).await?;
     let solution = kept(&app, &job).await?;
     let request = extension.apply(&job.request);
-    // Only requests from outside may not say what they are a view of.
-    check(&app, &JobRequest { view_of: None, ..request.clone() })?;
+    // Only requests from outside may not say what they are a view of; and who is told was checked
+    // when the job was accepted.
+    check(&app, &JobRequest { view_of: None, webhook: None, ..request.clone() })?;
     refuse_less(&extension, &solution, job.estimated_error)?;
     match app.store.extend(id, &request, app.config.max_queued).await? {
         Extended::Queued(job) => {

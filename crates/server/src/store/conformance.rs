@@ -9,6 +9,9 @@ use crate::api::scenes::{Scene, SceneFormat};
 use crate::job_state::{JobState, MAX_FAILURES, MAX_OUTAGES};
 use std::sync::Arc;
 
+mod outbox;
+pub use outbox::*;
+
 /// Somewhere that keeps what stores keep. Each call opens what another process would: a store
 /// with a boot id of its own on the same content.
 #[async_trait]
@@ -40,6 +43,8 @@ macro_rules! suite {
             pictures_are_found_while_their_job_is
             two_processes_never_hold_the_same_job
             progress_is_thinned_and_its_ends_are_kept
+            messages_wait_in_lanes_of_caller_and_receiver
+            messages_that_wait_are_bounded_from_the_fullest_lane
         }
     };
     ($place:expr; $($test:ident)*) => {$(

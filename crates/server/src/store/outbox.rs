@@ -6,11 +6,24 @@ use async_trait::async_trait;
 use std::time::Duration;
 use uuid::Uuid;
 
+/// What one caller sends to one receiver. Lanes take turns, so that no receiver and no caller
+/// holds up the messages of another.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Lane {
+    /// The key whose jobs the messages tell of, or the address that quotas count by; empty where
+    /// callers are not told apart.
+    pub owner: String,
+    /// Host and port of the receiver.
+    pub host: String,
+}
+
 /// A message that is due.
 #[derive(Clone, Debug)]
 pub struct DueMessage {
     /// Its number in the outbox.
     pub id: i64,
+    /// The lane that it waits in.
+    pub lane: Lane,
     /// What to send.
     pub message: WebhookMessage,
     /// Where to.
@@ -35,9 +48,16 @@ pub enum Attempt {
 /// Messages to webhooks.
 #[async_trait]
 pub trait Outbox: Send + Sync {
-    /// Takes messages that are due, at most `limit`. Nobody else is given them for `lease`; after
-    /// it, they are due again unless [`Outbox::sent`] said otherwise.
-    async fn due(&self, limit: u32, lease: Duration) -> Result<Vec<DueMessage>, StoreError>;
+    /// Lanes in which a message is due; of each owner at most `each`, and others every time where
+    /// there are more.
+    async fn due_lanes(&self, each: u32) -> Result<Vec<Lane>, StoreError>;
+    /// Takes the message that was due first from each of these lanes, two where a lane is named
+    /// twice. Nobody else is given them for `lease`; after it, they are due again unless
+    /// [`Outbox::sent`] said otherwise.
+    async fn take(&self, lanes: &[Lane], lease: Duration) -> Result<Vec<DueMessage>, StoreError>;
+    /// Gives up the oldest messages of owners of whom more than `most` wait, from the lane in
+    /// which most wait; how many of whom.
+    async fn give_up_excess(&self, most: u64) -> Result<Vec<(Lane, u64)>, StoreError>;
     /// Notes what came of sending a message.
     async fn sent(&self, id: i64, attempt: Attempt, answer: &str) -> Result<(), StoreError>;
     /// Messages of a job, oldest first.

@@ -1,25 +1,31 @@
-//! Messages to webhooks: taken from the outbox, sent, sent again where that failed.
+//! Messages to webhooks: taken from the outbox in [`turns`], sent, sent again where that failed.
 //!
 //! At least once: a message that was sent and not noted is sent again after its lease, with the
 //! same id.
 
 pub mod address;
 pub mod send;
+pub mod turns;
 
 use crate::service::Service;
-use crate::store::outbox::{Attempt, DueMessage};
+use crate::store::StoreError;
+use crate::store::outbox::{Attempt, DueMessage, Lane};
 use axum::http::StatusCode;
 use send::{Sender, Sent};
+use std::collections::HashMap;
 use std::sync::Arc;
-use std::time::Duration;
-use tokio::task::JoinSet;
+use std::time::{Duration, Instant};
+use tokio::task::{Id, JoinSet};
+use turns::Turns;
 
-/// Messages under way at the same time.
-const AT_ONCE: usize = 16;
+/// Lanes of one owner that are looked at together.
+const LANES_EACH: u32 = 64;
 /// Nobody else gets a message for so long; more than a sender's patience.
 const LEASE: Duration = Duration::from_secs(30);
 /// How often the outbox is looked at.
 const POLL: Duration = Duration::from_millis(500);
+/// How often it is looked for owners of whom too many messages wait.
+const EXCESS_EVERY: Duration = Duration::from_secs(2);
 /// The first pause; it doubles.
 const FIRST_PAUSE: Duration = Duration::from_secs(5);
 /// The longest pause.
@@ -35,28 +41,83 @@ pub async fn deliver(service: Arc<Service>) {
         Ok(sender) => Arc::new(sender),
         Err(error) => return tracing::error!(%error, "webhooks cannot be sent"),
     };
-    let mut under_way = JoinSet::new();
+    let mut excess = tokio::time::interval(EXCESS_EVERY);
+    let mut under_way = UnderWay::default();
     loop {
-        while under_way.try_join_next().is_some() {}
-        let room = u32::try_from(AT_ONCE - under_way.len().min(AT_ONCE)).unwrap_or(0);
-        let due = if room > 0 { service.store.due(room, LEASE).await } else { Ok(Vec::new()) };
-        match due {
-            Ok(messages) => {
-                for message in messages {
-                    under_way.spawn(deliver_one(service.clone(), sender.clone(), message));
-                }
-            }
-            Err(error) => tracing::error!(%error, "cannot read the outbox"),
+        under_way.note_ended();
+        if let Err(error) = under_way.send_due(&service, &sender).await {
+            tracing::error!(%error, "cannot read the outbox");
         }
         tokio::select! {
             () = tokio::time::sleep(POLL) => {}
-            Some(_) = under_way.join_next(), if under_way.len() >= AT_ONCE => {}
+            _ = excess.tick() => give_up_excess(&service).await,
+            () = under_way.one_ended() => {}
             () = service.shutdown.cancelled() => return,
         }
     }
 }
 
-async fn deliver_one(service: Arc<Service>, sender: Arc<Sender>, due: DueMessage) {
+/// Messages that are being sent, and whose turn is next.
+#[derive(Default)]
+struct UnderWay {
+    turns: Turns,
+    tasks: JoinSet<bool>,
+    lanes: HashMap<Id, Lane>,
+}
+
+impl UnderWay {
+    /// Begins to send what is due and has its turn.
+    async fn send_due(
+        &mut self,
+        service: &Arc<Service>,
+        sender: &Arc<Sender>,
+    ) -> Result<(), StoreError> {
+        let due = service.store.due_lanes(LANES_EACH).await?;
+        let mut lanes = self.turns.next(&due, Instant::now());
+        let taken = service.store.take(&lanes, LEASE).await;
+        for message in taken.as_deref().unwrap_or_default() {
+            if let Some(at) = lanes.iter().position(|lane| *lane == message.lane) {
+                lanes.swap_remove(at);
+            }
+            let one = deliver_one(service.clone(), sender.clone(), message.clone());
+            self.lanes.insert(self.tasks.spawn(one).id(), message.lane.clone());
+        }
+        // Turns that found nothing, or nothing because the outbox could not be written.
+        lanes.iter().for_each(|lane| self.turns.had_none(lane));
+        taken.map(|_| ())
+    }
+
+    /// Takes back the places of all messages that are not under way any more.
+    fn note_ended(&mut self) {
+        while let Some(ended) = self.tasks.try_join_next_with_id() {
+            self.note(ended);
+        }
+    }
+
+    /// Waits until a message is not under way any more; for ever where none is.
+    async fn one_ended(&mut self) {
+        match self.tasks.join_next_with_id().await {
+            Some(ended) => self.note(ended),
+            None => std::future::pending().await,
+        }
+    }
+
+    fn note(&mut self, ended: Result<(Id, bool), tokio::task::JoinError>) {
+        let (id, reached) = match ended {
+            Ok((id, reached)) => (id, reached),
+            Err(error) => {
+                tracing::error!(%error, "sending a webhook failed within the server");
+                (error.id(), false)
+            }
+        };
+        if let Some(lane) = self.lanes.remove(&id) {
+            self.turns.ended(&lane, reached, Instant::now());
+        }
+    }
+}
+
+/// Sends one message and notes what came of it; whether the receiver was reached.
+async fn deliver_one(service: Arc<Service>, sender: Arc<Sender>, due: DueMessage) -> bool {
     let sent = sender.send(&due.url, due.secret.as_deref(), &due.message).await;
     let (attempt, answer) = judge(&sent, due.attempts + 1);
     let outcome = match attempt {
@@ -71,6 +132,28 @@ async fn deliver_one(service: Arc<Service>, sender: Arc<Sender>, due: DueMessage
     }
     if let Err(error) = service.store.sent(due.id, attempt, &answer).await {
         tracing::error!(%error, "cannot note what became of a webhook; it is sent again");
+    }
+    !matches!(sent, Sent::Failed(_))
+}
+
+/// Bounds what waits for receivers that do not come back.
+async fn give_up_excess(service: &Service) {
+    let most = service.config.guard.max_webhooks_pending_each;
+    match service.store.give_up_excess(most).await {
+        Ok(given_up) => {
+            for (lane, messages) in given_up {
+                let Lane { owner, host } = lane;
+                tracing::warn!(
+                    owner,
+                    host,
+                    messages,
+                    most,
+                    "too many webhooks wait; oldest given up"
+                );
+                service.metrics.count_webhooks("over_limit", messages);
+            }
+        }
+        Err(error) => tracing::error!(%error, "cannot bound the outbox"),
     }
 }
 

@@ -11,7 +11,7 @@ use http_body_util::Full;
 use hyper_util::rt::TokioIo;
 use jiff::Timestamp;
 use sha2::Sha256;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -106,15 +106,21 @@ impl Sender {
         let found = tokio::net::lookup_host((host, port))
             .await
             .map_err(|error| Sent::Failed(format!("cannot look the host up: {error}")))?;
-        let found: Vec<_> = found.collect();
-        let allowed = found.iter().copied().find(|at| may_receive(at.ip(), &self.allowed));
-        allowed.ok_or_else(|| match found.first() {
-            None => Sent::Failed("the host has no address".into()),
-            // Which address it is stays inside: a client could map the network with it.
-            Some(_) => {
-                Sent::Refused("the host's address is not public and not in --webhook-allow".into())
-            }
-        })
+        choose(host, &found.collect::<Vec<_>>(), &self.allowed)
+    }
+}
+
+/// Which of the addresses that were found for `host` to connect to. An address that is written in
+/// the URL stays what it is, so it is refused for good where it may not receive; a name may have
+/// been looked up wrongly or answered from inside once, and is looked up again the next time.
+fn choose(host: &str, found: &[SocketAddr], allowed: &[Network]) -> Result<SocketAddr, Sent> {
+    // Which address it is stays inside: a client could map the network with it.
+    let inside = "the host's address is not public and not in --webhook-allow";
+    match found.iter().find(|at| may_receive(at.ip(), allowed)) {
+        Some(at) => Ok(*at),
+        None if found.is_empty() => Err(Sent::Failed("the host has no address".into())),
+        None if host.parse::<IpAddr>().is_ok() => Err(Sent::Refused(inside.into())),
+        None => Err(Sent::Failed(inside.into())),
     }
 }
 
@@ -202,11 +208,29 @@ mod tests {
             let url = format!("http://{host}:{}/", address.port());
             let sent = closed.send(&url, None, &message).await;
             assert!(!matches!(sent, Sent::Answered(_)), "{host}: {sent:?}");
-            if host != "2130706433" && host != "0x7f.1" {
-                assert!(matches!(sent, Sent::Refused(_)), "{host}: {sent:?}");
-            }
+            let is_literal = host == "127.0.0.1" || host.starts_with('[');
+            assert_eq!(matches!(sent, Sent::Refused(_)), is_literal, "{host}: {sent:?}");
         }
         let nobody = tokio::time::timeout(Duration::from_millis(50), listener.accept()).await;
         assert!(nobody.is_err(), "somebody connected");
+    }
+
+    #[test]
+    fn a_private_answer_for_a_name_is_no_last_word() {
+        let (inside, outside) = (socket("10.0.0.7:443"), socket("1.1.1.1:443"));
+        let failed = |found: &[SocketAddr]| {
+            matches!(choose("hooks.example.org", found, &[]), Err(Sent::Failed(_)))
+        };
+        // The same name, looked up three times.
+        assert!(failed(&[inside]) && failed(&[]));
+        assert_eq!(choose("hooks.example.org", &[inside, outside], &[]).unwrap(), outside);
+        // An address in the URL will never be another.
+        assert!(matches!(choose("10.0.0.7", &[inside], &[]), Err(Sent::Refused(_))));
+        let allowed = ["10.0.0.0/8".parse().unwrap()];
+        assert_eq!(choose("10.0.0.7", &[inside], &allowed).unwrap(), inside);
+    }
+
+    fn socket(text: &str) -> SocketAddr {
+        text.parse().unwrap()
     }
 }

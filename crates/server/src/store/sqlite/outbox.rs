@@ -1,9 +1,11 @@
 //! The outbox in SQLite. A trigger of the tables fills it; see the migration.
 
 use super::{SqliteStore, now_ms, rows};
-use crate::api::webhooks::{Delivery, DeliveryState, Ending, WebhookMessage, WebhookTarget};
+use crate::api::webhooks::{
+    Delivery, DeliveryState, Ending, WebhookMessage, WebhookTarget, host_and_port,
+};
 use crate::store::StoreError;
-use crate::store::outbox::{Attempt, DueMessage, Outbox};
+use crate::store::outbox::{Attempt, DueMessage, Lane, Outbox};
 use async_trait::async_trait;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
@@ -12,6 +14,8 @@ use uuid::Uuid;
 
 /// Longest note about an answer.
 const MAX_ANSWER_BYTES: usize = 300;
+/// Messages over the bound that one write gives up; the next look gives up more.
+const GIVEN_UP_AT_ONCE: i64 = 1000;
 
 /// Remembers who is to be told of a job's end.
 pub async fn register(
@@ -19,14 +23,23 @@ pub async fn register(
     job: Uuid,
     webhook: &WebhookTarget,
 ) -> Result<(), StoreError> {
-    sqlx::query("INSERT INTO job_webhooks (job_id, url, events, secret) VALUES (?, ?, ?, ?)")
-        .bind(job.to_string())
-        .bind(&webhook.url)
-        .bind(rows::to_json(&webhook.events))
-        .bind(&webhook.secret)
-        .execute(connection)
-        .await?;
+    sqlx::query(
+        "INSERT INTO job_webhooks (job_id, url, host, events, secret) VALUES (?, ?, ?, ?, ?)",
+    )
+    .bind(job.to_string())
+    .bind(&webhook.url)
+    .bind(receiver(&webhook.url))
+    .bind(rows::to_json(&webhook.events))
+    .bind(&webhook.secret)
+    .execute(connection)
+    .await?;
     Ok(())
+}
+
+/// Host and port of an address, for taking turns; nothing where it has none.
+fn receiver(url: &str) -> String {
+    host_and_port(url)
+        .map_or_else(String::new, |(host, port)| format!("{}:{port}", host.to_ascii_lowercase()))
 }
 
 fn ending(row: &SqliteRow) -> Result<Ending, StoreError> {
@@ -45,6 +58,7 @@ fn due_message(row: &SqliteRow) -> Result<DueMessage, StoreError> {
     let job = rows::parse_id(row.get("job_id"))?;
     Ok(DueMessage {
         id: row.get("id"),
+        lane: Lane { owner: row.get("owner"), host: row.get("host") },
         message: WebhookMessage {
             id: message_id(row),
             event: ending(row)?,
@@ -84,27 +98,83 @@ fn milliseconds(duration: Duration) -> i64 {
 
 #[async_trait]
 impl Outbox for SqliteStore {
-    async fn due(&self, limit: u32, lease: Duration) -> Result<Vec<DueMessage>, StoreError> {
-        // Looks without the writer first: mostly there is nothing.
-        let now = now_ms();
-        let any = sqlx::query("SELECT EXISTS (SELECT 1 FROM outbox WHERE next_ms <= ?) AS due")
-            .bind(now)
-            .fetch_one(&self.reader)
-            .await?;
-        if !any.get::<bool, _>("due") {
+    async fn due_lanes(&self, each: u32) -> Result<Vec<Lane>, StoreError> {
+        // By chance, so that none is left out for long where an owner has more than `each`.
+        let found = sqlx::query(
+            "SELECT owner, host FROM (
+                 SELECT owner, host,
+                        row_number() OVER (PARTITION BY owner ORDER BY random()) AS place
+                 FROM webhook_lanes AS lane
+                 WHERE EXISTS (SELECT 1 FROM outbox WHERE outbox.owner = lane.owner
+                                 AND outbox.host = lane.host AND next_ms <= ?1))
+             WHERE place <= ?2",
+        )
+        .bind(now_ms())
+        .bind(each)
+        .fetch_all(&self.reader)
+        .await?;
+        Ok(found
+            .iter()
+            .map(|row| Lane { owner: row.get("owner"), host: row.get("host") })
+            .collect())
+    }
+
+    async fn take(&self, lanes: &[Lane], lease: Duration) -> Result<Vec<DueMessage>, StoreError> {
+        if lanes.is_empty() {
             return Ok(Vec::new());
         }
+        let now = now_ms();
+        let mut taken = Vec::with_capacity(lanes.len());
+        let mut transaction = self.begin().await?;
+        for lane in lanes {
+            let row = sqlx::query(
+                "UPDATE outbox SET next_ms = ?1 WHERE id = (
+                     SELECT id FROM outbox WHERE owner = ?3 AND host = ?4 AND next_ms <= ?2
+                     ORDER BY next_ms, id LIMIT 1)
+                 RETURNING *",
+            )
+            .bind(now.saturating_add(milliseconds(lease)))
+            .bind(now)
+            .bind(&lane.owner)
+            .bind(&lane.host)
+            .fetch_optional(&mut *transaction)
+            .await?;
+            taken.extend(row.as_ref().map(due_message).transpose()?);
+        }
+        transaction.commit().await?;
+        Ok(taken)
+    }
+
+    async fn give_up_excess(&self, most: u64) -> Result<Vec<(Lane, u64)>, StoreError> {
+        let most = i64::try_from(most).unwrap_or(i64::MAX);
+        // The lane in which most wait is the one that a bare column beside max() comes from.
         let found = sqlx::query(
-            "UPDATE outbox SET next_ms = ?1 WHERE id IN (
-                 SELECT id FROM outbox WHERE next_ms <= ?2 ORDER BY next_ms, id LIMIT ?3)
-             RETURNING *",
+            "SELECT owner, host, max(pending), sum(pending) - ? AS excess
+             FROM webhook_lanes GROUP BY owner HAVING excess > 0",
         )
-        .bind(now.saturating_add(milliseconds(lease)))
-        .bind(now)
-        .bind(limit)
-        .fetch_all(&self.writer)
+        .bind(most)
+        .fetch_all(&self.reader)
         .await?;
-        found.iter().map(due_message).collect()
+        let mut given_up = Vec::new();
+        for row in found {
+            let lane = Lane { owner: row.get("owner"), host: row.get("host") };
+            let done = sqlx::query(
+                "UPDATE outbox SET next_ms = NULL, last_answer = ?4 WHERE id IN (
+                     SELECT id FROM outbox
+                     WHERE owner = ?1 AND host = ?2 AND next_ms IS NOT NULL
+                     ORDER BY id LIMIT ?3)",
+            )
+            .bind(&lane.owner)
+            .bind(&lane.host)
+            .bind(row.get::<i64, _>("excess").min(GIVEN_UP_AT_ONCE))
+            .bind(format!(
+                "given up: over {most} messages waited (--max-webhooks-pending-each), most of them for this receiver"
+            ))
+            .execute(&self.writer)
+            .await?;
+            given_up.push((lane, done.rows_affected()));
+        }
+        Ok(given_up)
     }
 
     async fn sent(&self, id: i64, attempt: Attempt, answer: &str) -> Result<(), StoreError> {
@@ -140,7 +210,7 @@ impl Outbox for SqliteStore {
     }
 
     async fn undelivered(&self) -> Result<u64, StoreError> {
-        let row = sqlx::query("SELECT count(*) AS messages FROM outbox WHERE next_ms IS NOT NULL")
+        let row = sqlx::query("SELECT coalesce(sum(pending), 0) AS messages FROM webhook_lanes")
             .fetch_one(&self.reader)
             .await?;
         Ok(row.get::<i64, _>("messages").unsigned_abs())
