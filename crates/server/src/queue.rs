@@ -2,7 +2,7 @@
 
 use crate::api::jobs::Job;
 use crate::events::Bell;
-use crate::store::{Claim, Store};
+use crate::store::{Asking, Claim, Store};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Notify;
@@ -29,10 +29,12 @@ impl Queue {
         self.wake.notify_one();
     }
 
-    /// Claims the next job for `device`, waiting until there is one.
-    pub async fn next(&self, device: &str) -> (Claim, Job) {
+    /// Claims the next job for `device`, waiting until there is one; `own_process` says whether
+    /// it will run in a process of its own.
+    pub async fn next(&self, device: &str, own_process: bool) -> (Claim, Job) {
         loop {
-            match self.store.claim(device).await {
+            let asking = Asking { device, own_process, paused: &[] };
+            match self.store.claim(&asking).await {
                 Ok(Some((claim, job))) => {
                     self.bell.ring(claim.job);
                     // There may be more; one wake-up can stand for several jobs.

@@ -387,8 +387,11 @@ pub struct Job {
     pub finished_at: Option<Timestamp>,
     /// Whether it stays until it is deleted, however old it gets.
     pub pinned: bool,
-    /// Counted attempts; a worker that died makes another one necessary.
+    /// Counted attempts; a failure makes another one necessary, up to five.
     pub attempts: u32,
+    /// Attempts that do not count: the server died, or the job's process was killed for want of
+    /// memory while other jobs ran.
+    pub interruptions: u32,
     /// Whether a cancel is on its way to the worker.
     pub cancel_requested: bool,
     /// The device that runs or ran it.

@@ -19,7 +19,7 @@ const FIGURES = [
   ["time", "Solving time", "Seconds of preparing, solving and measuring"],
   ["left", "Remaining", "Expected time to the nearest limit"],
   ["device", "Device", "Where the job runs or ran"],
-  ["attempts", "Attempts", "A worker that died makes another attempt necessary"],
+  ["attempts", "Attempts", "A failure makes another attempt necessary, up to five"],
 ];
 
 export class JobView {

@@ -6,7 +6,7 @@ use crate::api::jobs::{JobRequest, PictureFormat};
 use crate::api::scenes::SceneFormat;
 use crate::job_state::JobState;
 use crate::store::sqlite::SqliteStore;
-use crate::store::{Accepted, JobFilter, NewJob, Outcome, Submitter};
+use crate::store::{Accepted, Asking, JobFilter, NewJob, Outcome, Submitter};
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
 use tempfile::TempDir;
@@ -80,7 +80,8 @@ impl World {
 
     /// Runs the next job.
     async fn run(&self) {
-        let Some((claim, job)) = self.store.claim("cpu").await.unwrap() else { return };
+        let asking = Asking { device: "cpu", own_process: true, paused: &[] };
+        let Some((claim, job)) = self.store.claim(&asking).await.unwrap() else { return };
         if self.artifacts.scene(&job.scene).await.is_err() {
             let still = self.store.job(job.id).await.unwrap();
             assert!(still.is_none(), "the scene of a running job is gone");

@@ -2,15 +2,20 @@
 //! [`Place`] where stores can be opened; [`suite`] makes a test of each for one kind of place, so
 //! that another store is one line away from passing the same.
 
+mod attempts;
+mod outbox;
+mod turns;
+
 use super::*;
 use crate::api::events::EventData;
 use crate::api::jobs::{JobRequest, Progress};
 use crate::api::scenes::{Scene, SceneFormat};
-use crate::job_state::{JobState, MAX_FAILURES, MAX_OUTAGES};
+use crate::job_state::{Cause, JobState, MAX_FAILURES};
 use std::sync::Arc;
 
-mod outbox;
+pub use attempts::*;
 pub use outbox::*;
+pub use turns::*;
 
 /// Somewhere that keeps what stores keep. Each call opens what another process would: a store
 /// with a boot id of its own on the same content.
@@ -32,7 +37,14 @@ macro_rules! suite {
             a_worker_that_lost_its_claim_writes_nothing
             a_deleted_job_ends_its_worker_and_its_streams
             a_job_that_kills_its_workers_is_given_up
-            a_job_that_kills_its_servers_is_given_up_later
+            a_job_that_ends_its_servers_from_within_is_given_up_later
+            deaths_of_the_server_are_no_fault_of_a_job_in_its_own_process
+            a_job_that_takes_all_memory_is_tried_alone
+            a_job_that_must_run_alone_is_not_passed_over_forever
+            a_job_that_was_interrupted_often_lets_others_go_first
+            nobody_starves_behind_the_many_jobs_of_another
+            who_had_no_turn_for_longest_goes_first
+            jobs_that_pause_are_not_claimed
             an_orderly_shutdown_costs_no_attempt
             a_cancel_reaches_the_worker_or_ends_the_job_with_it
             ended_jobs_stay_as_they_are
@@ -99,8 +111,11 @@ async fn queue(store: &dyn Store, job: NewJob) -> Uuid {
     id
 }
 
+/// A worker whose jobs run in a process of their own.
+pub const ASKING: Asking<'static> = Asking { device: "cpu", own_process: true, paused: &[] };
+
 async fn claim(store: &dyn Store) -> Claim {
-    store.claim("cpu").await.unwrap().expect("a job waits").0
+    store.claim(&ASKING).await.unwrap().expect("a job waits").0
 }
 
 async fn state(store: &dyn Store, id: Uuid) -> JobState {
@@ -148,7 +163,7 @@ pub async fn higher_priority_first_then_older(place: &dyn Place) {
     for expected in [ids[1], ids[0], ids[2]] {
         assert_eq!(claim(&*store).await.job, expected);
     }
-    assert!(store.claim("cpu").await.unwrap().is_none());
+    assert!(store.claim(&ASKING).await.unwrap().is_none());
 }
 
 pub async fn a_repeated_key_finds_its_job_and_no_other(place: &dyn Place) {
@@ -206,12 +221,12 @@ pub async fn a_worker_that_lost_its_claim_writes_nothing(place: &dyn Place) {
     let store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
     let old = claim(&*store).await;
-    store.release(old, true, "its worker died").await.unwrap();
+    store.release(old, Cause::Failure, "its worker died").await.unwrap();
     let new = claim(&*store).await;
     assert!(new.fence > old.fence);
     assert!(is_lost(store.report(old, progress(1)).await));
     assert!(is_lost(store.finish(old, done()).await));
-    assert!(is_lost(store.release(old, true, "again").await));
+    assert!(is_lost(store.release(old, Cause::Failure, "again").await));
     assert_eq!(store.renew(&[old, new]).await.unwrap(), [old]);
     assert_eq!(state(&*store, id).await, JobState::Running);
     store.finish(new, done()).await.unwrap();
@@ -242,9 +257,12 @@ pub async fn a_job_that_kills_its_workers_is_given_up(place: &dyn Place) {
     let id = queue(&*store, wish(0)).await;
     for attempt in 1..=MAX_FAILURES {
         // What does not count is not told either.
-        store.release(claim(&*store).await, false, "the server shut down").await.unwrap();
+        store
+            .release(claim(&*store).await, Cause::Circumstances, "the server shut down")
+            .await
+            .unwrap();
         let why = format!("fault {attempt}");
-        store.release(claim(&*store).await, true, &why).await.unwrap();
+        store.release(claim(&*store).await, Cause::Failure, &why).await.unwrap();
         let job = store.job(id).await.unwrap().unwrap();
         assert_eq!(job.attempts, attempt);
         let expected = if attempt < MAX_FAILURES { JobState::Queued } else { JobState::Failed };
@@ -255,25 +273,6 @@ pub async fn a_job_that_kills_its_workers_is_given_up(place: &dyn Place) {
     assert!(error.detail.contains("attempt 1: fault 1"), "{}", error.detail);
     assert!(error.detail.contains("attempt 5: fault 5"), "{}", error.detail);
     assert!(!error.detail.contains("shut down"), "{}", error.detail);
-    assert_eq!(terminal_events(&*store, id).await, 1);
-}
-
-pub async fn a_job_that_kills_its_servers_is_given_up_later(place: &dyn Place) {
-    let mut store = furnished(place).await;
-    let id = queue(&*store, wish(0)).await;
-    store.release(claim(&*store).await, true, "the device was lost").await.unwrap();
-    for outage in 1..=MAX_OUTAGES {
-        claim(&*store).await;
-        store = place.open().await;
-        assert_eq!(store.recover().await.unwrap(), [id]);
-        let job = store.job(id).await.unwrap().unwrap();
-        assert_eq!(job.attempts, 1 + outage);
-        let expected = if outage < MAX_OUTAGES { JobState::Queued } else { JobState::Failed };
-        assert_eq!(job.state, expected);
-    }
-    let error = store.job(id).await.unwrap().unwrap().error.unwrap();
-    assert!(error.detail.contains("attempt 1: the device was lost"), "{}", error.detail);
-    assert!(error.detail.contains("attempt 21: the server died"), "{}", error.detail);
     assert_eq!(terminal_events(&*store, id).await, 1);
 }
 
@@ -310,7 +309,7 @@ pub async fn ended_jobs_stay_as_they_are(place: &dyn Place) {
         let before = store.job(id).await.unwrap().unwrap();
         assert!(before.finished_at.is_some());
         assert_eq!(store.cancel(id).await.unwrap().unwrap(), before);
-        assert!(store.claim("cpu").await.unwrap().is_none());
+        assert!(store.claim(&ASKING).await.unwrap().is_none());
         assert_eq!(store.recover().await.unwrap(), Vec::<Uuid>::new());
         assert_eq!(store.release_all().await.unwrap(), 0);
         assert_eq!(store.job(id).await.unwrap().unwrap(), before);
@@ -363,7 +362,7 @@ pub async fn identical_jobs_wait_for_the_one_that_runs(place: &dyn Place) {
     assert_eq!(leader.job, first);
     assert_eq!(store.twin(leader).await.unwrap(), None);
     assert_eq!(claim(&*store).await.job, third, "the twin waits, others do not");
-    assert!(store.claim("cpu").await.unwrap().is_none());
+    assert!(store.claim(&ASKING).await.unwrap().is_none());
     store.finish(leader, done()).await.unwrap();
     let follower = claim(&*store).await;
     assert_eq!(follower.job, second);
@@ -421,7 +420,7 @@ pub async fn two_processes_never_hold_the_same_job(place: &dyn Place) {
     }
     let work = |store: Arc<dyn Store>| async move {
         let mut held = Vec::new();
-        while let Some((claim, _)) = store.claim("cpu").await.unwrap() {
+        while let Some((claim, _)) = store.claim(&ASKING).await.unwrap() {
             store.finish(claim, done()).await.unwrap();
             held.push(claim.job);
         }
@@ -489,7 +488,7 @@ pub async fn quotas_count_each_submitter_for_itself(place: &dyn Place) {
     let running = claim(&*store).await;
     assert_eq!(running.job, first);
     assert_eq!(claim(&*store).await.job, third);
-    assert!(store.claim("cpu").await.unwrap().is_none());
+    assert!(store.claim(&ASKING).await.unwrap().is_none());
     store.finish(running, done()).await.unwrap();
     assert_eq!(claim(&*store).await.job, second);
     // Idempotency keys are each submitter's own.

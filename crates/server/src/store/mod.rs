@@ -13,7 +13,7 @@ use crate::api::Warning;
 use crate::api::events::{Event, EventData};
 use crate::api::jobs::{Job, JobError, JobRequest, Picture, PictureFormat, Plan, Progress, Stats};
 use crate::api::scenes::Scene;
-use crate::job_state::{JobState, Refusal};
+use crate::job_state::{Cause, JobState, Refusal};
 use async_trait::async_trait;
 use uuid::Uuid;
 
@@ -129,6 +129,17 @@ pub struct Claim {
     pub fence: u64,
 }
 
+/// A worker that asks for a job.
+#[derive(Clone, Copy, Debug)]
+pub struct Asking<'a> {
+    /// The device that it works with.
+    pub device: &'a str,
+    /// Whether its jobs run in a process of their own.
+    pub own_process: bool,
+    /// Jobs that pause, and which it therefore does not want.
+    pub paused: &'a [Uuid],
+}
+
 /// A claim as the store keeps it, with its holder's signs of life.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Lease {
@@ -224,14 +235,15 @@ pub trait Store: Keys + Outbox + Retention + solutions::Solutions {
     /// Forgets jobs hidden for `older_than_ms` and longer; their ids.
     async fn purge(&self, older_than_ms: i64) -> Result<Vec<Uuid>, StoreError>;
 
-    /// Takes the next queued job for `device`.
-    async fn claim(&self, device: &str) -> Result<Option<(Claim, Job)>, StoreError>;
+    /// Takes the next queued job: the highest priority first; within it, those who pay for jobs
+    /// take turns, and each one's jobs go in the order in which they came.
+    async fn claim(&self, asking: &Asking<'_>) -> Result<Option<(Claim, Job)>, StoreError>;
     /// Writes what a worker has to say; whether the job is asked to end.
     async fn report(&self, claim: Claim, report: Report) -> Result<bool, StoreError>;
     /// Ends a job; state and terminal event in one transaction.
     async fn finish(&self, claim: Claim, outcome: Outcome) -> Result<(), StoreError>;
-    /// Puts a claimed job back; `counted` says whether the attempt counts towards giving up.
-    async fn release(&self, claim: Claim, counted: bool, reason: &str) -> Result<(), StoreError>;
+    /// Puts a claimed job back, or gives it up; `cause` decides whether the attempt counts.
+    async fn release(&self, claim: Claim, cause: Cause, reason: &str) -> Result<(), StoreError>;
     /// Puts back every job that this process still holds, uncounted; how many there were.
     async fn release_all(&self) -> Result<u64, StoreError>;
     /// Puts back, or gives up, the jobs of every other process. Only for callers who know that

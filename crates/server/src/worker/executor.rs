@@ -1,7 +1,7 @@
 //! Who runs tasks for a worker: a thread of the server, or a process of the device's own.
 
 use super::perform::{ROOM, Switches, perform};
-use super::process::Process;
+use super::process::{Epitaph, Process};
 use super::wire::{Message, Order, Said, Task};
 use crate::config::{Config, Isolation};
 use std::io;
@@ -92,10 +92,10 @@ impl Executor {
     }
 
     /// Lets it end and says how it did.
-    pub fn epitaph(&mut self) -> String {
+    pub fn epitaph(&mut self) -> Epitaph {
         match &mut self.body {
             Body::Process(process) => process.epitaph(),
-            Body::Thread { .. } => "its thread ended".into(),
+            Body::Thread { .. } => "its thread ended".to_owned().into(),
         }
     }
 }

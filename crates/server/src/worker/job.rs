@@ -7,7 +7,7 @@ use super::watch::{Ended, Followed, Stop, follow, keep_picture};
 use super::wire::{Failure, Message, Order, Task};
 use crate::api::jobs::{Job, JobError, PictureFormat, Progress, Stats};
 use crate::artifacts::ArtifactError;
-use crate::job_state::JobState;
+use crate::job_state::{self, Cause, JobState};
 use crate::service::Service;
 use crate::store::{Claim, Outcome, Report, StoreError};
 use hemilux_engine::image;
@@ -23,7 +23,7 @@ enum Ending {
     Shared(Box<Outcome>),
     Failed(Failure),
     PutBack {
-        counted: bool,
+        cause: Cause,
         why: String,
     },
     Dropped,
@@ -52,7 +52,7 @@ pub async fn run(
         Err(Unready::NotNow(why)) => {
             // Not the job's fault: it waits until the storage answers.
             tracing::error!(job = %job.id, why, "cannot read the job's scene");
-            let ending = Ending::PutBack { counted: false, why };
+            let ending = Ending::PutBack { cause: Cause::Circumstances, why };
             record(service, claim, ending, None, started).await;
             tokio::select! {
                 () = tokio::time::sleep(STORAGE_PAUSE) => {}
@@ -69,24 +69,32 @@ pub async fn run(
         Ended::Rendered(..) => Ok(()),
         Ended::Failed(failure) if failure.device_is_sound => Ok(()),
         Ended::Failed(failure) => Err(failure.detail.clone()),
-        Ended::Lost(why) => Err(why.clone()),
+        Ended::Lost(epitaph) => Err(epitaph.how.clone()),
     };
-    // What a shutdown broke off is no failure of the job.
-    let counted = stop != Stop::Shutdown;
-    let shut_down = || Ending::PutBack { counted: false, why: "the server shut down".into() };
+    let alone = job.device.as_deref().is_none_or(|device| service.pool.was_alone(device));
+    let put_back = |why, was_killed| {
+        let cause = match (stop, was_killed) {
+            // What a shutdown broke off is no failure of the job.
+            (Stop::Shutdown, _) => Cause::Circumstances,
+            (_, true) => Cause::OutOfMemory { alone },
+            (_, false) => Cause::Failure,
+        };
+        Ending::PutBack { cause, why }
+    };
     let ending = match ended {
         _ if stop == Stop::ClaimLost => Ending::Dropped,
         Ended::Rendered(stats, _) if stats.stopped == "cancelled" && stop != Stop::Cancel => {
             drop(stats);
-            shut_down()
+            let why = "the server shut down".into();
+            Ending::PutBack { cause: Cause::Circumstances, why }
         }
         Ended::Rendered(stats, picture) if stats.stopped == "cancelled" => {
             Ending::Done(JobState::Cancelled, stats, picture)
         }
         Ended::Rendered(stats, picture) => Ending::Done(JobState::Succeeded, stats, picture),
-        Ended::Failed(failure) if failure.retry => Ending::PutBack { counted, why: failure.detail },
+        Ended::Failed(failure) if failure.retry => put_back(failure.detail, false),
         Ended::Failed(failure) => Ending::Failed(failure),
-        Ended::Lost(why) => Ending::PutBack { counted, why },
+        Ended::Lost(epitaph) => put_back(epitaph.how, epitaph.was_killed),
     };
     record(service, claim, ending, latest, started).await;
     checkpoints::settle(service, claim.job).await;
@@ -139,6 +147,7 @@ async fn prepare(
         begins,
         begins_without,
         checkpoint_every_s: config.checkpoint_every_s,
+        first_checkpoint_s: job_state::first_checkpoint_s(job.interruptions),
         most_checkpoint_bytes: checkpoints::most_bytes(config),
         keeps_solution: config.keep_solutions_mb > 0,
     };
@@ -188,7 +197,7 @@ enum Record {
     },
     Outcome(Box<Outcome>),
     Release {
-        counted: bool,
+        cause: Cause,
         why: String,
     },
 }
@@ -211,7 +220,7 @@ async fn record(
         Ending::Failed(failure) => {
             Record::Outcome(Box::new(failed(&failure.code, failure.detail, latest.clone())))
         }
-        Ending::PutBack { counted, why } => Record::Release { counted, why },
+        Ending::PutBack { cause, why } => Record::Release { cause, why },
         Ending::Dropped => {
             tracing::info!(job = %claim.job, "was taken away");
             return remove_if_deleted(service, claim).await;
@@ -245,7 +254,7 @@ async fn record(
                         let outcome = failed("picture", why, latest.clone());
                         record = Record::Outcome(Box::new(outcome));
                     } else if picture_tries >= PICTURE_TRIES {
-                        record = Record::Release { counted: true, why };
+                        record = Record::Release { cause: Cause::Circumstances, why };
                     }
                 }
             }
@@ -276,7 +285,7 @@ async fn write(service: &Service, claim: Claim, record: &Record) -> Option<Resul
     match record {
         Record::Picture { .. } => None,
         Record::Outcome(outcome) => Some(service.store.finish(claim, (**outcome).clone()).await),
-        Record::Release { counted, why } => Some(service.store.release(claim, *counted, why).await),
+        Record::Release { cause, why } => Some(service.store.release(claim, *cause, why).await),
     }
 }
 

@@ -21,6 +21,8 @@ mod wire;
 use crate::api::jobs::{Job, JobRequest, OptionValue};
 use crate::api::limits::{OptionWord, Vocabulary};
 use crate::api::{DeviceStatus, DeviceView, FieldError};
+use crate::config::Isolation;
+use crate::job_state::Cause;
 use crate::service::Service;
 use crate::trace_context::TraceParent;
 use executor::Executor;
@@ -28,7 +30,7 @@ use hemilux_engine::render::RenderError;
 use hemilux_engine::transport::options::Settings;
 use hemilux_engine::transport::{METHODS, OPTIONS};
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tracing::Instrument;
 use tracing::field::Empty;
@@ -69,7 +71,14 @@ pub fn needed_bytes(job: &JobRequest, triangles: u64) -> Option<u64> {
 
 /// What the devices do, for whoever asks.
 pub struct Pool {
-    devices: Mutex<Vec<DeviceView>>,
+    devices: Mutex<Vec<Member>>,
+}
+
+/// A device of this machine.
+struct Member {
+    view: DeviceView,
+    /// Whether another one was busy at any time of its present job.
+    has_company: bool,
 }
 
 impl Pool {
@@ -80,29 +89,47 @@ impl Pool {
             device.in_pool = ids.contains(&device.id);
             device.status = device.in_pool.then_some(DeviceStatus::Opening);
         }
-        Self { devices: Mutex::new(devices) }
+        Self::of(devices)
+    }
+
+    fn of(devices: Vec<DeviceView>) -> Self {
+        let members = devices.into_iter().map(|view| Member { view, has_company: false });
+        Self { devices: Mutex::new(members.collect()) }
     }
 
     /// All devices as they are now.
     pub fn devices(&self) -> Vec<DeviceView> {
-        self.devices.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.lock().iter().map(|device| device.view.clone()).collect()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vec<Member>> {
+        self.devices.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn set(&self, id: &str, status: DeviceStatus, job: Option<Uuid>, error: Option<String>) {
-        let mut devices = self.devices.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(device) = devices.iter_mut().find(|device| device.id == id) {
-            device.status = Some(status);
-            device.job = job;
-            device.error = error;
+        let mut devices = self.lock();
+        if let Some(device) = devices.iter_mut().find(|device| device.view.id == id) {
+            device.view.status = Some(status);
+            device.view.job = job;
+            device.view.error = error;
+            device.has_company = false;
         }
+        let busy = |device: &Member| device.view.status == Some(DeviceStatus::Busy);
+        if devices.iter().filter(|device| busy(device)).count() > 1 {
+            devices.iter_mut().filter(|device| busy(device)).for_each(|d| d.has_company = true);
+        }
+    }
+
+    /// Whether the present job of a device was the only one of the pool from its beginning on.
+    fn was_alone(&self, id: &str) -> bool {
+        !self.lock().iter().any(|device| device.view.id == id && device.has_company)
     }
 
     /// The device had to be opened again.
     fn restarted(&self, id: &str, fault: &str) {
-        let mut devices = self.devices.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(device) = devices.iter_mut().find(|device| device.id == id) {
-            device.restarts += 1;
-            device.last_fault = Some(fault.to_owned());
+        if let Some(device) = self.lock().iter_mut().find(|device| device.view.id == id) {
+            device.view.restarts += 1;
+            device.view.last_fault = Some(fault.to_owned());
         }
     }
 }
@@ -197,24 +224,26 @@ async fn open(service: &Service, id: &str) -> Result<Executor, String> {
         Some(wire::Said::Ready) => Ok(executor),
         Some(wire::Said::NoDevice { error }) => Err(error),
         Some(other) => Err(format!("it said {other:?} before it was ready")),
-        None => Err(executor.epitaph()),
+        None => Err(executor.epitaph().how),
     }
 }
 
 /// Runs jobs until shutdown, or until the device must be opened again: why.
 async fn run_jobs(service: &Arc<Service>, id: &str, executor: &mut Executor) -> Result<(), String> {
+    let own_process = service.config.isolation == Isolation::Process;
     loop {
         service.pool.set(id, DeviceStatus::Idle, None, None);
         let next = tokio::select! {
             biased;
             () = service.shutdown.cancelled() => return Ok(()),
-            next = service.queue.next(id) => next,
+            next = service.queue.next(id, own_process) => next,
         };
         let (claim, job) = next;
         if executor.is_gone() {
             // It ended while it had nothing to do: not this job's fault.
-            let fault = executor.epitaph();
-            service.store.release(claim, false, &fault).await.map_err(|e| e.to_string())?;
+            let fault = executor.epitaph().how;
+            let released = service.store.release(claim, Cause::Circumstances, &fault).await;
+            released.map_err(|error| error.to_string())?;
             return Err(fault);
         }
         service.pool.set(id, DeviceStatus::Busy, Some(job.id), None);
@@ -223,5 +252,42 @@ async fn run_jobs(service: &Arc<Service>, id: &str, executor: &mut Executor) -> 
         let ran = job::run(service, executor, claim, &job).instrument(span).await;
         service.bell.ring(job.id);
         ran?;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_device_has_company_while_another_one_is_busy_at_any_time_of_its_job() {
+        let view = |id: &str| DeviceView {
+            id: id.into(),
+            name: String::new(),
+            kind: String::new(),
+            driver: String::new(),
+            in_pool: true,
+            status: None,
+            job: None,
+            error: None,
+            restarts: 0,
+            last_fault: None,
+        };
+        let pool = Pool::of(vec![view("a"), view("b"), view("c")]);
+        let set = |id, status| pool.set(id, status, None, None);
+        set("a", DeviceStatus::Busy);
+        set("b", DeviceStatus::Opening);
+        assert!(pool.was_alone("a"));
+        set("b", DeviceStatus::Busy);
+        assert!(!pool.was_alone("a") && !pool.was_alone("b"));
+        // The other one is done, but it may have taken the memory while it was there.
+        set("b", DeviceStatus::Idle);
+        assert!(!pool.was_alone("a"));
+        set("c", DeviceStatus::Busy);
+        assert!(!pool.was_alone("c"), "a still works");
+        set("a", DeviceStatus::Idle);
+        set("c", DeviceStatus::Idle);
+        set("b", DeviceStatus::Busy);
+        assert!(pool.was_alone("b"), "a new job begins anew");
     }
 }

@@ -246,7 +246,7 @@ impl<'a> Watcher<'a> {
             underway: false,
             most_checkpoint_bytes: task.most_checkpoint_bytes,
             keeps_solution: task.keeps_solution,
-            pacing: Pacing::new(task.checkpoint_every_s),
+            pacing: Pacing::new(task.checkpoint_every_s, task.first_checkpoint_s),
             ending: None,
             beginning: None,
         }

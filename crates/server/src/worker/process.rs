@@ -15,9 +15,27 @@ use tokio::sync::mpsc;
 /// How long a process that is told to go may take before it is killed.
 const PARTING: Duration = Duration::from_millis(500);
 
+/// How a process or a thread of a device ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Epitaph {
+    /// How, in words.
+    pub how: String,
+    /// Whether somebody else killed it without a word (signal 9), as the system does for want of
+    /// memory.
+    pub was_killed: bool,
+}
+
+impl From<String> for Epitaph {
+    fn from(how: String) -> Self {
+        Self { how, was_killed: false }
+    }
+}
+
 /// The process of a device.
 pub struct Process {
     child: Child,
+    /// Whether the server ended it.
+    is_ended: bool,
     orders: Option<std_mpsc::Sender<Message<Order>>>,
 }
 
@@ -67,7 +85,7 @@ impl Process {
         let (orders, waiting) = std_mpsc::channel();
         let name = format!("orders {device}");
         std::thread::Builder::new().name(name).spawn(move || pass_on(input, &waiting))?;
-        Ok((Self { child, orders: Some(orders) }, said))
+        Ok((Self { child, is_ended: false, orders: Some(orders) }, said))
     }
 
     /// Sends an order. One that does not arrive is noticed by the process's end.
@@ -79,12 +97,13 @@ impl Process {
 
     /// Ends the process at once.
     pub fn kill(&mut self) {
+        self.is_ended = true;
         // It may be gone already.
         let _ = self.child.kill();
     }
 
     /// Lets the process end, or ends it, and says how it ended.
-    pub fn epitaph(&mut self) -> String {
+    pub fn epitaph(&mut self) -> Epitaph {
         drop(self.orders.take());
         let deadline = Instant::now() + PARTING;
         let status = loop {
@@ -94,15 +113,18 @@ impl Process {
                     std::thread::sleep(Duration::from_millis(2));
                 }
                 Ok(None) => {
-                    let _ = self.child.kill();
+                    self.kill();
                     break self.child.wait();
                 }
                 Err(error) => break Err(error),
             }
         };
         match status {
-            Ok(status) => format!("its process ended with {}", in_words(status)),
-            Err(error) => format!("its process cannot be asked how it ended: {error}"),
+            Ok(status) => Epitaph {
+                how: format!("its process ended with {}", in_words(status)),
+                was_killed: status.signal() == Some(9) && !self.is_ended,
+            },
+            Err(error) => format!("its process cannot be asked how it ended: {error}").into(),
         }
     }
 }

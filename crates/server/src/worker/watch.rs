@@ -4,6 +4,7 @@
 use super::checkpoints;
 use super::executor::Executor;
 use super::perform::from_bytes;
+use super::process::Epitaph;
 use super::wire::{Failure, Message, Order, Said};
 use crate::api::jobs::{Job, Picture, PictureFormat, Progress, Stats};
 use crate::service::Service;
@@ -40,8 +41,8 @@ pub enum Ended {
     Rendered(Box<Stats>, image::Picture),
     /// With a reason.
     Failed(Failure),
-    /// Without a word, or it had to be ended: why. The executor is of no more use.
-    Lost(String),
+    /// Without a word, or it had to be ended: how. The executor is of no more use.
+    Lost(Epitaph),
 }
 
 /// A run that is over.
@@ -131,7 +132,7 @@ impl Scribe {
                     if let Some(why) = self.out_of_patience(heard, told) {
                         executor.kill();
                         tracing::warn!(job = %self.claim.job, why, "ended the executor");
-                        return Ended::Lost(why);
+                        return Ended::Lost(why.into());
                     }
                 }
                 () = bell.news_of(self.claim.job) => self.look_for_cancel().await,
@@ -171,7 +172,7 @@ impl Scribe {
         };
         match message.header {
             Said::Ready | Said::Began => None,
-            Said::NoDevice { error } => Some(Ended::Lost(error)),
+            Said::NoDevice { error } => Some(Ended::Lost(error.into())),
             Said::Planned(plan, warnings) => {
                 self.pending.plan = Some((plan, warnings));
                 None

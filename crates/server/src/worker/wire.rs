@@ -94,6 +94,9 @@ pub struct Task {
     pub begins_without: Option<String>,
     /// Seconds between checkpoints; 0 for none.
     pub checkpoint_every_s: f64,
+    /// When the first one is taken, where that is sooner: the job was interrupted often. The pauses
+    /// after it double.
+    pub first_checkpoint_s: Option<f64>,
     /// Most bytes of one.
     pub most_checkpoint_bytes: u64,
     /// Whether what is known at the end is kept, with the light baked.

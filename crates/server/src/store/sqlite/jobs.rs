@@ -1,12 +1,12 @@
 //! The life of jobs in SQLite. Callers hold the transaction; nothing here commits.
 
-use super::{events, now_ms, outbox, rows};
+use super::{claims, events, now_ms, outbox, rows};
 use crate::api::events::{EventData, ProgressEvent, SnapshotEvent, StateEvent};
 use crate::api::jobs::{Job, JobError, JobRequest, Picture};
 use crate::job_state::{Event, JobState, Life, Refusal};
 use crate::store::{
-    Accepted, Claim, JobCounts, JobFilter, Lease, MAX_PROGRESS_EVENTS, NewJob, Outcome, Report,
-    StoreError, Submitter,
+    Accepted, Asking, Claim, JobCounts, JobFilter, Lease, MAX_PROGRESS_EVENTS, NewJob, Outcome,
+    Report, StoreError, Submitter,
 };
 use sqlx::sqlite::{SqliteConnection, SqlitePool, SqliteRow};
 use sqlx::{Connection, QueryBuilder, Row, Sqlite};
@@ -69,8 +69,9 @@ pub async fn accept(
     sqlx::query(
         "INSERT INTO jobs (id, scene_id, state, priority, created_ms, idempotency_key,
                            request_hash, request, owner, billed_to, max_running, trace_parent,
-                           render_key)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                           render_key, place)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?,
+                 (SELECT coalesce(max(place), 0) + 1 FROM jobs))",
     )
     .bind(job.id.to_string())
     .bind(&job.scene_id)
@@ -196,6 +197,9 @@ fn life(row: &SqliteRow) -> Result<Life, StoreError> {
         state: rows::state(row.get("state"))?,
         attempts: row.get("attempts"),
         outages: row.get("outages"),
+        interruptions: row.get("interruptions"),
+        memory_deaths: row.get("memory_deaths"),
+        own_process: row.get("own_process"),
         fence: row.get::<i64, _>("fence").unsigned_abs(),
         cancel_requested: row.get("cancel_requested"),
         deleted: row.get::<Option<i64>, _>("deleted_ms").is_some(),
@@ -235,14 +239,19 @@ async fn happens(
         let runs = after.state == JobState::Running;
         let holder = owner.or(row.get("lease_owner")).filter(|_| runs);
         sqlx::query(
-            "UPDATE jobs SET state = ?, attempts = ?, outages = ?, fence = ?, cancel_requested = ?,
-                 deleted_ms = ?, started_ms = ?, finished_ms = ?, lease_owner = ?,
+            "UPDATE jobs SET state = ?, attempts = ?, outages = ?, interruptions = ?,
+                 memory_deaths = ?, own_process = ?, runs_alone = ?, fence = ?,
+                 cancel_requested = ?, deleted_ms = ?, started_ms = ?, finished_ms = ?, lease_owner = ?,
                  render_key = iif(?, NULL, render_key), mishaps = iif(?, '[]', mishaps)
              WHERE id = ?",
         )
         .bind(after.state.as_str())
         .bind(after.attempts)
         .bind(after.outages)
+        .bind(after.interruptions)
+        .bind(after.memory_deaths)
+        .bind(after.own_process)
+        .bind(after.runs_alone())
         .bind(after.fence as i64)
         .bind(after.cancel_requested)
         .bind(after.deleted.then_some(now))
@@ -323,36 +332,24 @@ pub async fn delete(connection: &mut SqliteConnection, id: Uuid) -> Result<bool,
     }
 }
 
-/// Takes the next job of the queue: highest priority, then oldest. It passes over the jobs of
-/// submitters of whom as many run as may; a job whose identical twin runs now waits for its result.
+/// Takes the next job of the queue, which [`claims::next`] chooses.
 pub async fn claim(
     connection: &mut SqliteConnection,
-    device: &str,
+    asking: &Asking<'_>,
     owner: &str,
 ) -> Result<Option<(Claim, Job)>, StoreError> {
-    let next = sqlx::query(
-        "SELECT id FROM jobs AS waiting
-         WHERE state = 'queued' AND deleted_ms IS NULL AND NOT EXISTS (
-             SELECT 1 FROM jobs AS twin
-             WHERE twin.render_key = waiting.render_key AND twin.state = 'running')
-           AND (max_running IS NULL OR max_running > (
-               SELECT count(*) FROM jobs AS others WHERE others.billed_to = waiting.billed_to
-                 AND others.state = 'running' AND others.deleted_ms IS NULL))
-         ORDER BY priority DESC, id LIMIT 1",
-    )
-    .fetch_optional(&mut *connection)
-    .await?;
-    let Some(row) = next else { return Ok(None) };
-    let id = rows::parse_id(row.get("id"))?;
-    let change = match happens(connection, id, Event::Claim, Some(owner)).await? {
+    let Some(id) = claims::next(connection, asking).await? else { return Ok(None) };
+    let event = Event::Claim { own_process: asking.own_process };
+    let change = match happens(connection, id, event, Some(owner)).await? {
         Some(Ok(change)) => change,
         Some(Err(refusal)) => return Err(StoreError::Illegal { job: id, refusal }),
         None => return Ok(None),
     };
     sqlx::query(
-        "UPDATE jobs SET device = ?, progress = NULL, plan = NULL, warnings = '[]' WHERE id = ?",
+        "UPDATE jobs SET device = ?, progress = NULL, plan = NULL, warnings = '[]',
+             passed_over = 0 WHERE id = ?",
     )
-    .bind(device)
+    .bind(asking.device)
     .bind(id.to_string())
     .execute(&mut *connection)
     .await?;
@@ -475,12 +472,18 @@ pub async fn release(
     }
     let error = (change.after.state == JobState::Failed)
         .then(|| JobError { code: "poisoned".into(), detail: given_up(&mishaps) });
-    sqlx::query("UPDATE jobs SET error = ?, mishaps = ? WHERE id = ?")
-        .bind(error.as_ref().map(rows::to_json))
-        .bind(rows::to_json(&mishaps))
-        .bind(claim.job.to_string())
-        .execute(&mut *connection)
-        .await?;
+    let interrupted = change.after.interruptions > change.before.interruptions;
+    let goes_last = interrupted && change.after.lets_others_go_first();
+    sqlx::query(
+        "UPDATE jobs SET error = ?, mishaps = ?,
+             place = iif(?, (SELECT max(place) + 1 FROM jobs), place) WHERE id = ?",
+    )
+    .bind(error.as_ref().map(rows::to_json))
+    .bind(rows::to_json(&mishaps))
+    .bind(goes_last)
+    .bind(claim.job.to_string())
+    .execute(&mut *connection)
+    .await?;
     let event = EventData::State(StateEvent {
         state: change.after.state,
         attempts: change.after.attempts,

@@ -4,6 +4,7 @@
 //! Every write is one `BEGIN IMMEDIATE` transaction, and every commit reaches the
 //! disk before it returns (`synchronous = FULL`).
 
+mod claims;
 mod events;
 mod jobs;
 mod keys;
@@ -15,13 +16,14 @@ mod solutions;
 mod tests;
 
 use super::{
-    Accepted, Claim, JobCounts, JobFilter, Lease, NewJob, Outcome, Report, Store, StoreError,
+    Accepted, Asking, Claim, JobCounts, JobFilter, Lease, NewJob, Outcome, Report, Store,
+    StoreError,
 };
 use crate::api::events::Event;
 use crate::api::jobs::{Job, Picture, PictureFormat, Progress};
 use crate::api::scenes::Scene;
 use crate::failpoints;
-use crate::job_state::Event as JobEvent;
+use crate::job_state::{Cause, Event as JobEvent};
 use async_trait::async_trait;
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
@@ -205,13 +207,13 @@ impl Store for SqliteStore {
         rows.iter().map(|row| rows::parse_id(row.get("id"))).collect()
     }
 
-    async fn claim(&self, device: &str) -> Result<Option<(Claim, Job)>, StoreError> {
+    async fn claim(&self, asking: &Asking<'_>) -> Result<Option<(Claim, Job)>, StoreError> {
         // An idle worker asks often; the queue is looked at without the writer first.
         if !jobs::any_queued(&self.reader).await? {
             return Ok(None);
         }
         let mut transaction = self.begin().await?;
-        let claimed = jobs::claim(&mut transaction, device, &self.owner).await?;
+        let claimed = jobs::claim(&mut transaction, asking, &self.owner).await?;
         failpoint("claim", &claimed)?;
         transaction.commit().await?;
         failpoint("claimed", &claimed)?;
@@ -232,10 +234,10 @@ impl Store for SqliteStore {
         failpoint("finished", claim)
     }
 
-    async fn release(&self, claim: Claim, counted: bool, reason: &str) -> Result<(), StoreError> {
+    async fn release(&self, claim: Claim, cause: Cause, reason: &str) -> Result<(), StoreError> {
         failpoint("release", claim)?;
         let mut transaction = self.begin().await?;
-        let event = JobEvent::Release { fence: claim.fence, counted };
+        let event = JobEvent::Release { fence: claim.fence, cause };
         jobs::release(&mut transaction, claim, event, reason).await?;
         Ok(transaction.commit().await?)
     }
@@ -245,7 +247,8 @@ impl Store for SqliteStore {
         let mut released = 0;
         for lease in jobs::leases(&mut transaction).await? {
             if lease.owner == self.owner {
-                let event = JobEvent::Release { fence: lease.claim.fence, counted: false };
+                let cause = Cause::Circumstances;
+                let event = JobEvent::Release { fence: lease.claim.fence, cause };
                 let reason = "the server shut down";
                 jobs::release(&mut transaction, lease.claim, event, reason).await?;
                 released += 1;
@@ -260,7 +263,7 @@ impl Store for SqliteStore {
         let mut recovered = Vec::new();
         for lease in jobs::leases(&mut transaction).await? {
             if lease.owner != self.owner {
-                let event = JobEvent::LeaseExpired { fence: lease.claim.fence };
+                let event = JobEvent::ServerDied { fence: lease.claim.fence };
                 jobs::release(&mut transaction, lease.claim, event, "the server died").await?;
                 recovered.push(lease.claim.job);
             }

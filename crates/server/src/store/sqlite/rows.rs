@@ -74,6 +74,7 @@ pub fn job(row: &SqliteRow) -> Result<Job, StoreError> {
         finished_at: finished_ms.map(time).transpose()?,
         pinned: row.get("pinned"),
         attempts: row.get("attempts"),
+        interruptions: row.get("interruptions"),
         cancel_requested: row.get("cancel_requested"),
         device: row.get("device"),
         iterations: figures.iterations,
