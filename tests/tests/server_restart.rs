@@ -1,8 +1,9 @@
 //! What survives the end of the process.
 
-use hemilux_tests::server::{Server, serve_and_fail};
-use serde_json::json;
-use std::time::Duration;
+use hemilux_tests::server::{PATIENCE, Server, serve_and_fail};
+use serde_json::{Value, json};
+use std::path::Path;
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 #[test]
@@ -85,4 +86,152 @@ fn other_machines_are_let_in_only_on_purpose() {
     assert_eq!(refused.status.code(), Some(2));
     let message = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert!(message.contains("--allow-remote"), "{message}");
+}
+
+fn quick() -> Value {
+    json!({
+        "scene": "cornell", "method": "stochastic", "width": 16, "height": 16,
+        "max_iterations": 4, "fresh": true,
+        "options": {"patches": 300, "hemicube_resolution": 32}
+    })
+}
+
+/// All files below a folder.
+fn files(folder: &Path) -> Vec<String> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(files(&path));
+        } else {
+            found.push(path.display().to_string());
+        }
+    }
+    found.sort_unstable();
+    found
+}
+
+#[test]
+fn a_start_without_its_database_is_refused_and_costs_no_file() {
+    let folder = TempDir::new().unwrap();
+    let server = Server::start_in(folder.path(), &[]);
+    let jobs: Vec<_> = (0..8).map(|_| server.submit(&quick())).collect();
+    let records: Vec<_> = jobs.iter().map(|job| server.wait(job)).collect();
+    server.terminate();
+    let before = files(&folder.path().join("artifacts"));
+    assert!(before.len() > 16, "{before:?}");
+    let (database, aside) = (folder.path().join("hemilux.sqlite"), folder.path().join("aside"));
+    let is_refused = || {
+        let refused = serve_and_fail(folder.path(), &[]);
+        let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(1), "{message}");
+        for told in ["do not belong together", "Put back the hemilux.sqlite", "--adopt-files"] {
+            assert!(message.contains(told), "{message}");
+        }
+        assert_eq!(files(&folder.path().join("artifacts")), before);
+    };
+    std::fs::rename(&database, &aside).unwrap();
+    is_refused();
+    // Another service's database, with things in it, is no better.
+    let other = TempDir::new().unwrap();
+    let server = Server::start_in(other.path(), &[]);
+    server.wait(&server.submit(&quick()));
+    server.terminate();
+    std::fs::copy(other.path().join("hemilux.sqlite"), &database).unwrap();
+    is_refused();
+    // Whoever insists loses nothing either: so many files stay where they are.
+    let server = Server::start_in(folder.path(), &["--adopt-files"]);
+    let deadline = Instant::now() + PATIENCE;
+    while server.get("/metrics").text().contains("hemilux_orphans_left 0\n") {
+        assert!(Instant::now() < deadline, "the sweep finds nothing");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert_eq!(files(&folder.path().join("artifacts")).len(), before.len());
+    server.terminate();
+    // Told to, it moves them into quarantine, from where the right database has them back.
+    let server = Server::start_in(folder.path(), &["--sweep-large"]);
+    let deadline = Instant::now() + PATIENCE;
+    while files(&folder.path().join("artifacts/jobs")).iter().any(|file| file.contains(&jobs[0])) {
+        assert!(Instant::now() < deadline, "nothing goes into quarantine");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    server.terminate();
+    std::fs::rename(&aside, &database).unwrap();
+    let server = Server::start_in(folder.path(), &["--adopt-files"]);
+    for record in &records {
+        for picture in record["result"].as_array().unwrap() {
+            let deadline = Instant::now() + PATIENCE;
+            while server.get(picture["url"].as_str().unwrap()).status != 200 {
+                assert!(Instant::now() < deadline, "a picture never came back: {picture}");
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_service_listens_and_works_before_its_files_are_looked_through() {
+    let folder = TempDir::new().unwrap();
+    let server = Server::start_in(folder.path(), &[]);
+    let job = server.submit(&quick());
+    server.wait(&job);
+    server.terminate();
+    let orphan = folder.path().join(format!("artifacts/jobs/{job}/{}.png", "ab".repeat(32)));
+    std::fs::write(&orphan, b"no record").unwrap();
+    let half = folder.path().join("artifacts/jobs/half.png#1");
+    std::fs::write(&half, b"half").unwrap();
+    // The sweep takes longer than this test is patient.
+    let rules = folder.path().join("rules");
+    std::fs::write(&rules, "sweep=sleep:600000").unwrap();
+    let rules = format!("@{}", rules.display());
+    let held = [("HEMILUX_FAILPOINTS", rules.as_str())];
+    let server = Server::start_with_environment(folder.path(), &[], &held).until_ready();
+    assert_eq!(server.wait(&server.submit(&quick()))["state"], "succeeded");
+    assert!(orphan.exists() && half.exists());
+    server.kill();
+    // It comes, all the same.
+    let server = Server::start_in(folder.path(), &[]);
+    let deadline = Instant::now() + PATIENCE;
+    while orphan.exists() || half.exists() {
+        assert!(Instant::now() < deadline, "no sweep comes");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert_eq!(server.get(&format!("/v1/jobs/{job}/image.exr")).status, 200);
+    let kept = files(&folder.path().join("artifacts/quarantine"));
+    assert!(kept.len() == 1 && kept[0].ends_with(".png"), "{kept:?}");
+}
+
+#[test]
+fn a_clock_that_is_a_year_ahead_removes_nothing() {
+    let folder = TempDir::new().unwrap();
+    let server = Server::start_in(folder.path(), &[]);
+    let job = server.submit(&quick());
+    server.wait(&job);
+    // It notes the time as it runs.
+    server.terminate();
+    let ahead = [("HEMILUX_FAILPOINTS", "clock=jump:31536000")];
+    let doubted = |server: &Server| {
+        let text = server.get("/metrics").text();
+        let line = text.lines().find_map(|line| line.strip_prefix("hemilux_clock_doubted "));
+        line.expect("the metric is there").to_owned()
+    };
+    let keep = ["--keep-days", "30", "--quarantine-days", "30"];
+    let server = Server::start_with_environment(folder.path(), &keep, &ahead);
+    let deadline = Instant::now() + PATIENCE;
+    // Said after what has expired was looked for.
+    while doubted(&server) != "1" {
+        assert!(Instant::now() < deadline, "the clock is not doubted");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert_eq!(server.get(&format!("/v1/jobs/{job}/image.exr")).status, 200);
+    server.terminate();
+    // Where the operator says that the clock is right, the job goes.
+    let keep = [&keep[..], &["--clock-grace-hours", "0"]].concat();
+    let server = Server::start_with_environment(folder.path(), &keep, &ahead);
+    let deadline = Instant::now() + PATIENCE;
+    while server.get(&format!("/v1/jobs/{job}")).status != 404 {
+        assert!(Instant::now() < deadline, "the job never went");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert_eq!(doubted(&server), "0");
 }

@@ -2,6 +2,7 @@
 //! fsynced before it is named anywhere.
 
 mod kept;
+mod orphans;
 
 use crate::api::jobs::{Picture, PictureFormat};
 use crate::failpoints;
@@ -11,10 +12,12 @@ use object_store::local::LocalFileSystem;
 use object_store::path::Path as Key;
 use object_store::{ObjectStore, ObjectStoreExt};
 use sha2::{Digest, Sha256};
-use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::SystemTime;
 use uuid::Uuid;
+
+pub use orphans::{Place, SetAside};
 
 /// Why a file could not be kept or found.
 #[derive(Debug, thiserror::Error)]
@@ -46,6 +49,10 @@ impl ArtifactError {
 #[derive(Clone)]
 pub struct Artifacts {
     store: Arc<dyn ObjectStore>,
+    /// The local folder of the storage.
+    folder: PathBuf,
+    /// When this process began to use them: what lies half-written from before is nobody's.
+    since: SystemTime,
 }
 
 /// SHA-256 in hex.
@@ -69,9 +76,12 @@ impl Artifacts {
     /// Where the folder cannot be created or used.
     pub fn local(folder: &Path) -> std::io::Result<Self> {
         std::fs::create_dir_all(folder)?;
-        remove_half_written(folder)?;
         let store = LocalFileSystem::new_with_prefix(folder).map_err(std::io::Error::other)?;
-        Ok(Self { store: Arc::new(store.with_fsync(true).with_automatic_cleanup(true)) })
+        Ok(Self {
+            store: Arc::new(store.with_fsync(true).with_automatic_cleanup(true)),
+            folder: folder.to_owned(),
+            since: SystemTime::now(),
+        })
     }
 
     /// Keeps a scene's bytes under its id.
@@ -172,56 +182,6 @@ impl Artifacts {
             Err(error) => Err(error.into()),
         }
     }
-
-    /// Jobs that have files.
-    pub async fn jobs_with_files(&self) -> Result<Vec<Uuid>, ArtifactError> {
-        let listed = self.store.list_with_delimiter(Some(&Key::from("jobs"))).await?;
-        let names = listed.common_prefixes.iter().filter_map(|folder| folder.filename());
-        Ok(names.filter_map(|name| name.parse().ok()).collect())
-    }
-
-    /// Ids of scenes that have files.
-    pub async fn scenes_with_files(&self) -> Result<Vec<String>, ArtifactError> {
-        let listed = self.store.list_with_delimiter(Some(&Key::from("scenes"))).await?;
-        let names = listed.objects.iter().filter_map(|file| file.location.filename());
-        Ok(names.map(str::to_owned).collect())
-    }
-
-    /// Removes the pictures of a job whose hash is not among `named`; how many. Files of other
-    /// kinds stay.
-    pub async fn remove_pictures_but(
-        &self,
-        job: Uuid,
-        named: &BTreeSet<String>,
-    ) -> Result<u64, ArtifactError> {
-        let folder = Key::from(format!("jobs/{job}"));
-        let mut removed = 0;
-        for file in self.store.list_with_delimiter(Some(&folder)).await?.objects {
-            let name = file.location.filename().and_then(|name| name.split_once('.'));
-            let Some((hash, suffix)) = name else { continue };
-            let is_hash = hash.len() == 64 && hash.bytes().all(|byte| byte.is_ascii_hexdigit());
-            if is_hash && PictureFormat::parse(suffix).is_some() && !named.contains(hash) {
-                self.remove(&file.location).await?;
-                removed += 1;
-            }
-        }
-        Ok(removed)
-    }
-}
-
-/// Removes what a crash left half-written: the storage writes to `name#1` and renames.
-fn remove_half_written(folder: &Path) -> std::io::Result<()> {
-    for entry in std::fs::read_dir(folder)? {
-        let entry = entry?;
-        let name = entry.file_name();
-        let number = name.to_str().and_then(|name| name.rsplit_once('#')).map(|(_, n)| n);
-        if entry.file_type()?.is_dir() {
-            remove_half_written(&entry.path())?;
-        } else if number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit())) {
-            std::fs::remove_file(entry.path())?;
-        }
-    }
-    Ok(())
 }
 
 /// Where a test may make the storage fail or the program die.
@@ -240,7 +200,12 @@ fn scene_key(id: &str) -> Key {
 }
 
 fn picture_key(job: Uuid, sha256: &str, format: PictureFormat) -> Key {
-    Key::from(format!("jobs/{job}/{sha256}.{}", format.suffix()))
+    Key::from(format!("jobs/{job}/{}", picture_file(sha256, format)))
+}
+
+/// The name of a picture's file in its job's folder.
+pub fn picture_file(sha256: &str, format: PictureFormat) -> String {
+    format!("{sha256}.{}", format.suffix())
 }
 
 #[cfg(test)]

@@ -3,12 +3,13 @@
 //! The environment variable `HEMILUX_FAILPOINTS` holds rules, `;` between them, or `@` and the
 //! path of a file with rules that is read anew at every point, so that a test can mend what it
 //! broke. A rule reads `point=action` or `point(about)=action`; the latter holds where what the
-//! point is about contains the text in brackets. Without the variable a point costs the read of
-//! one static.
+//! point is about contains the text in brackets. `clock=jump:SECONDS` sets the wall clock by which
+//! things expire off. Without the variable a point costs the read of one static.
 //!
 //! Not the `fail` crate: its points are compiled in by a cargo feature, so tests would run another
 //! program than the one that is shipped.
 
+use jiff::SignedDuration;
 use std::sync::OnceLock;
 
 /// The variable.
@@ -24,16 +25,29 @@ pub struct Injected(&'static str);
 /// # Errors
 /// [`Injected`] where the rule says `error`.
 pub fn pass(point: &'static str, about: impl FnOnce() -> String) -> Result<(), Injected> {
-    static RULES: OnceLock<Option<String>> = OnceLock::new();
-    let Some(rules) = RULES.get_or_init(|| std::env::var(VARIABLE).ok()) else { return Ok(()) };
-    let rules = match rules.strip_prefix('@') {
-        Some(path) => std::fs::read_to_string(path).unwrap_or_default(),
-        None => rules.clone(),
-    };
+    let Some(rules) = rules() else { return Ok(()) };
     match action(&rules, point, &about()) {
         Some(action) => act(point, action),
         None => Ok(()),
     }
+}
+
+/// How far a test has set the wall clock off.
+pub fn clock_jump() -> SignedDuration {
+    let Some(rules) = rules() else { return SignedDuration::ZERO };
+    let seconds = action(&rules, "clock", "").and_then(|action| action.strip_prefix("jump:"));
+    let seconds = seconds.map(|seconds| seconds.parse().expect("jump:SECONDS"));
+    SignedDuration::from_secs(seconds.unwrap_or(0))
+}
+
+/// The rules as they are now; none where the variable is not set.
+fn rules() -> Option<String> {
+    static RULES: OnceLock<Option<String>> = OnceLock::new();
+    let rules = RULES.get_or_init(|| std::env::var(VARIABLE).ok()).as_ref()?;
+    Some(match rules.strip_prefix('@') {
+        Some(path) => std::fs::read_to_string(path).unwrap_or_default(),
+        None => rules.clone(),
+    })
 }
 
 /// The action of the first rule that holds.

@@ -83,6 +83,8 @@ pub struct Metrics {
     webhooks_pending: Gauge,
     disk_free_bytes: Gauge,
     collected: Family<KindLabel, Counter>,
+    orphans_left: Gauge,
+    clock_doubted: Gauge,
 }
 
 impl Default for Metrics {
@@ -106,6 +108,8 @@ impl Default for Metrics {
             webhooks_pending: Gauge::default(),
             disk_free_bytes: Gauge::default(),
             collected: Family::default(),
+            orphans_left: Gauge::default(),
+            clock_doubted: Gauge::default(),
         };
         metrics.named()
     }
@@ -140,8 +144,13 @@ impl Metrics {
         to.register("webhooks_pending", help, self.webhooks_pending.clone());
         let help = "Bytes free on the disk of the data folder";
         to.register("disk_free_bytes", help, self.disk_free_bytes.clone());
-        let help = "Jobs, scenes and orphaned files removed by retention";
+        let help =
+            "Jobs and scenes removed by retention; files moved into and removed from quarantine";
         to.register("collected", help, self.collected.clone());
+        let help = "Files that no record names, left where they are because they are too many";
+        to.register("orphans_left", help, self.orphans_left.clone());
+        let help = "1 while the clock is in doubt and nothing is removed because of its age";
+        to.register("clock_doubted", help, self.clock_doubted.clone());
         self.begin_at_zero();
         self
     }
@@ -159,7 +168,7 @@ impl Metrics {
         for outcome in ["delivered", "failed", "given_up"] {
             let _ = self.webhooks.get_or_create(&OutcomeLabel { outcome });
         }
-        for kind in ["job", "scene", "orphan"] {
+        for kind in ["job", "scene", "orphan", "quarantined"] {
             let _ = self.collected.get_or_create(&KindLabel { kind });
         }
         for state in JobState::ALL.into_iter().filter(|state| state.is_terminal()) {
@@ -248,6 +257,16 @@ impl Metrics {
     /// Counts what retention removed.
     pub fn count_collected(&self, kind: &'static str, things: u64) {
         self.collected.get_or_create(&KindLabel { kind }).inc_by(things);
+    }
+
+    /// Says how many files that no record names the sweep left where they are.
+    pub fn orphans_left(&self, files: u64) {
+        self.orphans_left.set(gauge_value(files));
+    }
+
+    /// Says whether the clock is in doubt.
+    pub fn clock_is_doubted(&self, doubted: bool) {
+        self.clock_doubted.set(doubted.into());
     }
 
     /// All of it as text.

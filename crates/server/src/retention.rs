@@ -2,12 +2,15 @@
 //! nothing names.
 //!
 //! A record goes before its file, so a file that a record names is never removed; a crash in
-//! between leaves a file that nothing names, and the sweep at the next start finds it. Scenes are
+//! between leaves a file that nothing names, and the [`sweep`] finds it. Scenes are
 //! shared: the same bytes may be sent again at any time. So whoever stores a scene holds the lock
 //! for reading from its file to its record, and whoever removes one holds it for writing.
 
+pub mod sweep;
+
 use crate::api::scenes::Scene;
 use crate::artifacts::{ArtifactError, Artifacts};
+use crate::clock::{Clock, Memory, Reading};
 use crate::config::GuardConfig;
 use crate::events::Bell;
 use crate::service::Service;
@@ -16,7 +19,7 @@ use bytes::Bytes;
 use jiff::{SignedDuration, Timestamp};
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::RwLock;
+use tokio::sync::{OwnedRwLockReadGuard, RwLock};
 use uuid::Uuid;
 
 /// How often deleted jobs are looked for.
@@ -68,8 +71,6 @@ pub struct Removed {
     pub jobs: u64,
     /// Scenes with their files.
     pub scenes: u64,
-    /// Files that nothing named.
-    pub orphans: u64,
 }
 
 /// Removes things, and stores what must not be removed meanwhile.
@@ -106,18 +107,30 @@ impl Keeper {
         Ok(is_new)
     }
 
+    /// While this is held, no file goes that no record names: for files that are stored before
+    /// their job is accepted.
+    pub async fn hold_files(&self) -> OwnedRwLockReadGuard<()> {
+        self.collecting.clone().read_owned().await
+    }
+
     /// Forgets jobs that were deleted so long ago, and removes their files.
     ///
     /// # Errors
     /// Where the store fails. A file that stays is found by the next sweep.
     pub async fn purge(&self, older_than_ms: i64) -> Result<u64, RetentionError> {
-        let jobs = self.store.purge(older_than_ms).await?;
-        for job in &jobs {
-            if let Err(error) = self.artifacts.remove_job(*job).await {
-                tracing::warn!(%job, %error, "cannot remove the files of a deleted job");
+        let mut purged = 0;
+        loop {
+            let jobs = self.store.purge(older_than_ms).await?;
+            if jobs.is_empty() {
+                return Ok(purged);
             }
+            for job in &jobs {
+                if let Err(error) = self.artifacts.remove_job(*job).await {
+                    tracing::warn!(%job, %error, "cannot remove the files of a deleted job");
+                }
+            }
+            purged += jobs.len() as u64;
         }
-        Ok(jobs.len() as u64)
     }
 
     /// Removes what the rules say. Jobs are hidden, as if deleted; [`Keeper::purge`] follows.
@@ -172,54 +185,68 @@ impl Keeper {
         }
         Ok(removed)
     }
-
-    /// Removes files that no record names. Only before anything else writes: a file is there
-    /// before its record is.
-    ///
-    /// # Errors
-    /// Where store or files fail.
-    pub async fn sweep(&self) -> Result<u64, RetentionError> {
-        let _alone = self.collecting.write().await;
-        let mut orphans = 0;
-        for job in self.artifacts.jobs_with_files().await? {
-            if !self.store.knows_job(job).await? {
-                self.artifacts.remove_job(job).await?;
-                orphans += 1;
-                continue;
-            }
-            let named = self.store.picture_hashes(job).await?;
-            orphans += self.artifacts.remove_pictures_but(job, &named).await?;
-        }
-        for scene in self.artifacts.scenes_with_files().await? {
-            if self.store.scene(&scene).await?.is_none() {
-                self.artifacts.remove_scene(&scene).await?;
-                orphans += 1;
-            }
-        }
-        Ok(orphans)
-    }
 }
 
 /// Removes what is to go, now and then, until the task is aborted.
 pub async fn keep_order(service: Arc<Service>) {
     let mut ticks = tokio::time::interval(PURGE_EVERY);
     let rules = Rules::of(&service.config.guard);
+    let mut doubted = false;
     for round in 0_u32.. {
         ticks.tick().await;
         if let Err(error) = service.keeper.purge(PURGE_AFTER_MS).await {
             tracing::error!(%error, "cannot purge deleted jobs");
         }
-        if round % EXPIRE_EVERY_ROUNDS != 0 {
-            continue;
+        let reading = service.clock.look();
+        match &reading.doubt {
+            Some(why) if !doubted => tracing::warn!(why, "the clock is in doubt"),
+            None if doubted => tracing::info!("the clock is believed again"),
+            _ => {}
         }
-        match service.keeper.expire(rules, Timestamp::now()).await {
-            Ok(removed) => report(&service, removed),
-            Err(error) => tracing::error!(%error, "cannot remove what is expired"),
+        doubted = reading.doubt.is_some();
+        if round % EXPIRE_EVERY_ROUNDS == 0 {
+            expire(&service, rules, &reading).await;
         }
-        if let Err(error) = service.store.forget_messages(crate::webhooks::KEEP).await {
-            tracing::error!(%error, "cannot forget old webhook messages");
-        }
+        service.metrics.clock_is_doubted(doubted);
     }
+}
+
+/// Removes what has expired. While the clock is in doubt, nothing goes because of its age.
+async fn expire(service: &Service, rules: Rules, reading: &Reading) {
+    let is_believed = reading.doubt.is_none();
+    let rules = Rules { age: rules.age.filter(|_| is_believed), ..rules };
+    match service.keeper.expire(rules, reading.now).await {
+        Ok(removed) => report(service, removed),
+        Err(error) => tracing::error!(%error, "cannot remove what is expired"),
+    }
+    if is_believed && let Err(error) = service.store.forget_messages(crate::webhooks::KEEP).await {
+        tracing::error!(%error, "cannot forget old webhook messages");
+    }
+    if let Err(error) = remember(&*service.store, &service.clock.memory()).await {
+        tracing::error!(%error, "cannot note the time");
+    }
+}
+
+/// Name of the fact that is the memory of the clock.
+const CLOCK: &str = "clock";
+
+/// A clock that goes on from what the store remembers of it.
+///
+/// # Errors
+/// Where the store fails.
+pub async fn clock(store: &dyn Store, grace: Duration) -> Result<Clock, StoreError> {
+    let memory = store.fact(CLOCK).await?;
+    let memory = memory.and_then(|memory| serde_json::from_str(&memory).ok());
+    let memory = match memory {
+        Some(memory) => Some(memory),
+        // An earlier release kept none; its records say when it ran.
+        None => store.newest_record().await?.map(|newest| Memory::of(newest)),
+    };
+    Ok(Clock::new(grace, memory))
+}
+
+async fn remember(store: &dyn Store, memory: &Memory) -> Result<(), StoreError> {
+    store.keep_fact(CLOCK, &serde_json::to_string(memory).unwrap_or_default()).await
 }
 
 /// Counts and logs what was removed.
@@ -229,7 +256,6 @@ pub fn report(service: &Service, removed: Removed) {
     }
     service.metrics.count_collected("job", removed.jobs);
     service.metrics.count_collected("scene", removed.scenes);
-    service.metrics.count_collected("orphan", removed.orphans);
 }
 
 #[cfg(test)]

@@ -3,7 +3,9 @@
 use crate::access::KeyUses;
 use crate::api::limits::Vocabulary;
 use crate::artifacts::Artifacts;
+use crate::clock::Clock;
 use crate::config::Config;
+use crate::data_folder::{self, FolderError};
 use crate::disk::Disk;
 use crate::events::Bell;
 use crate::http;
@@ -12,14 +14,11 @@ use crate::leases::{self, Leases};
 use crate::memory;
 use crate::metrics::Metrics;
 use crate::queue::Queue;
-use crate::retention::{self, Keeper, Removed};
-use crate::store::sqlite::SqliteStore;
+use crate::retention::{self, Keeper};
 use crate::store::{Store, StoreError};
 use crate::webhooks;
 use crate::worker::{self, Pool};
-use std::fs::{File, TryLockError};
 use std::net::SocketAddr;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -65,6 +64,8 @@ pub struct Service {
     pub max_job_bytes: Option<u64>,
     /// What goes, and when.
     pub keeper: Keeper,
+    /// Which time to believe.
+    pub clock: Clock,
     /// Cancelled when the service is to end.
     pub shutdown: CancellationToken,
 }
@@ -81,24 +82,8 @@ pub enum ServeError {
     #[error("cannot listen on {0}: {1}")]
     Listen(SocketAddr, std::io::Error),
     /// The data folder cannot be used.
-    #[error("cannot use the data folder {}: {source}", path.display())]
-    DataFolder {
-        /// The folder.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// Another process uses the data folder.
-    #[error("the data folder {} is in use by another hemilux process; stop it, or give another --data-dir", .0.display())]
-    InUse(PathBuf),
-    /// The database cannot be opened or read.
-    #[error("cannot use the database {}: {source}", path.display())]
-    Database {
-        /// Its file.
-        path: PathBuf,
-        /// What is wrong.
-        source: StoreError,
-    },
+    #[error("{0}")]
+    Folder(#[from] FolderError),
     /// The store failed at the end.
     #[error("{0}")]
     Store(#[from] StoreError),
@@ -120,13 +105,13 @@ pub async fn serve(
     ready: impl FnOnce(SocketAddr),
 ) -> Result<(), ServeError> {
     let devices = worker::devices::choose(&config.devices).map_err(ServeError::Devices)?;
-    let _lock = lock_data_folder(&config)?;
-    let folder_trouble = |source| ServeError::DataFolder { path: config.data_dir.clone(), source };
-    std::fs::create_dir_all(config.data_dir.join("tmp")).map_err(folder_trouble)?;
-    let artifacts = Artifacts::local(&config.data_dir.join("artifacts")).map_err(folder_trouble)?;
-    let database = config.data_dir.join("hemilux.sqlite");
-    let trouble = |source| ServeError::Database { path: database.clone(), source };
-    let store: Arc<dyn Store> = Arc::new(SqliteStore::open(&database).await.map_err(trouble)?);
+    let _lock = data_folder::lock(&config.data_dir)?;
+    std::fs::create_dir_all(config.data_dir.join("tmp"))
+        .map_err(|source| FolderError::System { path: config.data_dir.clone(), source })?;
+    let (store, artifacts) = data_folder::open(&config.data_dir, config.guard.adopt_files).await?;
+    let store: Arc<dyn Store> = Arc::new(store);
+    let database = config.data_dir.join(data_folder::DATABASE);
+    let trouble = |source| FolderError::Database { path: database.clone(), source };
     let is_closed = config.guard.require_keys || store.any_keys().await.map_err(trouble)?;
     if !config.listen.ip().is_loopback() && !is_closed && !config.allow_remote {
         return Err(ServeError::Remote(config.listen));
@@ -142,16 +127,14 @@ pub async fn serve(
 
     let bell = Bell::default();
     let keeper = Keeper::new(store.clone(), artifacts.clone(), bell.clone());
-    // What cannot be looked through now can be at the next start; it is in nobody's way.
-    let orphans = keeper.sweep().await.unwrap_or_else(|error| {
-        tracing::error!(%error, "cannot look for files that nothing names");
-        0
-    });
+    let grace = Duration::from_secs_f64(3600.0 * config.guard.clock_grace_hours);
+    let clock = retention::clock(&*store, grace).await.map_err(trouble)?;
     let service = Arc::new(Service {
         queue: Queue::new(store.clone(), bell.clone()),
         store,
         artifacts,
         keeper,
+        clock,
         bell,
         leases: Arc::default(),
         metrics: Metrics::default(),
@@ -171,8 +154,8 @@ pub async fn serve(
         news.ring(lease.claim.job);
     })?;
     let workers = worker::start(&service)?;
-    retention::report(&service, Removed { orphans, ..Removed::default() });
     let purge = tokio::spawn(retention::keep_order(service.clone()));
+    let sweep = tokio::spawn(retention::sweep::keep_sweeping(service.clone()));
     let webhooks = tokio::spawn(webhooks::deliver(service.clone()));
     tracing::info!(%address, data = %service.config.data_dir.display(), "listening");
     ready(address);
@@ -190,6 +173,7 @@ pub async fn serve(
         tracing::warn!("some workers did not stop in time; their jobs go back to the queue");
     }
     purge.abort();
+    sweep.abort();
     webhooks.abort();
     let released = service.store.release_all().await?;
     if released > 0 {
@@ -197,22 +181,4 @@ pub async fn serve(
     }
     service.store.close().await;
     Ok(())
-}
-
-/// Holds the data folder for this process; the system lets go of it when the process ends,
-/// however it ends.
-fn lock_data_folder(config: &Config) -> Result<File, ServeError> {
-    let trouble = |source| ServeError::DataFolder { path: config.data_dir.clone(), source };
-    std::fs::create_dir_all(&config.data_dir).map_err(trouble)?;
-    let lock = File::options()
-        .create(true)
-        .truncate(false)
-        .write(true)
-        .open(config.data_dir.join("lock"))
-        .map_err(trouble)?;
-    match lock.try_lock() {
-        Ok(()) => Ok(lock),
-        Err(TryLockError::WouldBlock) => Err(ServeError::InUse(config.data_dir.clone())),
-        Err(TryLockError::Error(error)) => Err(trouble(error)),
-    }
 }

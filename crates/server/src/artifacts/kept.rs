@@ -7,7 +7,7 @@ use object_store::{ObjectStore, ObjectStoreExt};
 use uuid::Uuid;
 
 /// How the names of kept files end.
-const ENDINGS: [&str; 2] = [".checkpoint", ".glb"];
+pub(super) const ENDINGS: [&str; 2] = [".checkpoint", ".glb"];
 
 fn key(job: Uuid, file: &str) -> Key {
     Key::from(format!("jobs/{job}/{file}"))

@@ -56,6 +56,22 @@ pub struct GuardConfig {
     /// limit by default.
     #[arg(long, env = "HEMILUX_KEEP_GB", value_parser = parse_amount)]
     pub keep_gb: Option<f64>,
+    /// Days that files which no record names stay in quarantine before they are removed.
+    #[arg(long, env = "HEMILUX_QUARANTINE_DAYS", default_value_t = 7.0, value_parser = parse_amount)]
+    pub quarantine_days: f64,
+    /// Move files that no record names into quarantine even where they are more than 20 and more
+    /// than a tenth of all files. By default so many stay where they are: the database is probably
+    /// the wrong one.
+    #[arg(long, env = "HEMILUX_SWEEP_LARGE", action = clap::ArgAction::SetTrue, value_parser = BoolishValueParser::new())]
+    pub sweep_large: bool,
+    /// Take the files of the data folder over although they belong to another database, or to one
+    /// that is gone. What no record names is then not removed at once, but goes into quarantine.
+    #[arg(long, env = "HEMILUX_ADOPT_FILES", action = clap::ArgAction::SetTrue, value_parser = BoolishValueParser::new())]
+    pub adopt_files: bool,
+    /// Hours of uptime for which nothing is removed because of its age after the clock has jumped,
+    /// or where the server starts more than a day after it last ran; 0 believes the clock at once.
+    #[arg(long, env = "HEMILUX_CLOCK_GRACE_HOURS", default_value_t = 24.0, value_parser = parse_hours)]
+    pub clock_grace_hours: f64,
 }
 
 impl GuardConfig {
@@ -88,6 +104,13 @@ fn parse_rate(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(rate) if (0.0..=1e6).contains(&rate) => Ok(rate),
         _ => Err("must be a number between 0 and 1000000".into()),
+    }
+}
+
+fn parse_hours(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(hours) if (0.0..=8760.0).contains(&hours) => Ok(hours),
+        _ => Err("must be a number of hours from 0 to 8760".into()),
     }
 }
 

@@ -126,11 +126,14 @@ pub async fn create_view(
         render_key: None,
     };
     let new_id = new.id;
+    // Its file is there before its record is.
+    let held = app.keeper.hold_files().await;
     let solution = share(&app, &job, new_id).await?;
     let accepted_as = app.store.accept_view(new, &solution, app.config.max_queued).await;
     if !matches!(accepted_as, Ok(Accepted::New(_))) {
         app.artifacts.remove_job(new_id).await?;
     }
+    drop(held);
     answer(&app, &caller, accepted_as?)
 }
 

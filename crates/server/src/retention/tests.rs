@@ -131,7 +131,7 @@ async fn live(world: Arc<World>, dice: Arc<Dice>, steps: u64) {
     let all = Rules { age: Some(SignedDuration::ZERO), bytes: None };
     for _ in 0..steps {
         let soon = || Timestamp::now() + SignedDuration::from_millis(2);
-        match dice.below(10) {
+        match dice.below(12) {
             0..=3 => drop(world.submit(dice.below(SCENES)).await),
             4..=5 => world.run().await,
             6 => {
@@ -144,6 +144,8 @@ async fn live(world: Arc<World>, dice: Arc<Dice>, steps: u64) {
             }
             7 => drop(world.keeper.purge(0).await.unwrap()),
             8 => drop(world.keeper.expire(all, soon()).await.unwrap()),
+            9 => drop(world.keeper.sweep(Timestamp::now(), true).await.unwrap()),
+            10 => drop(world.keeper.tend_quarantine(Some(soon())).await.unwrap()),
             _ => {
                 let few = Rules { age: None, bytes: Some(100) };
                 world.keeper.expire(few, soon()).await.unwrap();
@@ -173,6 +175,7 @@ async fn nothing_that_a_record_names_is_ever_removed() {
     world.keeper.purge(0).await.unwrap();
     let all = Rules { age: Some(SignedDuration::ZERO), bytes: None };
     world.keeper.expire(all, Timestamp::now()).await.unwrap();
+    world.keeper.tend_quarantine(Some(Timestamp::MAX)).await.unwrap();
     assert_eq!(files(&world.folder.path().join("artifacts")), Vec::<String>::new());
     assert_eq!(world.store.scenes(None, 10).await.unwrap(), []);
 }
@@ -197,25 +200,99 @@ async fn a_sweep_finds_what_a_crash_left_and_leaves_the_rest() {
     world.run().await;
     let folder = world.folder.path().join("artifacts");
     let before: BTreeSet<_> = files(&folder).into_iter().collect();
-    // A picture without a record, the files of a job that is purged, a scene without a record,
-    // a file that was being written; and a file of a kind that the sweep does not know.
+    // A picture without a record, the files of a job that is purged, a scene without a record; and
+    // a file of a kind that the sweep does not know.
     let art = &world.artifacts;
     art.put_picture(job, PictureFormat::Exr, (1, 1), b"no record".to_vec()).await.unwrap();
     let gone = Uuid::now_v7();
     art.put_picture(gone, PictureFormat::Png, (1, 1), b"no job".to_vec()).await.unwrap();
+    art.put_kept(job, "old.checkpoint", b"replaced".to_vec()).await.unwrap();
     art.put_scene(&"ab".repeat(32), Bytes::from_static(b"no record")).await.unwrap();
-    std::fs::write(folder.join(format!("jobs/{job}/half.png#1")), b"half").unwrap();
     let other = folder.join(format!("jobs/{job}/checkpoint.bin"));
     std::fs::write(&other, b"of another part").unwrap();
+    // And a job that runs: its files come before their records.
+    let running = world.submit(1).await.unwrap();
+    world.store.claim("cpu").await.unwrap().unwrap();
+    art.put_picture(running, PictureFormat::Png, (1, 1), b"to be recorded".to_vec()).await.unwrap();
 
-    let reopened = Artifacts::local(&folder).unwrap();
-    let keeper = Keeper::new(world.store.clone(), reopened, Bell::default());
-    assert_eq!(keeper.sweep().await.unwrap(), 3);
+    let now = Timestamp::from_second(1_700_000_000).unwrap();
+    let swept = world.keeper.sweep(now, false).await.unwrap();
+    assert_eq!((swept.set_aside, swept.left), (4, 0));
+    // Nothing is lost: all of it waits, for as long as it is to.
+    assert_eq!(art.all_set_aside().await.unwrap().len(), 4);
     let mut after: BTreeSet<_> = files(&folder).into_iter().collect();
+    after.retain(|file| !file.contains("quarantine") && !file.contains(&running.to_string()));
     assert!(after.remove(&other.display().to_string()));
+    after.retain(|file| before.contains(file) || !file.contains("/scenes/"));
     assert_eq!(after, before);
-    assert_eq!(keeper.sweep().await.unwrap(), 0);
+    assert_eq!(world.keeper.sweep(now, false).await.unwrap().set_aside, 0);
+    assert_eq!(world.keeper.tend_quarantine(Some(now)).await.unwrap(), sweep::Tended::default());
+    assert_eq!(world.keeper.tend_quarantine(None).await.unwrap(), sweep::Tended::default());
+    let later = now + SignedDuration::from_secs(1);
+    assert_eq!(world.keeper.tend_quarantine(Some(later)).await.unwrap().removed, 4);
+    assert_eq!(art.all_set_aside().await.unwrap(), []);
     world.check().await;
+}
+
+/// The wrong database lies beside the files, and then the right one again.
+#[tokio::test]
+async fn a_large_share_stays_until_asked_for_and_comes_back_with_its_records() {
+    let world = World::new().await;
+    for number in 0..25 {
+        world.submit(number % SCENES).await.unwrap();
+        world.run().await;
+    }
+    let folder = world.folder.path().join("artifacts");
+    let before = files(&folder);
+    let wrong: Arc<dyn Store> =
+        Arc::new(SqliteStore::open(&world.folder.path().join("wrong")).await.unwrap());
+    let keeper = Keeper::new(wrong, world.artifacts.clone(), Bell::default());
+    let now = Timestamp::from_second(1_700_000_000).unwrap();
+    let swept = keeper.sweep(now, false).await.unwrap();
+    assert_eq!((swept.set_aside, swept.left), (0, 25 + SCENES));
+    assert_eq!(files(&folder), before);
+    assert_eq!(keeper.sweep(now, true).await.unwrap().set_aside, 25 + SCENES);
+    assert!(!world.artifacts.any_files().await.unwrap());
+    // However long they were there: what a record names is not removed.
+    let tended = world.keeper.tend_quarantine(Some(Timestamp::MAX)).await.unwrap();
+    assert_eq!(tended, sweep::Tended { put_back: 25 + SCENES, removed: 0 });
+    world.check().await;
+}
+
+/// A view's file is there before its record; no sweep may come in between.
+#[tokio::test]
+async fn a_sweep_waits_for_files_that_are_about_to_be_recorded() {
+    let world = Arc::new(World::new().await);
+    let held = world.keeper.hold_files().await;
+    let job = Uuid::now_v7();
+    world.artifacts.put_kept(job, "a.checkpoint", b"light".to_vec()).await.unwrap();
+    let sweeping = world.clone();
+    let sweep = tokio::spawn(async move { sweeping.keeper.sweep(Timestamp::now(), true).await });
+    // It has seen the file as soon as it waits for the lock: nobody else can be given it then.
+    while world.keeper.collecting.try_read().is_ok() {
+        tokio::time::sleep(Duration::from_millis(1)).await;
+    }
+    let (scene, bytes) = World::scene(0);
+    world.artifacts.put_scene(&scene.id, bytes).await.unwrap();
+    world.store.put_scene(&scene).await.unwrap();
+    let new = NewJob {
+        id: job,
+        scene_id: scene.id.clone(),
+        request: serde_json::from_str("{}").unwrap(),
+        idempotency_key: None,
+        request_hash: String::new(),
+        submitter: Submitter::default(),
+        render_key: None,
+    };
+    let solution = serde_json::from_value(serde_json::json!({
+        "file": "a.checkpoint", "size": 5, "begins": "view", "method": "stochastic",
+        "iterations": 1, "seconds": 1.0
+    }));
+    let accepted = world.store.accept_view(new, &solution.unwrap(), 10).await.unwrap();
+    assert!(matches!(accepted, Accepted::New(_)));
+    drop(held);
+    assert_eq!(sweep.await.unwrap().unwrap().set_aside, 0);
+    assert_eq!(world.artifacts.kept(job, "a.checkpoint").await.unwrap(), "light");
 }
 
 #[tokio::test]

@@ -4,6 +4,7 @@
 #[cfg(test)]
 mod conformance;
 pub mod keys;
+pub mod meta;
 pub mod outbox;
 pub mod retention;
 pub mod solutions;
@@ -18,8 +19,9 @@ use async_trait::async_trait;
 use uuid::Uuid;
 
 pub use keys::{Keys, Submitter};
+pub use meta::Meta;
 pub use outbox::Outbox;
-pub use retention::Retention;
+pub use retention::{Recorded, Retention};
 /// Progress events that a job may keep; beyond it every second one of the older half goes.
 pub const MAX_PROGRESS_EVENTS: i64 = 2048;
 
@@ -42,6 +44,21 @@ pub enum StoreError {
     /// The database could not be brought to this version's tables.
     #[error("database migration: {0}")]
     Migration(sqlx::migrate::MigrateError),
+    /// The tables are those of another version of the program, and this caller must not change them.
+    #[error(
+        "the database has the tables of another version of hemilux (version {version} of the tables, this program has {own}); {}",
+        if version < own {
+            "start the server of this program's version on the data folder first, which brings them up to date, or use the program of the version that serves it"
+        } else {
+            "use the program of the version that serves it"
+        }
+    )]
+    OtherVersion {
+        /// Version of the tables.
+        version: i64,
+        /// Version that this program has.
+        own: i64,
+    },
     /// A stored record does not read back.
     #[error("stored {what} does not read back: {reason}")]
     Corrupt {
@@ -212,7 +229,7 @@ pub struct JobCounts {
 
 /// The store of one service.
 #[async_trait]
-pub trait Store: Keys + Outbox + Retention + solutions::Solutions {
+pub trait Store: Keys + Meta + Outbox + Retention + solutions::Solutions {
     /// Stores a scene; false where it was there already.
     async fn put_scene(&self, scene: &Scene) -> Result<bool, StoreError>;
     /// The scene of that id.
@@ -232,7 +249,8 @@ pub trait Store: Keys + Outbox + Retention + solutions::Solutions {
     async fn cancel(&self, id: Uuid) -> Result<Option<Job>, StoreError>;
     /// Hides a job for good, ending it first if it has not; true where there was one.
     async fn delete(&self, id: Uuid) -> Result<bool, StoreError>;
-    /// Forgets jobs hidden for `older_than_ms` and longer; their ids.
+    /// Forgets some of the jobs hidden for `older_than_ms` and longer, in short writes between which
+    /// others get their turn; the ids of those that are gone, none where there are no more.
     async fn purge(&self, older_than_ms: i64) -> Result<Vec<Uuid>, StoreError>;
 
     /// Takes the next queued job: the highest priority first; within it, those who pay for jobs

@@ -6,6 +6,18 @@ use jiff::Timestamp;
 use std::collections::BTreeSet;
 use uuid::Uuid;
 
+/// What the records say of a job's files.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Recorded {
+    /// There is no such job.
+    Unknown,
+    /// The job has not ended, and its files come before their records; or it is deleted, and they
+    /// go with it. These are named already.
+    Open(BTreeSet<String>),
+    /// The job has ended with files of these names: pictures, and what is kept of its solution.
+    Ended(BTreeSet<String>),
+}
+
 /// Expiry of jobs and scenes.
 #[async_trait]
 pub trait Retention: Send + Sync {
@@ -23,8 +35,6 @@ pub trait Retention: Send + Sync {
     async fn forget_scene(&self, scene: &str, before: Timestamp) -> Result<bool, StoreError>;
     /// Notes that a scene is wanted now; false where it is not there any more.
     async fn use_scene(&self, scene: &str) -> Result<bool, StoreError>;
-    /// Whether there is a record of that job, deleted or not.
-    async fn knows_job(&self, job: Uuid) -> Result<bool, StoreError>;
-    /// Hashes of all pictures of a job.
-    async fn picture_hashes(&self, job: Uuid) -> Result<BTreeSet<String>, StoreError>;
+    /// What the records say of a job's files.
+    async fn recorded_files(&self, job: Uuid) -> Result<Recorded, StoreError>;
 }

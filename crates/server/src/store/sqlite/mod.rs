@@ -8,12 +8,13 @@ mod claims;
 mod events;
 mod jobs;
 mod keys;
+pub mod meta;
 mod outbox;
 mod retention;
 mod rows;
 mod solutions;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use super::{
     Accepted, Asking, Claim, JobCounts, JobFilter, Lease, NewJob, Outcome, Report, Store,
@@ -50,19 +51,40 @@ impl SqliteStore {
     /// # Errors
     /// [`StoreError`] where the file cannot be opened or is of a later version.
     pub async fn open(path: &Path) -> Result<Self, StoreError> {
-        let options = SqliteConnectOptions::new()
+        let options = Self::options(path).create_if_missing(true);
+        let writer = Self::writer(&options).await?;
+        meta::MIGRATIONS.run(&writer).await?;
+        meta::ensure_id(&writer).await?;
+        Self::with(writer, options).await
+    }
+
+    /// Opens a database that is there, as it is: for commands beside a running server, under which
+    /// the tables must not change.
+    ///
+    /// # Errors
+    /// [`StoreError`] where there is none, or its tables are those of another version.
+    pub async fn open_as_it_is(path: &Path) -> Result<Self, StoreError> {
+        let options = Self::options(path);
+        let writer = Self::writer(&options).await?;
+        meta::check_version(&mut *writer.acquire().await?).await?;
+        Self::with(writer, options).await
+    }
+
+    fn options(path: &Path) -> SqliteConnectOptions {
+        SqliteConnectOptions::new()
             .filename(path)
-            .create_if_missing(true)
             .journal_mode(SqliteJournalMode::Wal)
             .synchronous(SqliteSynchronous::Full)
             .foreign_keys(true)
-            .busy_timeout(Duration::from_secs(10));
-        let writer = pool()
-            .max_connections(1)
-            .acquire_timeout(Duration::from_secs(30))
-            .connect_with(options.clone())
-            .await?;
-        sqlx::migrate!("src/store/migrations").run(&writer).await?;
+            .busy_timeout(Duration::from_secs(10))
+    }
+
+    async fn writer(options: &SqliteConnectOptions) -> Result<SqlitePool, StoreError> {
+        let pool = pool().max_connections(1).acquire_timeout(Duration::from_secs(30));
+        Ok(pool.connect_with(options.clone()).await?)
+    }
+
+    async fn with(writer: SqlitePool, options: SqliteConnectOptions) -> Result<Self, StoreError> {
         let leases = pool()
             .max_connections(1)
             .acquire_timeout(Duration::from_secs(10))
@@ -108,7 +130,7 @@ pub fn diagnose(error: &sqlx::Error) -> Option<(&'static str, &'static str)> {
 /// Milliseconds since 1970 by the wall clock. For people and for sorting: it jumps, so nothing
 /// that a promise hangs on is decided by it.
 fn now_ms() -> i64 {
-    let now = jiff::Timestamp::now().as_millisecond();
+    let now = crate::clock::wall().as_millisecond();
     #[cfg(test)]
     let now = now + CLOCK_JUMP_MS.get();
     now
@@ -200,11 +222,7 @@ impl Store for SqliteStore {
     }
 
     async fn purge(&self, older_than_ms: i64) -> Result<Vec<Uuid>, StoreError> {
-        let rows = sqlx::query("DELETE FROM jobs WHERE deleted_ms <= ? RETURNING id")
-            .bind(now_ms() - older_than_ms)
-            .fetch_all(&self.writer)
-            .await?;
-        rows.iter().map(|row| rows::parse_id(row.get("id"))).collect()
+        retention::purge(self, older_than_ms).await
     }
 
     async fn claim(&self, asking: &Asking<'_>) -> Result<Option<(Claim, Job)>, StoreError> {

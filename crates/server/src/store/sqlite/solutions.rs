@@ -90,7 +90,8 @@ impl Solutions for SqliteStore {
     }
 }
 
-async fn find(
+/// What a job begins with, or knew last.
+pub async fn find(
     connection: &mut SqliteConnection,
     job: Uuid,
 ) -> Result<Option<Solution>, StoreError> {

@@ -5,6 +5,9 @@ use super::*;
 use crate::job_state::JobState;
 use crate::leases::{Leases, supervise};
 use crate::store::conformance::{ASKING, Place, suite};
+
+use crate::store::Meta;
+use crate::store::conformance::{Place, suite};
 use std::borrow::Cow;
 use std::sync::Arc;
 use tempfile::TempDir;
@@ -32,12 +35,15 @@ impl Place for Folder {
 suite!(Folder::new());
 
 /// A database as the first release left it: its own migration, and its own rows.
-async fn first_release(file: &Path) {
+pub(crate) async fn first_release(file: &Path) {
     let options = SqliteConnectOptions::new().filename(file).create_if_missing(true);
     let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await.unwrap();
-    let all = sqlx::migrate!("src/store/migrations");
+    let all = &meta::MIGRATIONS;
     let first: Vec<_> = all.iter().take(1).cloned().collect();
-    let first = sqlx::migrate::Migrator { migrations: Cow::Owned(first), ..all };
+    let first = sqlx::migrate::Migrator {
+        migrations: Cow::Owned(first),
+        ..sqlx::migrate!("src/store/migrations")
+    };
     first.run(&pool).await.unwrap();
     sqlx::raw_sql(include_str!("first_release.sql")).execute(&pool).await.unwrap();
     pool.close().await;
@@ -185,4 +191,87 @@ async fn a_claim_from_a_long_queue_is_quick() {
     println!("claims took {:?} to {:?}, half of them less than {:?}", took[0], took[29], took[15]);
     // The machine may be busy with other things; a look at every job takes far longer than this.
     assert!(took[5] < Duration::from_millis(5), "{took:?}");
+
+/// A job with very many events is forgotten in short writes, and not kept for ever where the clock
+/// that it was deleted by was ahead.
+#[tokio::test]
+async fn many_events_are_purged_a_few_at_a_time() {
+    let folder = Folder::new();
+    first_release(&folder.file()).await;
+    let store = SqliteStore::open(&folder.file()).await.unwrap();
+    let filter = JobFilter { limit: 10, ..JobFilter::default() };
+    let job = store.jobs(&filter).await.unwrap().pop().unwrap();
+    let events =
+        "WITH RECURSIVE n (seq) AS (SELECT 1000 UNION ALL SELECT seq + 1 FROM n LIMIT 20000)
+                  INSERT INTO events (job_id, seq, kind, at_ms, data)
+                  SELECT ?, seq, 'progress', 0, '{}' FROM n";
+    sqlx::query(events).bind(job.id.to_string()).execute(&store.writer).await.unwrap();
+    CLOCK_JUMP_MS.set(400 * 86_400_000);
+    store.delete(job.id).await.unwrap();
+    CLOCK_JUMP_MS.set(0);
+    let purged = store.purge(0);
+    let others = async {
+        // Whoever wants to write in between gets a turn.
+        let mut turns = 0;
+        loop {
+            store.keep_fact("turn", &turns.to_string()).await.unwrap();
+            let row = sqlx::query("SELECT count(*) AS events FROM events WHERE seq >= 1000");
+            let left: i64 = row.fetch_one(&store.reader).await.unwrap().get("events");
+            if left == 0 {
+                return turns;
+            }
+            turns += 1;
+        }
+    };
+    let (purged, turns) = tokio::join!(purged, others);
+    assert_eq!(purged.unwrap(), [job.id]);
+    assert!(turns >= 10, "{turns}");
+    assert_eq!(store.purge(0).await.unwrap(), Vec::<Uuid>::new());
+}
+
+/// Commands beside a running server of an older version leave its tables as they are.
+#[tokio::test]
+async fn tables_of_another_version_are_not_touched_by_commands() {
+    let folder = Folder::new();
+    let missing = SqliteStore::open_as_it_is(&folder.file()).await;
+    assert!(missing.is_err() && !folder.file().exists());
+    first_release(&folder.file()).await;
+    let before = std::fs::read(folder.file()).unwrap();
+    let error = SqliteStore::open_as_it_is(&folder.file()).await.err().unwrap().to_string();
+    assert!(
+        error.contains("version 1 of the tables") && error.contains("start the server"),
+        "{error}"
+    );
+    assert_eq!(std::fs::read(folder.file()).unwrap()[100..], before[100..]);
+    folder.open().await.close().await;
+    SqliteStore::open_as_it_is(&folder.file()).await.unwrap().close().await;
+}
+
+/// A clock that was a year ahead for a while neither holds messages back nor uses up their tries.
+#[tokio::test]
+async fn messages_outlive_jumps_of_the_clock() {
+    use crate::store::Outbox;
+    use crate::store::outbox::Attempt;
+    let folder = Folder::new();
+    let store = SqliteStore::open(&folder.file()).await.unwrap();
+    let message = "INSERT INTO outbox (job_id, owner, event, url, created_ms, next_ms)
+                   VALUES (?, '', 'succeeded', 'https://example.org', 0, 0)";
+    sqlx::query(message).bind(Uuid::now_v7().to_string()).execute(&store.writer).await.unwrap();
+    let (lease, pause) = (Duration::from_secs(30), Duration::from_secs(3600));
+    let due = async || store.due(10, lease).await.unwrap();
+    let sent = async |message: crate::store::outbox::DueMessage| {
+        store.sent(message.id, Attempt::RetryIn(pause), "away").await.unwrap();
+    };
+    sent(due().await.pop().unwrap()).await;
+    assert!(due().await.is_empty());
+    CLOCK_JUMP_MS.set(400 * 86_400_000);
+    // It is tried once too early, and then it waits as ever.
+    sent(due().await.pop().unwrap()).await;
+    assert!(due().await.is_empty());
+    CLOCK_JUMP_MS.set(0);
+    let message = due().await.pop().expect("it does not wait for a year");
+    assert_eq!(message.attempts, 2);
+    assert!(due().await.is_empty());
+    sent(message).await;
+    assert!(due().await.is_empty());
 }

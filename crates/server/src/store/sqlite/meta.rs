@@ -1,0 +1,114 @@
+//! What a SQLite store knows of itself, and whether its tables are those of this version.
+
+use super::{SqliteStore, rows};
+use crate::store::StoreError;
+use crate::store::meta::Meta;
+use async_trait::async_trait;
+use jiff::Timestamp;
+use sqlx::sqlite::{SqliteConnection, SqlitePool};
+use sqlx::{Row, migrate::Migrator};
+use uuid::Uuid;
+
+/// Name of the fact that is the store's id.
+const STORE_ID: &str = "store_id";
+
+/// The tables of this version.
+pub static MIGRATIONS: Migrator = sqlx::migrate!("src/store/migrations");
+
+/// The newest version of the tables that this program knows.
+pub fn newest_version() -> i64 {
+    MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or(0)
+}
+
+/// Gives the store an id if it has none.
+pub async fn ensure_id(writer: &SqlitePool) -> Result<(), StoreError> {
+    if fact(&mut *writer.acquire().await?, STORE_ID).await?.is_some() {
+        return Ok(());
+    }
+    sqlx::query("INSERT INTO meta (key, value) VALUES (?, ?) ON CONFLICT DO NOTHING")
+        .bind(STORE_ID)
+        .bind(Uuid::new_v4().to_string())
+        .execute(writer)
+        .await?;
+    Ok(())
+}
+
+/// Refuses a database whose tables are not exactly those of this version: whoever reads them beside
+/// a running server must not change them under it.
+pub async fn check_version(connection: &mut SqliteConnection) -> Result<(), StoreError> {
+    let is_there = "SELECT 1 FROM sqlite_master WHERE name = '_sqlx_migrations'";
+    let version = if sqlx::query(is_there).fetch_optional(&mut *connection).await?.is_some() {
+        let row = sqlx::query("SELECT coalesce(max(version), 0) AS version FROM _sqlx_migrations")
+            .fetch_one(&mut *connection)
+            .await?;
+        row.get("version")
+    } else {
+        0
+    };
+    let own = newest_version();
+    if version == own { Ok(()) } else { Err(StoreError::OtherVersion { version, own }) }
+}
+
+/// A fact that was kept under a name.
+pub async fn fact(
+    connection: &mut SqliteConnection,
+    name: &str,
+) -> Result<Option<String>, StoreError> {
+    let row = sqlx::query("SELECT value FROM meta WHERE key = ?")
+        .bind(name)
+        .fetch_optional(connection)
+        .await?;
+    Ok(row.map(|row| row.get("value")))
+}
+
+/// The id of the store that a connection leads to.
+pub async fn store_id(connection: &mut SqliteConnection) -> Result<Uuid, StoreError> {
+    let id = fact(connection, STORE_ID).await?;
+    rows::parse_id(&id.unwrap_or_default())
+}
+
+#[async_trait]
+impl Meta for SqliteStore {
+    async fn store_id(&self) -> Result<Uuid, StoreError> {
+        store_id(&mut *self.reader.acquire().await?).await
+    }
+
+    async fn is_blank(&self) -> Result<bool, StoreError> {
+        let row = sqlx::query(
+            "SELECT NOT EXISTS (SELECT 1 FROM jobs) AND NOT EXISTS (SELECT 1 FROM scenes) AS blank",
+        )
+        .fetch_one(&self.reader)
+        .await?;
+        Ok(row.get("blank"))
+    }
+
+    async fn newest_record(&self) -> Result<Option<Timestamp>, StoreError> {
+        // Ids sort by age, and the ends of jobs have an index.
+        let row = sqlx::query(
+            "SELECT max(
+                 coalesce((SELECT created_ms FROM jobs ORDER BY id DESC LIMIT 1), 0),
+                 coalesce((SELECT max(finished_ms) FROM jobs WHERE finished_ms IS NOT NULL
+                           AND pinned = 0 AND deleted_ms IS NULL), 0)) AS newest",
+        )
+        .fetch_one(&self.reader)
+        .await?;
+        let newest: i64 = row.get("newest");
+        (newest > 0).then(|| rows::time(newest)).transpose()
+    }
+
+    async fn fact(&self, name: &str) -> Result<Option<String>, StoreError> {
+        fact(&mut *self.reader.acquire().await?, name).await
+    }
+
+    async fn keep_fact(&self, name: &str, value: &str) -> Result<(), StoreError> {
+        sqlx::query(
+            "INSERT INTO meta (key, value) VALUES (?, ?)
+             ON CONFLICT (key) DO UPDATE SET value = excluded.value",
+        )
+        .bind(name)
+        .bind(value)
+        .execute(&self.writer)
+        .await?;
+        Ok(())
+    }
+}
