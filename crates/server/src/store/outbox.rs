@@ -6,6 +6,10 @@ use async_trait::async_trait;
 use std::time::Duration;
 use uuid::Uuid;
 
+/// No message waits longer than this for its next attempt: more than the longest pause between two
+/// attempts. One that would was put off while the clock was ahead, and is due.
+pub const LONGEST_WAIT: Duration = Duration::from_secs(2 * 3600);
+
 /// What one caller sends to one receiver. Lanes take turns, so that no receiver and no caller
 /// holds up the messages of another.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

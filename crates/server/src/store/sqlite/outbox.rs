@@ -5,7 +5,7 @@ use crate::api::webhooks::{
     Delivery, DeliveryState, Ending, WebhookMessage, WebhookTarget, host_and_port,
 };
 use crate::store::StoreError;
-use crate::store::outbox::{Attempt, DueMessage, Lane, Outbox};
+use crate::store::outbox::{Attempt, DueMessage, LONGEST_WAIT, Lane, Outbox};
 use async_trait::async_trait;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
@@ -96,6 +96,12 @@ fn milliseconds(duration: Duration) -> i64 {
     i64::try_from(duration.as_millis()).unwrap_or(i64::MAX)
 }
 
+/// A message that waits for a later time than this was put off while the clock was ahead, and is
+/// due.
+fn too_late() -> i64 {
+    now_ms().saturating_add(milliseconds(LONGEST_WAIT))
+}
+
 #[async_trait]
 impl Outbox for SqliteStore {
     async fn due_lanes(&self, each: u32) -> Result<Vec<Lane>, StoreError> {
@@ -106,11 +112,14 @@ impl Outbox for SqliteStore {
                         row_number() OVER (PARTITION BY owner ORDER BY random()) AS place
                  FROM webhook_lanes AS lane
                  WHERE EXISTS (SELECT 1 FROM outbox WHERE outbox.owner = lane.owner
-                                 AND outbox.host = lane.host AND next_ms <= ?1))
+                                 AND outbox.host = lane.host AND next_ms <= ?1)
+                    OR EXISTS (SELECT 1 FROM outbox WHERE outbox.owner = lane.owner
+                                 AND outbox.host = lane.host AND next_ms > ?3))
              WHERE place <= ?2",
         )
         .bind(now_ms())
         .bind(each)
+        .bind(too_late())
         .fetch_all(&self.reader)
         .await?;
         Ok(found
@@ -128,15 +137,18 @@ impl Outbox for SqliteStore {
         let mut transaction = self.begin().await?;
         for lane in lanes {
             let row = sqlx::query(
-                "UPDATE outbox SET next_ms = ?1 WHERE id = (
-                     SELECT id FROM outbox WHERE owner = ?3 AND host = ?4 AND next_ms <= ?2
-                     ORDER BY next_ms, id LIMIT 1)
+                "UPDATE outbox SET next_ms = ?1 WHERE id = coalesce(
+                     (SELECT id FROM outbox WHERE owner = ?3 AND host = ?4 AND next_ms <= ?2
+                      ORDER BY next_ms, id LIMIT 1),
+                     (SELECT id FROM outbox WHERE owner = ?3 AND host = ?4 AND next_ms > ?5
+                      ORDER BY next_ms, id LIMIT 1))
                  RETURNING *",
             )
             .bind(now.saturating_add(milliseconds(lease)))
             .bind(now)
             .bind(&lane.owner)
             .bind(&lane.host)
+            .bind(too_late())
             .fetch_optional(&mut *transaction)
             .await?;
             taken.extend(row.as_ref().map(due_message).transpose()?);

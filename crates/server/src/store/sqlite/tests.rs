@@ -4,10 +4,8 @@
 use super::*;
 use crate::job_state::JobState;
 use crate::leases::{Leases, supervise};
-use crate::store::conformance::{ASKING, Place, suite};
-
 use crate::store::Meta;
-use crate::store::conformance::{Place, suite};
+use crate::store::conformance::{ASKING, Place, suite};
 use std::borrow::Cow;
 use std::sync::Arc;
 use tempfile::TempDir;
@@ -258,7 +256,10 @@ async fn messages_outlive_jumps_of_the_clock() {
                    VALUES (?, '', 'succeeded', 'https://example.org', 0, 0)";
     sqlx::query(message).bind(Uuid::now_v7().to_string()).execute(&store.writer).await.unwrap();
     let (lease, pause) = (Duration::from_secs(30), Duration::from_secs(3600));
-    let due = async || store.due(10, lease).await.unwrap();
+    let due = async || {
+        let lanes = store.due_lanes(1).await.unwrap();
+        store.take(&lanes, lease).await.unwrap()
+    };
     let sent = async |message: crate::store::outbox::DueMessage| {
         store.sent(message.id, Attempt::RetryIn(pause), "away").await.unwrap();
     };
