@@ -4,6 +4,7 @@ use super::{Failure, print};
 use crate::access;
 use crate::api::keys::{KeyLimits, KeyRecord, Scope};
 use crate::api::webhooks::{Ending, WebhookTarget};
+use crate::data_folder;
 use crate::store::keys::Keys;
 use crate::store::sqlite::SqliteStore;
 use clap::{Args, Subcommand};
@@ -75,13 +76,18 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         .build()
         .map_err(Failure::failed)?;
     runtime.block_on(async {
-        let path = arguments.data_dir.join("hemilux.sqlite");
+        let path = arguments.data_dir.join(data_folder::DATABASE);
         if !matches!(arguments.command, Command::Add(_)) && !path.exists() {
             let folder = arguments.data_dir.display();
             return Err(Failure::failed(format!("{folder} is no data folder of hemilux")));
         }
-        std::fs::create_dir_all(&arguments.data_dir).map_err(Failure::failed)?;
-        let store = SqliteStore::open(&path).await.map_err(Failure::failed)?;
+        let store = if path.exists() {
+            // A server of an earlier version may be running on it.
+            SqliteStore::open_as_it_is(&path).await.map_err(Failure::failed)?
+        } else {
+            std::fs::create_dir_all(&arguments.data_dir).map_err(Failure::failed)?;
+            data_folder::open(&arguments.data_dir, false).await.map_err(Failure::failed)?.0
+        };
         let done = match arguments.command {
             Command::Add(new) => add(&store, *new).await,
             Command::List => list(&store).await,
@@ -185,4 +191,56 @@ fn limits(key: &KeyRecord) -> String {
         key.webhook.as_ref().map(|webhook| format!("tells {}", webhook.url)),
     ];
     parts.into_iter().flatten().fold(String::new(), |text, part| text + "  " + &part)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::sqlite::tests::first_release;
+    use clap::Parser;
+    use std::path::Path;
+
+    #[derive(Parser)]
+    struct Program {
+        #[command(flatten)]
+        keys: Arguments,
+    }
+
+    fn keys(folder: &Path, words: &[&str]) -> Result<(), Failure> {
+        let folder = folder.display().to_string();
+        let line = ["keys", "--data-dir", &folder].into_iter().chain(words.iter().copied());
+        run(Program::parse_from(line).keys)
+    }
+
+    /// A server of an older version runs on the folder, and its tables stay as it knows them.
+    #[test]
+    fn the_tables_of_an_older_server_are_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let database = folder.path().join("hemilux.sqlite");
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(first_release(&database));
+        for words in [&["list"][..], &["add", "studio"], &["revoke", "studio"]] {
+            let refused = keys(folder.path(), words).unwrap_err();
+            let told = ["version 1 of the tables", "start the server of this program's version"];
+            assert!(told.iter().all(|told| refused.message.contains(told)), "{}", refused.message);
+        }
+        // The server of this version brings them up to date.
+        let opened = runtime.block_on(crate::data_folder::open(folder.path(), false));
+        let (store, _) = opened.unwrap();
+        keys(folder.path(), &["add", "studio"]).unwrap();
+        keys(folder.path(), &["list"]).unwrap();
+        runtime.block_on(crate::store::Store::close(&store));
+    }
+
+    #[test]
+    fn keys_can_be_made_before_the_first_start_but_not_beside_files_without_a_database() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = keys(folder.path(), &["list"]).unwrap_err();
+        assert!(missing.message.contains("no data folder"), "{}", missing.message);
+        keys(folder.path(), &["add", "studio"]).unwrap();
+        keys(folder.path(), &["list"]).unwrap();
+        std::fs::remove_file(folder.path().join("hemilux.sqlite")).unwrap();
+        let refused = keys(folder.path(), &["add", "studio"]).unwrap_err();
+        assert!(refused.message.contains("do not belong together"), "{}", refused.message);
+    }
 }
