@@ -7,6 +7,7 @@
 pub mod access;
 pub mod api;
 pub mod artifacts;
+pub mod backup;
 pub mod builtin;
 pub mod bundle;
 pub mod cli;

@@ -1,5 +1,6 @@
 //! The command line.
 
+mod backup;
 mod compare;
 mod devices;
 mod health;
@@ -35,6 +36,10 @@ enum Command {
     Health(health::Arguments),
     /// Make, list and end API keys.
     Keys(keys::Arguments),
+    /// Copy a data folder, beside the server that runs on it or without one.
+    Backup(backup::Backup),
+    /// Put a backup into an empty data folder.
+    Restore(backup::Restore),
     /// Print the API's description (OpenAPI, YAML).
     Openapi,
     /// Run jobs on a device for the server that started this and holds its pipes.
@@ -68,6 +73,8 @@ pub fn main() -> ExitCode {
         Command::Devices => devices::run(),
         Command::Health(arguments) => health::run(&arguments),
         Command::Keys(arguments) => keys::run(arguments),
+        Command::Backup(arguments) => backup::take(&arguments),
+        Command::Restore(arguments) => backup::restore(&arguments),
         Command::Openapi => print(&crate::http::openapi::yaml()),
         Command::DeviceWorker { device, memory_mb, .. } => {
             crate::worker::child::run(&device, memory_mb).map_err(Failure::failed)
@@ -83,6 +90,7 @@ pub fn main() -> ExitCode {
 }
 
 /// Why the program ends without success.
+#[derive(Debug)]
 struct Failure {
     message: String,
     code: u8,

@@ -12,6 +12,7 @@ pub mod meta;
 mod outbox;
 mod retention;
 mod rows;
+pub mod snapshot;
 mod solutions;
 #[cfg(test)]
 pub(crate) mod tests;
