@@ -132,7 +132,7 @@ pub fn point(arguments: &PointArguments) -> Result<(), Failure> {
         limits: Limits {
             seconds: Some(arguments.limit),
             iterations: work(&arguments.method).0,
-            target_error: None,
+            ..Limits::default()
         },
         seed: 1,
         options: options.map(|(name, value)| (name.into(), value)).into(),

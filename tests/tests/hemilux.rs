@@ -291,7 +291,7 @@ fn a_target_error_ends_the_job() {
     let scene = imported(&made::cornell());
     let reference = run(&request(&scene, "hemilux", 40)).picture;
     let mut wanted = request(&scene, "hemilux", 1);
-    wanted.limits = Limits { target_error: Some(0.03), seconds: Some(60.0), iterations: None };
+    wanted.limits = Limits { target_error: Some(0.03), seconds: Some(60.0), ..Limits::default() };
     let rendered = run(&wanted);
     assert_eq!(rendered.stats.stopped, StopReason::TargetError);
     let error = relative_rmse(&rendered.picture, &reference, away_from_light(&reference, 4.0));

@@ -253,7 +253,7 @@ fn limits_are_kept() {
     assert_eq!((counted.stats.iterations, counted.stats.shots), (123, 984));
 
     let mut accurate = request(scene, 64, 1);
-    accurate.limits = Limits { target_error: Some(0.2), seconds: Some(30.0), iterations: None };
+    accurate.limits = Limits { target_error: Some(0.2), seconds: Some(30.0), ..Limits::default() };
     let rendered = run(None, &accurate);
     assert_eq!(rendered.stats.stopped, StopReason::TargetError);
     assert!(rendered.stats.estimated_error.unwrap() <= 0.2);
@@ -263,7 +263,12 @@ fn limits_are_kept() {
 fn requests_out_of_range_name_the_parameter() {
     let scene = imported(&made::cornell());
     let good = request(scene, 8, 1);
-    let limits = |seconds, iterations, target_error| Limits { seconds, iterations, target_error };
+    let limits = |seconds, iterations, target_error| Limits {
+        seconds,
+        iterations,
+        target_error,
+        ..Limits::default()
+    };
     let bad = [
         ("width", RenderRequest { width: 0, ..good.clone() }),
         ("height", RenderRequest { height: 100_000, ..good.clone() }),

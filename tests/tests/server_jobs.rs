@@ -1,6 +1,10 @@
 //! The life of jobs over HTTP, with real renders.
 
-use hemilux_tests::server::{Event, Server, scene};
+use hemilux_engine::device::cpu::CpuDevice;
+use hemilux_engine::render::{CameraChoice, Limits, Observer, Plan, RenderRequest, render};
+use hemilux_engine::scene::Warning;
+use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
+use hemilux_tests::server::{Event, Server, program, scene};
 use serde_json::{Value, json};
 use std::io::Cursor;
 
@@ -288,4 +292,113 @@ fn waiting_ends_with_the_job() {
     let id = server.submit(&quick());
     let job = server.get(&format!("/v1/jobs/{id}?wait=60")).json();
     assert_eq!(job["state"], "succeeded");
+}
+
+/// Hears the plan and wants nothing more.
+#[derive(Default)]
+struct Planner(Option<Plan>);
+
+impl Observer for Planner {
+    fn planned(&mut self, plan: &Plan, _warnings: &[Warning]) {
+        self.0 = Some(plan.clone());
+    }
+
+    fn cancelled(&self) -> bool {
+        true
+    }
+}
+
+/// The plan of the engine alone, as JSON.
+fn plan_of_the_engine(limits: Limits) -> Value {
+    let file = scene("cornell.glb");
+    let scene = import(&file, &Resources::new(), &ImportLimits::default()).unwrap();
+    let request = RenderRequest {
+        scene: std::sync::Arc::new(scene),
+        camera: CameraChoice::First,
+        width: 32,
+        height: 24,
+        method: "hemilux".into(),
+        limits,
+        seed: 0,
+        options: Default::default(),
+        begin: Default::default(),
+    };
+    let mut planner = Planner::default();
+    render(&mut CpuDevice::new(None).unwrap(), &request, &mut planner).unwrap();
+    serde_json::to_value(planner.0.unwrap()).unwrap()
+}
+
+/// The longest time of a server ends jobs; it has no part in how they are rendered.
+#[test]
+fn the_same_request_has_the_same_plan_whatever_the_longest_time_and_on_the_command_line() {
+    let servers = ["60", "3600"].map(|most| Server::start_with(&["--max-seconds", most]));
+    let mut patches = std::collections::BTreeSet::new();
+    for (seconds, iterations, target_error) in [
+        (None, None, None),
+        (None, None, Some(0.03)),
+        (None, None, Some(0.02)),
+        (None, Some(2), None),
+        (None, Some(20), None),
+        (Some(0.5), None, None),
+        (Some(20.0), None, None),
+        (None, Some(2), Some(0.03)),
+        (Some(1.5), Some(2), None),
+        (Some(0.5), None, Some(0.01)),
+    ] {
+        let wish = json!({
+            "scene": "cornell", "method": "hemilux", "width": 32, "height": 24, "fresh": true,
+            "time_budget_s": seconds, "max_iterations": iterations, "target_error": target_error
+        });
+        let limits = Limits { seconds, iterations, target_error, ..Limits::default() };
+        let alone = plan_of_the_engine(limits);
+        for server in &servers {
+            let id = server.submit(&wish);
+            let planned = server.wait_until(&id, |job| !job["plan"].is_null());
+            assert_eq!(planned["plan"], alone, "{wish}");
+            server.send("POST", &format!("/v1/jobs/{id}/cancel"), &[], b"");
+            server.wait(&id);
+        }
+        patches.insert(alone["patches"].as_u64());
+    }
+    assert!(patches.len() > 2, "the limits that are asked for do decide: {patches:?}");
+    assert_eq!(
+        plan_of_the_engine(Limits::default()),
+        plan_of_the_engine(Limits { seconds: Some(10.0), ..Limits::default() }),
+        "10 s are the default of whoever asks"
+    );
+
+    let folder = tempfile::tempdir().unwrap();
+    let stats = folder.path().join("stats.json");
+    let output = folder.path().join("picture.png");
+    let done = std::process::Command::new(program())
+        .args(["render", "cornell", "--size", "32x24", "--method", "hemilux", "--device", "cpu"])
+        .args(["--target-error", "0.3", "--iterations", "2", "--quiet", "--output"])
+        .arg(output)
+        .arg("--stats")
+        .arg(&stats)
+        .status();
+    assert!(done.unwrap().success());
+    let stats: Value = serde_json::from_slice(&std::fs::read(stats).unwrap()).unwrap();
+    let wish = json!({"scene": "cornell", "method": "hemilux", "width": 32, "height": 24,
+                      "target_error": 0.3, "max_iterations": 2});
+    let job = servers[0].wait(&servers[0].submit(&wish));
+    assert_eq!(job["plan"], stats["plan"]);
+}
+
+#[test]
+fn the_longest_time_of_the_server_ends_a_job_and_says_so() {
+    let server = Server::start_with(&["--max-seconds", "0.5"]);
+    for wish in [
+        json!({"scene": "cornell", "width": 16, "height": 16, "max_iterations": 1_000_000_000_u64}),
+        json!({"scene": "cornell", "width": 16, "height": 16}),
+    ] {
+        let job = server.wait(&server.submit(&wish));
+        assert_eq!(
+            (&job["state"], &job["stats"]["stopped"]),
+            (&json!("succeeded"), &json!("server_limit"))
+        );
+    }
+    let asked = json!({"scene": "cornell", "width": 16, "height": 16, "time_budget_s": 0.3});
+    let job = server.wait(&server.submit(&asked));
+    assert_eq!(job["stats"]["stopped"], "time_budget");
 }

@@ -68,6 +68,28 @@ fn a_result_is_shared_where_it_is_determined() {
     }
 }
 
+/// What is shared goes by what determines the picture, not by how it was written.
+#[test]
+fn a_job_in_other_words_shares_and_another_limit_does_not() {
+    let server = Server::start();
+    server.wait(&server.submit(&job(20)));
+    let shares = |other: Value| {
+        let other = server.wait(&server.submit(&other));
+        assert_eq!(other["state"], "succeeded", "{other}");
+        !other["result_of"].is_null()
+    };
+    let mut spelled_out = job(20);
+    spelled_out["options"] = json!({
+        "patches": "300", "hemicube_resolution": 32.0, "shots_per_iteration": 8, "first_shot": false
+    });
+    assert!(shares(spelled_out), "the same in other words");
+    assert!(shares(with(job(20), "camera", json!(0))), "the first camera is the default");
+    assert!(!shares(with(job(20), "target_error", json!(1e-9))), "another limit");
+    let mut sampled = job(20);
+    sampled["options"]["pixel_samples"] = json!(9);
+    assert!(!shares(sampled), "another setting");
+}
+
 #[test]
 fn followers_wait_for_the_running_one_and_go_on_without_it() {
     let server = Server::start();

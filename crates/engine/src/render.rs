@@ -88,7 +88,8 @@ fn default_up() -> [f32; 3] {
     [0.0, 1.0, 0.0]
 }
 
-/// When a job stops. Without any limit, [`Limits::DEFAULT_SECONDS`].
+/// When a job stops: what was asked for, and what is allowed. Without any limit that was asked for,
+/// [`Limits::DEFAULT_SECONDS`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     /// Wall-clock seconds of solving and measuring, > 0.
@@ -97,11 +98,26 @@ pub struct Limits {
     pub iterations: Option<u64>,
     /// Estimated relative error (rRMSE) to reach, in (0, 1).
     pub target_error: Option<f64>,
+    /// Wall-clock seconds, > 0, after which whoever runs the job ends it, whatever was asked for.
+    /// It stops the job and decides nothing else, so that the same request has the same plan
+    /// wherever it runs.
+    pub cap_seconds: Option<f64>,
 }
 
 impl Limits {
     /// Time budget of a job that names no limit, seconds.
     pub const DEFAULT_SECONDS: f64 = 10.0;
+
+    /// What was asked for, the default of a job that names no limit filled in, and without the
+    /// cap: what a job is planned by.
+    pub fn to_plan_by(self) -> Self {
+        let Self { seconds, iterations, target_error, .. } = self;
+        let asked = Self { seconds, iterations, target_error, cap_seconds: None };
+        match asked == Self::default() {
+            true => Self { seconds: Some(Self::DEFAULT_SECONDS), ..asked },
+            false => asked,
+        }
+    }
 }
 
 /// Where a job stands.
@@ -145,6 +161,9 @@ pub struct Plan {
 pub enum StopReason {
     /// The time budget was used.
     TimeBudget,
+    /// The longest time that is allowed, [`Limits::cap_seconds`], was used before what was asked
+    /// for was reached.
+    ServerLimit,
     /// The asked iterations were done.
     Iterations,
     /// The estimated error fell to the target.
@@ -386,9 +405,11 @@ impl RenderRequest {
             let what = format!("width times height must be at most {MAX_PICTURE_PIXELS} pixels");
             return Err(RenderError::parameter("width", what));
         }
-        let Limits { seconds, iterations, target_error } = self.limits;
-        if seconds.is_some_and(|s| !(s > 0.0 && s.is_finite())) {
-            return Err(RenderError::parameter("seconds", "must be a positive number"));
+        let Limits { seconds, iterations, target_error, cap_seconds } = self.limits;
+        for (name, limit) in [("seconds", seconds), ("cap_seconds", cap_seconds)] {
+            if limit.is_some_and(|s| !(s > 0.0 && s.is_finite())) {
+                return Err(RenderError::parameter(name, "must be a positive number"));
+            }
         }
         if iterations == Some(0) {
             return Err(RenderError::parameter("iterations", "must be at least 1"));

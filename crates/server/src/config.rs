@@ -35,7 +35,8 @@ pub struct Config {
     /// Most pixels of a picture.
     #[arg(long, env = "HEMILUX_MAX_PIXELS", default_value_t = 16 << 20, value_parser = clap::value_parser!(u64).range(1..=HARD_MAX_PIXELS))]
     pub max_pixels: u64,
-    /// Longest time budget of a job, seconds.
+    /// Longest time that a job may take, seconds: the largest time budget, and the end of a job that
+    /// only names other limits. It changes nothing else about a job.
     #[arg(long, env = "HEMILUX_MAX_SECONDS", default_value_t = 3600.0, value_parser = parse_seconds)]
     pub max_seconds: f64,
     /// Most patches that a job may ask for.

@@ -102,6 +102,7 @@ fn scientific(value: f64) -> String {
 fn stop_word(reason: StopReason) -> &'static str {
     match reason {
         StopReason::TimeBudget => "time budget",
+        StopReason::ServerLimit => "longest time allowed",
         StopReason::Iterations => "iterations",
         StopReason::TargetError => "target error",
         StopReason::Cancelled => "cancelled",

@@ -140,16 +140,27 @@ impl<'a> Run<'a> {
         if iterations.is_some_and(|limit| self.tally.iterations >= limit) {
             return Some(StopReason::Iterations);
         }
-        if self.tally.iterations > 0 && self.out_of_time() {
-            return Some(StopReason::TimeBudget);
+        if self.tally.iterations > 0
+            && let Some(reason) = self.out_of_time()
+        {
+            return Some(reason);
         }
         let error = self.estimated_error?;
         target_error.is_some_and(|target| error <= target).then_some(StopReason::TargetError)
     }
 
-    /// Whether the time budget only suffices for the last picture.
-    fn out_of_time(&self) -> bool {
-        self.seconds_limit().is_some_and(|limit| self.seconds() + self.picture_seconds >= limit)
+    /// Which of the times only suffices for the last picture, if any does: the time budget, or the
+    /// longest time that is allowed.
+    fn out_of_time(&self) -> Option<StopReason> {
+        let needed = self.seconds() + self.picture_seconds;
+        let is_over = |limit: Option<f64>| limit.is_some_and(|limit| needed >= limit);
+        if is_over(self.seconds_limit()) {
+            Some(StopReason::TimeBudget)
+        } else if is_over(self.limits.cap_seconds) {
+            Some(StopReason::ServerLimit)
+        } else {
+            None
+        }
     }
 
     /// Whether the job may end by the estimated error.
@@ -173,7 +184,7 @@ impl<'a> Run<'a> {
         if self.observer.cancelled() {
             return Some(StopReason::Cancelled);
         }
-        self.out_of_time().then_some(StopReason::TimeBudget)
+        self.out_of_time()
     }
 
     /// Reports before there is anything to see.
@@ -201,7 +212,7 @@ impl<'a> Run<'a> {
 
     /// The time budget: the asked one, or the default where nothing else would end the job.
     fn seconds_limit(&self) -> Option<f64> {
-        let Limits { seconds, iterations, target_error } = self.limits;
+        let Limits { seconds, iterations, target_error, .. } = self.limits;
         let endless = target_error.is_none() || self.without_estimate;
         let unlimited = iterations.is_none() && endless;
         seconds.or(unlimited.then_some(Limits::DEFAULT_SECONDS))
@@ -211,7 +222,8 @@ impl<'a> Run<'a> {
         let seconds = self.seconds();
         let Limits { iterations, target_error, .. } = self.limits;
         let Tally { iterations: done, shots, light_shots } = self.tally;
-        let by_time = self.seconds_limit().map(|limit| (limit - seconds).max(0.0));
+        let by_time = [self.seconds_limit(), self.limits.cap_seconds].into_iter().flatten();
+        let by_time = by_time.reduce(f64::min).map(|limit| (limit - seconds).max(0.0));
         let by_iterations = iterations
             .filter(|_| done > 0)
             .map(|limit| seconds / done as f64 * limit.saturating_sub(done) as f64);
@@ -271,5 +283,13 @@ mod tests {
         assert_eq!(run.stop(), None, "a longer time was asked for");
         (run.estimated_error, run.without_estimate) = (Some(0.04), false);
         assert_eq!(run.stop(), Some(StopReason::TargetError));
+        run.estimated_error = Some(0.06);
+        run.limits.cap_seconds = Some(90.0);
+        assert_eq!(run.stop(), None, "the cap is not reached");
+        assert!(run.progress().seconds_remaining.is_some_and(|rest| rest <= 30.0));
+        run.limits.cap_seconds = Some(30.0);
+        assert_eq!(run.stop(), Some(StopReason::ServerLimit));
+        run.limits.seconds = Some(20.0);
+        assert_eq!(run.stop(), Some(StopReason::TimeBudget), "what was asked for goes first");
     }
 }

@@ -293,8 +293,9 @@ pub struct Plan {
 pub struct Stats {
     /// The method that ran.
     pub method: String,
-    /// Why it stopped: `time_budget`, `iterations`, `target_error`, `converged`, `cancelled` or
-    /// `no_light`.
+    /// Why it stopped: `time_budget`, `iterations`, `target_error`, `converged`, `cancelled`,
+    /// `no_light`, or `server_limit` where the longest time of this server was used before what was
+    /// asked for was reached.
     pub stopped: String,
     /// Whole iterations.
     pub iterations: u64,

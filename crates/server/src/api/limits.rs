@@ -22,7 +22,7 @@ pub struct JobLimits {
     pub max_side: u32,
     /// Most pixels.
     pub max_pixels: u64,
-    /// Longest time budget, seconds; also the budget of a job that only names other limits.
+    /// Longest time of a job, seconds, and so the largest time budget.
     pub max_seconds: f64,
     /// Most patches that the `patches` option may ask for.
     pub max_patches: u64,

@@ -145,6 +145,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             seconds: arguments.seconds,
             iterations: arguments.iterations,
             target_error: arguments.target_error,
+            cap_seconds: None,
         },
         seed: arguments.seed,
         options: arguments.settings.iter().cloned().collect::<BTreeMap<_, _>>(),

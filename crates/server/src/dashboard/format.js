@@ -78,6 +78,7 @@ export const isTerminal = (state) => state === "succeeded" || state === "failed"
 
 const STOPPED = {
   time_budget: "time budget used up",
+  server_limit: "longest time of this server used up",
   iterations: "iterations done",
   target_error: "target error reached",
   cancelled: "cancelled",

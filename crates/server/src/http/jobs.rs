@@ -6,8 +6,8 @@ use super::read::{self, JobId, MAX_JSON_BYTES, Query, in_range, media_type};
 use super::upload;
 use crate::access::Caller;
 use crate::api::FieldError;
-use crate::api::jobs::{Job, JobPage, JobRequest};
-use crate::api::scenes::Scene;
+use crate::api::jobs::{CameraRequest, Job, JobPage, JobRequest};
+use crate::api::scenes::{CameraName, Scene};
 use crate::api::webhooks::host_and_port;
 use crate::artifacts::sha256_hex;
 use crate::builtin;
@@ -21,7 +21,6 @@ use axum::extract::{Request, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
-use std::collections::BTreeMap;
 use std::time::Duration;
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
@@ -113,7 +112,7 @@ pub async fn create_job(
     let webhook = job.webhook.clone().or_else(|| caller.key().and_then(|key| key.webhook.clone()));
     let unserialisable = |error: serde_json::Error| Problem::internal(error.to_string());
     let canonical = serde_json::to_vec(&job).map_err(unserialisable)?;
-    let render_key = render_key(caller.owner(), &job).map_err(unserialisable)?;
+    let render_key = render_key(caller.owner(), &job, &scene.cameras).map_err(unserialisable)?;
     let new = NewJob {
         id: Uuid::now_v7(),
         scene_id: scene.id,
@@ -167,15 +166,31 @@ pub fn answer(app: &App, caller: &Caller, accepted_as: Accepted) -> Result<Respo
 /// Hash of all that a job's picture depends on, where that determines it: only jobs that end by
 /// their iterations, since a time budget makes the picture depend on what else the machine does,
 /// and that ask for no snapshots, since who does wants to see it happen. Nobody shares the jobs of
-/// another owner: the event that says so names them.
-fn render_key(owner: &str, job: &JobRequest) -> Result<Option<String>, serde_json::Error> {
+/// another owner: the event that says so names them. Jobs that say the same in other words, or
+/// leave out what is the default, have the same key.
+fn render_key(
+    owner: &str,
+    job: &JobRequest,
+    cameras: &[CameraName],
+) -> Result<Option<String>, serde_json::Error> {
     let determined = job.max_iterations.is_some() && job.time_budget_s.is_none();
     if job.fresh || !determined || job.snapshots.is_some() {
         return Ok(None);
     }
-    // Without what travels with the job but does not show in the picture.
-    let shown = JobRequest { priority: 0, labels: BTreeMap::new(), webhook: None, ..job.clone() };
-    let whole = serde_json::to_vec(&(env!("CARGO_PKG_VERSION"), owner, shown))?;
+    let Some(settings) = worker::settings_in_force(&job.options) else { return Ok(None) };
+    let position = |name: &str| cameras.iter().position(|camera| camera.name == name);
+    let camera = match &job.camera {
+        None if !cameras.is_empty() => Some(CameraRequest::Index(0)),
+        Some(CameraRequest::Name(name)) => {
+            position(name).map(|index| CameraRequest::Index(index as u32))
+        }
+        other => other.clone(),
+    };
+    // Everything else travels with the job but does not show in the picture.
+    let JobRequest { scene, method, width, height, target_error, max_iterations, seed, .. } = job;
+    let limits = (target_error, max_iterations);
+    let asked = (scene, method, camera, (width, height), limits, seed, settings);
+    let whole = serde_json::to_vec(&(env!("CARGO_PKG_VERSION"), owner, asked))?;
     Ok(Some(sha256_hex(&whole)))
 }
 

@@ -39,6 +39,9 @@ use uuid::Uuid;
 /// Longest wait before a device that does not open is tried again.
 const MAX_BACKOFF: Duration = Duration::from_secs(30);
 
+/// A setting whose default is only one of the values that it may have where it is not given.
+const BY_LIMITS: &str = "pixel_samples";
+
 /// What the engine can be asked for by name.
 pub fn vocabulary() -> Vocabulary {
     Vocabulary {
@@ -52,6 +55,21 @@ pub fn vocabulary() -> Vocabulary {
             })
             .collect(),
     }
+}
+
+/// The settings in force that a job's own stand for, by name and as text: presets and defaults
+/// filled in. Jobs that say the same in other words have the same; `None` where they say something
+/// that is refused.
+pub fn settings_in_force(
+    options: &BTreeMap<String, OptionValue>,
+) -> Option<BTreeMap<String, String>> {
+    let given = options.iter().map(|(name, value)| (name.clone(), value.to_string())).collect();
+    let mut values = Settings::new(&given).ok()?.values().clone();
+    // Unless it is given, this one goes by the limits rather than by its default.
+    if !given.contains_key(BY_LIMITS) {
+        values.remove(BY_LIMITS);
+    }
+    Some(values)
 }
 
 /// What is wrong with a job's settings of the method, if anything.

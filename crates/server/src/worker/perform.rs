@@ -199,16 +199,14 @@ fn camera(request: Option<&CameraRequest>) -> CameraChoice {
     }
 }
 
-/// The job's limits. One that names only iterations or an accuracy it may never reach still ends:
-/// after the longest time budget of the server.
+/// The job's limits as it named them, as on the command line, and beside them the longest time of
+/// the server: it ends jobs that name only iterations or an accuracy which they may never reach.
 fn limits(request: &api::JobRequest, max_seconds: f64) -> Limits {
-    let names_another = request.max_iterations.is_some() || request.target_error.is_some();
-    let default =
-        if names_another { max_seconds } else { Limits::DEFAULT_SECONDS.min(max_seconds) };
     Limits {
-        seconds: Some(request.time_budget_s.unwrap_or(default)),
+        seconds: request.time_budget_s,
         iterations: request.max_iterations,
         target_error: request.target_error,
+        cap_seconds: Some(max_seconds),
     }
 }
 

@@ -235,7 +235,7 @@ struct Worth {
 
 impl Worth {
     fn new(request: &RenderRequest) -> Self {
-        let Limits { seconds, iterations, target_error } = request.limits;
+        let Limits { seconds, iterations, target_error, .. } = request.limits.to_plan_by();
         let (asked, error) = (seconds.unwrap_or(f64::INFINITY), target_error.unwrap_or(0.0));
         let hasty = asked < 0.25 || error >= 0.045;
         let (seconds, error) = (seconds.unwrap_or(0.0), target_error.unwrap_or(1.0));
