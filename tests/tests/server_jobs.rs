@@ -402,3 +402,70 @@ fn the_longest_time_of_the_server_ends_a_job_and_says_so() {
     let job = server.wait(&server.submit(&asked));
     assert_eq!(job["stats"]["stopped"], "time_budget");
 }
+
+#[test]
+fn the_budget_of_threads_is_kept_and_shows_in_no_picture() {
+    let mut pictures = std::collections::BTreeSet::new();
+    for (threads, said) in [("1", "native CPU, 1 thread"), ("3", "native CPU, 3 threads")] {
+        for isolation in ["process", "thread"] {
+            let server = Server::start_with(&["--threads", threads, "--isolation", isolation]);
+            let jobs = ["hemilux", "stochastic", "ray-traced"].map(|method| {
+                let wish = json!({
+                    "scene": "cornell", "width": 24, "height": 24, "max_iterations": 3, "seed": 5,
+                    "method": method, "options": {"patches": 500, "hemicube_resolution": 32}
+                });
+                server.wait(&server.submit(&wish))
+            });
+            for job in &jobs {
+                let device = job["stats"]["device"].as_str().unwrap();
+                assert!(
+                    device.starts_with(said) && !device.starts_with("native CPU, 1 threads"),
+                    "{job}"
+                );
+            }
+            pictures
+                .insert(jobs.map(|job| job["result"][1]["sha256"].as_str().unwrap().to_owned()));
+        }
+    }
+    assert_eq!(pictures.len(), 1, "{pictures:?}");
+}
+
+/// Each device has its share, and a job whose method does not use its GPU says what it used.
+#[test]
+fn devices_share_the_threads_and_stats_name_what_computed() {
+    let listed = std::process::Command::new(program()).arg("devices").output().unwrap();
+    if !String::from_utf8_lossy(&listed.stdout).lines().any(|line| line.starts_with("0 ")) {
+        println!("skipped: there is no GPU, not even a software one");
+        return;
+    }
+    let server = Server::start_with(&["--devices", "0", "--threads", "3"]).until_ready();
+    let job = |method: &str, seconds: f64, shots: bool| {
+        let solver = if shots { "shots" } else { "links" };
+        json!({"scene": "cornell", "width": 16, "height": 16, "time_budget_s": seconds,
+               "method": method, "options": {"coarse_solver": solver, "patches": 300}})
+    };
+    // Keeps the first device busy, so that the others run on the second.
+    let mut seen = std::collections::BTreeMap::new();
+    for (method, shots) in
+        [("hemilux", false), ("ray-traced", false), ("hemilux", true), ("stochastic", false)]
+    {
+        let both = [(); 2].map(|()| server.submit(&job(method, 2.0, shots)));
+        for id in both {
+            let job = server.wait(&id);
+            let computed = job["stats"]["device"].as_str().unwrap().to_owned();
+            seen.entry((job["device"].as_str().unwrap().to_owned(), method, shots))
+                .or_insert(computed);
+        }
+    }
+    let computed = |device: &str, method: &'static str, shots: bool| {
+        let key = (device.to_owned(), method, shots);
+        seen.get(&key).unwrap_or_else(|| panic!("{key:?} is not in {seen:?}")).clone()
+    };
+    for (method, shots) in [("hemilux", false), ("ray-traced", false)] {
+        assert!(computed("cpu", method, shots).starts_with("native CPU, 2 threads"), "{seen:?}");
+        assert!(computed("0", method, shots).starts_with("native CPU, 1 thread "), "{seen:?}");
+    }
+    for (method, shots) in [("hemilux", true), ("stochastic", false)] {
+        assert!(!computed("0", method, shots).contains("native CPU"), "{seen:?}");
+    }
+}

@@ -201,7 +201,8 @@ pub struct Stats {
     pub patches: u64,
     /// Triangles of the scene.
     pub triangles: u64,
-    /// The device that ran, in words.
+    /// What computed, in words: the processor where the method does not use the device that the job
+    /// was given.
     pub device: String,
     /// What the picture does not show as authored.
     pub warnings: Vec<WarningText>,

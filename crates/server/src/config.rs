@@ -10,6 +10,9 @@ use clap::{Args, ValueEnum};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+/// Most threads of all devices together.
+const MAX_THREADS: usize = 4096;
+
 /// Settings of `hemilux serve`; each is also an environment variable.
 #[derive(Args, Clone, Debug)]
 pub struct Config {
@@ -26,6 +29,10 @@ pub struct Config {
     /// Devices of the pool: `auto`, `cpu`, or ids from `hemilux devices`, comma-separated.
     #[arg(long, env = "HEMILUX_DEVICES", default_value = "auto", value_delimiter = ',')]
     pub devices: Vec<String>,
+    /// Threads that the jobs of all devices compute with together, shared evenly among the devices;
+    /// by default as many as this process may use, by its cores, its affinity and its cgroup.
+    #[arg(long, env = "HEMILUX_THREADS", value_parser = parse_threads)]
+    pub threads: Option<usize>,
     /// Largest upload, MiB.
     #[arg(long, env = "HEMILUX_MAX_UPLOAD_MB", default_value_t = 256, value_parser = clap::value_parser!(u64).range(1..=65_536))]
     pub max_upload_mb: u64,
@@ -87,6 +94,13 @@ pub enum Isolation {
     Process,
     /// In threads of the server.
     Thread,
+}
+
+fn parse_threads(text: &str) -> Result<usize, String> {
+    match text.parse::<usize>() {
+        Ok(threads) if (1..=MAX_THREADS).contains(&threads) => Ok(threads),
+        _ => Err(format!("must be a whole number from 1 to {MAX_THREADS}")),
+    }
 }
 
 fn parse_pause(text: &str) -> Result<f64, String> {

@@ -138,7 +138,7 @@ pub async fn serve(
         bell,
         leases: Arc::default(),
         metrics: Metrics::default(),
-        pool: Pool::new(&devices),
+        pool: Pool::new(&devices, config.threads),
         vocabulary: worker::vocabulary(),
         imports: Arc::new(Semaphore::new(IMPORTS_AT_ONCE)),
         rates: RateLimiter::default(),

@@ -43,7 +43,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// Starts the clock and picks the camera. `device` is what runs, in words.
+    /// Starts the clock and picks the camera. `device` is what computes, in words.
     ///
     /// # Errors
     /// [`RenderError::Parameter`] where the scene has no such camera.
@@ -138,7 +138,7 @@ pub struct Stage {
 
 impl Stage {
     /// Cuts `scene` (the request's, or what the method makes of it) and tells the observer the
-    /// plan.
+    /// plan. `device` is what computes.
     pub fn new(
         asked: Asked<'_>,
         scene: Arc<Scene>,

@@ -314,6 +314,10 @@ pub struct Stats {
     pub patches: u64,
     /// Triangles of the scene.
     pub triangles: u64,
+    /// What computed, in words: the processor where the method does not use the device that the job
+    /// ran on, which is the job's `device`. Empty in records of earlier versions.
+    #[serde(default)]
+    pub device: String,
     /// Figures of the method's own by name, such as the closure of its form factors.
     #[serde(default)]
     pub diagnostics: BTreeMap<String, f64>,
@@ -395,7 +399,7 @@ pub struct Job {
     pub interruptions: u32,
     /// Whether a cancel is on its way to the worker.
     pub cancel_requested: bool,
-    /// The device that runs or ran it.
+    /// Id of the device that runs or ran it; `stats.device` says what computed.
     #[schema(required)]
     pub device: Option<String>,
     /// Latest figures.

@@ -144,6 +144,7 @@ async fn prepare(
         max_triangles: service.config.max_triangles,
         request: job.request.clone(),
         max_seconds: service.config.max_seconds,
+        threads: service.pool.threads_of(job.device.as_deref()),
         begins,
         begins_without,
         checkpoint_every_s: config.checkpoint_every_s,

@@ -15,6 +15,7 @@ mod pacing;
 mod perform;
 mod process;
 pub mod scenes;
+mod threads;
 mod watch;
 mod wire;
 
@@ -90,6 +91,8 @@ pub fn needed_bytes(job: &JobRequest, triangles: u64) -> Option<u64> {
 /// What the devices do, for whoever asks.
 pub struct Pool {
     devices: Mutex<Vec<Member>>,
+    /// Threads that the jobs of each device compute with.
+    threads: BTreeMap<String, usize>,
 }
 
 /// A device of this machine.
@@ -100,19 +103,28 @@ struct Member {
 }
 
 impl Pool {
-    /// A pool of the devices with these ids, all still to be opened.
-    pub fn new(ids: &[String]) -> Self {
+    /// A pool of the devices with these ids, all still to be opened, which share so many threads;
+    /// without a number, as many as this process may use.
+    pub fn new(ids: &[String], threads: Option<usize>) -> Self {
         let mut devices = devices::list();
         for device in &mut devices {
             device.in_pool = ids.contains(&device.id);
             device.status = device.in_pool.then_some(DeviceStatus::Opening);
         }
-        Self::of(devices)
+        let budget = threads.unwrap_or_else(threads::available);
+        let shares = threads::shares(budget, ids.len());
+        let threads = ids.iter().cloned().zip(shares).collect();
+        Self { threads, ..Self::of(devices) }
     }
 
     fn of(devices: Vec<DeviceView>) -> Self {
         let members = devices.into_iter().map(|view| Member { view, has_company: false });
-        Self { devices: Mutex::new(members.collect()) }
+        Self { devices: Mutex::new(members.collect()), threads: BTreeMap::new() }
+    }
+
+    /// Threads that a job on that device computes with.
+    pub fn threads_of(&self, device: Option<&str>) -> usize {
+        device.and_then(|id| self.threads.get(id)).copied().unwrap_or(1)
     }
 
     /// All devices as they are now.

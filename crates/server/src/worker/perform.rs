@@ -2,6 +2,7 @@
 //! nor HTTP; whether it runs in a thread of the server or in a process of its own is the same.
 
 use super::pacing::Pacing;
+use super::threads::Crew;
 use super::wire::{Checkpointed, Failure, Message, Said, Size, Task};
 use super::{devices, scenes};
 use crate::api::jobs::{self as api, CameraRequest, SnapshotRequest};
@@ -85,9 +86,10 @@ pub fn perform(device_id: &str, tasks: &Tasks, switches: &Switches, mouth: &Mout
     if mouth.blocking_send(Said::Ready.into()).is_err() {
         return;
     }
+    let mut crew = Crew::default();
     while let Ok((task, parts)) = tasks.recv() {
         let attempted = catch_unwind(AssertUnwindSafe(|| {
-            attempt(device.as_mut(), &task, parts, switches, mouth)
+            attempt((device.as_mut(), &mut crew), &task, parts, switches, mouth)
         }))
         .unwrap_or_else(|panic| {
             let text = crate::panic_text(&*panic);
@@ -110,9 +112,10 @@ pub fn perform(device_id: &str, tasks: &Tasks, switches: &Switches, mouth: &Mout
     }
 }
 
-/// Renders; everything that can go wrong on the way is a [`Failure`].
+/// Renders with that device and those threads; everything that can go wrong on the way is a
+/// [`Failure`].
 fn attempt(
-    device: &mut dyn Device,
+    (device, crew): (&mut dyn Device, &mut Crew),
     task: &Task,
     parts: Vec<Vec<u8>>,
     switches: &Switches,
@@ -147,12 +150,13 @@ fn attempt(
     };
     let mut watcher = Watcher::new(task, switches, mouth);
     watcher.beginning = trouble.map(begins_afresh);
-    let mut rendered = render(device, &request, &mut watcher);
+    let threads = crew.of(task.threads).map_err(|error| lost(error.to_string()))?;
+    let mut rendered = threads.install(|| render(device, &request, &mut watcher));
     if let Err(RenderError::Checkpoint(error)) = &rendered {
         tracing::warn!(job = %task.job, %error, "begins afresh");
         watcher.beginning = Some(begins_afresh(error.to_string()));
         request.begin = Begin::Afresh;
-        rendered = render(device, &request, &mut watcher);
+        rendered = threads.install(|| render(device, &request, &mut watcher));
     }
     watcher.hand_over();
     let rendered = rendered.map_err(|error| match error {
@@ -407,6 +411,7 @@ fn to_stats(stats: &Stats) -> api::Stats {
         seconds_total: finite(stats.seconds_total),
         patches: stats.patches,
         triangles: stats.triangles,
+        device: stats.device.clone(),
         diagnostics: stats.diagnostics.iter().map(|(k, v)| (k.clone(), finite(*v))).collect(),
     }
 }

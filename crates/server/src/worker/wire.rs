@@ -86,8 +86,10 @@ pub struct Task {
     pub max_triangles: usize,
     /// What is asked for.
     pub request: JobRequest,
-    /// Longest time budget, seconds: also that of a job that names none.
+    /// Longest time of a job, seconds, whatever it asks for.
     pub max_seconds: f64,
+    /// Threads to compute with.
+    pub threads: usize,
     /// Whose the checkpoint is that it begins with, where it does.
     pub begins: Option<Begins>,
     /// Why it begins without one, where it should not.

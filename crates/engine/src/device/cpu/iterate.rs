@@ -46,9 +46,28 @@ struct ShotSums {
     lobe_factor: Vec<f32>,
 }
 
+/// The device's own threads, or those of the pool that the caller is in.
+#[derive(Clone, Copy)]
+struct Pool<'device>(Option<&'device rayon::ThreadPool>);
+
+impl Pool<'_> {
+    fn threads(self) -> usize {
+        self.0.map_or_else(rayon::current_num_threads, |pool| pool.current_num_threads())
+    }
+
+    /// Does the work on these threads.
+    fn install<R: Send>(self, work: impl FnOnce() -> R + Send) -> R {
+        match self.0 {
+            Some(pool) => pool.install(work),
+            // On a thread of the pool from here on, rather than going there for each step.
+            None => rayon::scope(|_| work()),
+        }
+    }
+}
+
 /// An iteration under way.
 pub struct CpuShooting<'device> {
-    pool: &'device rayon::ThreadPool,
+    pool: Pool<'device>,
     pub scene: Arc<PatchedScene>,
     pub settings: ShootingSettings,
     table: DeltaFormFactors,
@@ -85,10 +104,11 @@ pub fn needed_bytes(scene: &PatchedScene, settings: &ShootingSettings, threads: 
 
 impl<'device> CpuShooting<'device> {
     pub fn new(
-        pool: &'device rayon::ThreadPool,
+        pool: Option<&'device rayon::ThreadPool>,
         scene: Arc<PatchedScene>,
         settings: &ShootingSettings,
     ) -> Self {
+        let pool = Pool(pool);
         let patches = &scene.patches;
         let (count, shots) = (patches.len(), settings.shots_per_iteration as usize);
         let mut glossy = 0;
@@ -103,7 +123,7 @@ impl<'device> CpuShooting<'device> {
             .collect();
         let glossy = glossy as usize;
         let tasks = if shots == 1 { HALVES.len() } else { shots };
-        let threads = pool.current_num_threads().min(tasks);
+        let threads = pool.threads().min(tasks);
         let seen = settings.viewpoint.is_some() && glossy > 0;
         let source = sources(&scene, settings);
         let known_power = known_power(&scene, settings);

@@ -20,32 +20,53 @@ use std::sync::Arc;
 
 /// The processor as a device.
 pub struct CpuDevice {
-    pool: rayon::ThreadPool,
+    pool: Option<rayon::ThreadPool>,
 }
 
 impl CpuDevice {
-    /// A device on `threads` threads; all cores by default.
+    /// A device on `threads` threads of its own, or else on those of whoever calls it: of the
+    /// rayon pool that it is called in, which outside of any has all cores.
     ///
     /// # Errors
     /// [`DeviceError::Lost`] where the system refuses the threads.
     pub fn new(threads: Option<usize>) -> Result<Self, DeviceError> {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.unwrap_or(0))
-            .thread_name(|index| format!("hemilux-cpu-{index}"))
-            .build()
-            .map_err(|error| DeviceError::Lost {
-                device: "cpu".into(),
-                reason: error.to_string(),
-            })?;
-        Ok(Self { pool })
+        let build = |threads| {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .thread_name(|index| format!("hemilux-cpu-{index}"))
+                .build()
+                .map_err(|error| DeviceError::Lost {
+                    device: "cpu".into(),
+                    reason: error.to_string(),
+                })
+        };
+        Ok(Self { pool: threads.map(build).transpose()? })
+    }
+
+    fn threads(&self) -> usize {
+        self.pool
+            .as_ref()
+            .map_or_else(rayon::current_num_threads, |pool| pool.current_num_threads())
     }
 
     /// What the device would be, without starting threads.
     pub fn describe() -> DeviceDescription {
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        Self::describe_with(std::thread::available_parallelism().map_or(1, usize::from))
+    }
+
+    /// The processor as what computes here: with the threads of the rayon pool that this is called
+    /// in.
+    pub fn describe_here() -> DeviceDescription {
+        Self::describe_with(rayon::current_num_threads())
+    }
+
+    fn describe_with(threads: usize) -> DeviceDescription {
         DeviceDescription {
             id: "cpu".into(),
-            name: format!("native CPU, {threads} threads"),
+            name: format!(
+                "native CPU, {threads} {}",
+                if threads == 1 { "thread" } else { "threads" }
+            ),
             kind: "cpu".into(),
             driver: kernel::name().into(),
         }
@@ -54,10 +75,7 @@ impl CpuDevice {
 
 impl Device for CpuDevice {
     fn description(&self) -> DeviceDescription {
-        DeviceDescription {
-            name: format!("native CPU, {} threads", self.pool.current_num_threads()),
-            ..Self::describe()
-        }
+        Self::describe_with(self.threads())
     }
 
     fn begin<'device>(
@@ -65,13 +83,13 @@ impl Device for CpuDevice {
         scene: Arc<PatchedScene>,
         settings: &ShootingSettings,
     ) -> Result<Box<dyn Shooting + 'device>, DeviceError> {
-        let needed_bytes = iterate::needed_bytes(&scene, settings, self.pool.current_num_threads());
+        let needed_bytes = iterate::needed_bytes(&scene, settings, self.threads());
         let available_bytes = super::free_memory();
         if needed_bytes > available_bytes {
             let device = "cpu".into();
             return Err(DeviceError::OutOfMemory { device, needed_bytes, available_bytes });
         }
-        Ok(Box::new(iterate::CpuShooting::new(&self.pool, scene, settings)))
+        Ok(Box::new(iterate::CpuShooting::new(self.pool.as_ref(), scene, settings)))
     }
 }
 

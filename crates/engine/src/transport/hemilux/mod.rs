@@ -128,10 +128,13 @@ impl Method for Hemilux {
             return Err(DeviceError::OutOfMemory { device, needed_bytes, available_bytes }.into());
         }
         reasons.extend(plan::reasons(&request.scene, &options, &device.description()));
+        // All but shots is work for the processor.
+        let computes =
+            if options.shoot { device.description() } else { CpuDevice::describe_here() };
         let stage = Stage::with_patches(
             Asked { method: self.name(), reasons, request, settings: &settings },
             request.scene.clone(),
-            device.description(),
+            computes,
             |_| Vec::new(),
             options.coarse_patches.unwrap_or(patches),
             observer,

@@ -108,7 +108,7 @@ impl Method for IlluminationMap {
         let triangles = request.scene.triangles.len();
         check_memory(triangles as u64, &own, request)?;
         let asked = Asked { method: self.name(), reasons, request, settings: &settings };
-        let mut record = Record::new(asked, format!("{} (rays)", CpuDevice::describe().name))?;
+        let mut record = Record::new(asked, format!("{} (rays)", CpuDevice::describe_here().name))?;
         let world = World::new(request.scene.clone());
         let lights = Lights::new(&world);
         let casters = Casters::new(&world);

@@ -69,7 +69,7 @@ impl Method for RayTraced {
         let past = Past::of(request, self.name(), &settings)?;
         check_memory(request)?;
         let asked = Asked { method: self.name(), reasons, request, settings: &settings };
-        let mut record = Record::new(asked, format!("{} (rays)", CpuDevice::describe().name))?;
+        let mut record = Record::new(asked, format!("{} (rays)", CpuDevice::describe_here().name))?;
         let world = World::new(request.scene.clone());
         let lights = Lights::new(&world);
         let warnings = warnings(&world, &options, &device.description());
