@@ -161,6 +161,11 @@ impl Artifacts {
         self.get(&picture_key(job, sha256, format), sha256).await
     }
 
+    /// Removes a picture of a job; its not being there is fine.
+    pub async fn remove_picture(&self, job: Uuid, picture: &Picture) -> Result<(), ArtifactError> {
+        self.remove(&picture_key(job, &picture.sha256, picture.format)).await
+    }
+
     /// Removes all files of a job; none being there is fine.
     pub async fn remove_job(&self, job: Uuid) -> Result<(), ArtifactError> {
         let folder = Key::from(format!("jobs/{job}"));

@@ -1,6 +1,7 @@
 //! How full the disk is. Taking work in that cannot be finished helps nobody, and a database on a
 //! full disk cannot even say so.
 
+use crate::failpoints;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -41,7 +42,10 @@ impl Disk {
     /// Why nothing new may be taken, where that is so. A disk that does not say is taken at its
     /// best.
     pub fn shortage(&self) -> Option<String> {
-        let free = self.free_bytes()?;
+        let free = match failpoints::pass("disk", String::new) {
+            Ok(()) => self.free_bytes()?,
+            Err(_) => 0,
+        };
         (free < self.min_free_bytes).then(|| {
             let (free_mb, min_mb) = (free >> 20, self.min_free_bytes >> 20);
             format!(

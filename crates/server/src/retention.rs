@@ -57,10 +57,7 @@ impl Rules {
     /// As the operator has set them.
     pub fn of(config: &GuardConfig) -> Self {
         let seconds = |days: f64| SignedDuration::from_secs_f64(days * 86_400.0);
-        Self {
-            age: config.keep_days.map(seconds),
-            bytes: config.keep_gb.map(|gb| (gb * f64::from(1 << 30)) as u64),
-        }
+        Self { age: config.keep_days.map(seconds), bytes: config.keep_bytes() }
     }
 }
 
@@ -152,13 +149,12 @@ impl Keeper {
         }
         if let Some(most) = rules.bytes {
             while self.store.stored_bytes().await? > most {
-                let jobs = self.store.expired(now, BATCH / 10).await?;
-                removed.jobs += self.hide(&jobs).await?;
-                if jobs.is_empty() {
+                let Some(job) = self.store.evictable().await? else {
                     let before = now.saturating_sub(LEAST_SCENE_AGE).unwrap_or(Timestamp::MIN);
                     removed.scenes += self.collect_scenes(before).await?;
                     break;
-                }
+                };
+                removed.jobs += self.hide(&[job]).await?;
             }
         }
         Ok(removed)

@@ -14,6 +14,8 @@ pub enum EventData {
     Snapshot(SnapshotEvent),
     /// `progress`: the figures moved.
     Progress(ProgressEvent),
+    /// `notice`: something that a client should know; the job goes on.
+    Notice(NoticeEvent),
     /// `state`, or the terminal `succeeded`, `failed`, `cancelled`.
     State(StateEvent),
 }
@@ -24,6 +26,7 @@ impl EventData {
         match self {
             Self::Snapshot(_) => "snapshot",
             Self::Progress(_) => "progress",
+            Self::Notice(_) => "notice",
             Self::State(event) if event.state.is_terminal() => event.state.as_str(),
             Self::State(_) => "state",
         }
@@ -70,6 +73,29 @@ pub struct SnapshotEvent {
     pub pictures: Vec<Picture>,
     /// The figures when it was taken.
     pub progress: Progress,
+}
+
+/// Something that a client should know; the job goes on.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct NoticeEvent {
+    /// What it is about, for programs.
+    pub what: Notice,
+    /// What happened and what follows from it, in words.
+    pub detail: String,
+    /// Snapshots that were removed, with their events.
+    pub removed: u64,
+}
+
+/// What a [`NoticeEvent`] is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Notice {
+    /// The snapshots of the job reached their share of bytes: every second one is gone, and the
+    /// next ones come half as often.
+    SnapshotsThinned,
+    /// No snapshots are kept until there is room: the disk is short, or the caller's quota is used
+    /// up, or one alone is larger than the share. Once there is room, `snapshot` events go on.
+    SnapshotsPaused,
 }
 
 /// An event as the store keeps it.

@@ -164,7 +164,8 @@ fn default_up() -> [f32; 3] {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SnapshotRequest {
-    /// Seconds between them; the interval doubles after every hundred.
+    /// Seconds between them; the interval doubles after every hundred, and whenever they reach the
+    /// bytes that a job's snapshots may have, where every second one is removed.
     #[schema(minimum = 0.1, maximum = 3600.0, example = 1.0)]
     pub every_s: f64,
     /// File formats of each.
@@ -392,6 +393,9 @@ pub struct Job {
     pub finished_at: Option<Timestamp>,
     /// Whether it stays until it is deleted, however old it gets.
     pub pinned: bool,
+    /// Bytes that are stored of it: pictures, snapshots among them, and its solution.
+    #[serde(default)]
+    pub bytes: u64,
     /// Counted attempts; a failure makes another one necessary, up to five.
     pub attempts: u32,
     /// Attempts that do not count: the server died, or the job's process was killed for want of

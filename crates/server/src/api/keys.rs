@@ -39,6 +39,10 @@ pub struct KeyLimits {
     pub jobs_running: Option<u64>,
     /// Bytes of scenes that it has sent, each counted once.
     pub scene_bytes: Option<u64>,
+    /// Bytes of pictures and solutions of its jobs; beyond it no new jobs are taken.
+    pub stored_bytes: Option<u64>,
+    /// Bytes of its jobs that may be pinned.
+    pub pinned_bytes: Option<u64>,
 }
 
 impl KeyLimits {
@@ -49,6 +53,8 @@ impl KeyLimits {
             jobs_queued: self.jobs_queued.or(defaults.jobs_queued),
             jobs_running: self.jobs_running.or(defaults.jobs_running),
             scene_bytes: self.scene_bytes.or(defaults.scene_bytes),
+            stored_bytes: self.stored_bytes.or(defaults.stored_bytes),
+            pinned_bytes: self.pinned_bytes.or(defaults.pinned_bytes),
         }
     }
 }

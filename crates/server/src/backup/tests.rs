@@ -66,7 +66,8 @@ impl Used {
         self.artifacts.put_kept(id, "a.checkpoint", b"light".to_vec()).await.unwrap();
         let accepted = self.store.accept_view(job, &solution, 100).await.unwrap();
         assert!(matches!(accepted, Accepted::New(_)));
-        let (claim, _) = self.store.claim("cpu").await.unwrap().unwrap();
+        let (claim, _) =
+            self.store.claim(&crate::store::conformance::ASKING).await.unwrap().unwrap();
         let picture = self.artifacts.put_picture(id, PictureFormat::Png, (1, 1), vec![number]);
         let pictures = vec![picture.await.unwrap()];
         let outcome = Outcome { pictures, ..Outcome::of(JobState::Succeeded) };

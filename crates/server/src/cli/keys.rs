@@ -61,6 +61,12 @@ struct New {
     /// MiB of scenes.
     #[arg(long, value_parser = clap::value_parser!(u64).range(..=1 << 40))]
     max_scenes_mb: Option<u64>,
+    /// MiB of pictures and solutions of its jobs.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(..=1 << 40))]
+    max_stored_mb: Option<u64>,
+    /// MiB of its jobs that may be pinned.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(..=1 << 40))]
+    max_pinned_mb: Option<u64>,
     /// Tell this address when a job of the key ends, unless the job names another.
     #[arg(long)]
     webhook: Option<String>,
@@ -124,6 +130,8 @@ async fn add(store: &SqliteStore, new: New) -> Result<(), Failure> {
             jobs_queued: new.max_queued,
             jobs_running: new.max_running,
             scene_bytes: new.max_scenes_mb.map(|mb| mb << 20),
+            stored_bytes: new.max_stored_mb.map(|mb| mb << 20),
+            pinned_bytes: new.max_pinned_mb.map(|mb| mb << 20),
         },
         webhook: webhook(&new)?,
         created_at: now,
@@ -182,12 +190,21 @@ async fn list(store: &SqliteStore) -> Result<(), Failure> {
 }
 
 fn limits(key: &KeyRecord) -> String {
-    let KeyLimits { requests_per_s, jobs_queued, jobs_running, scene_bytes } = key.limits;
+    let KeyLimits {
+        requests_per_s,
+        jobs_queued,
+        jobs_running,
+        scene_bytes,
+        stored_bytes,
+        pinned_bytes,
+    } = key.limits;
     let parts = [
         requests_per_s.map(|rate| format!("{rate} requests/s")),
         jobs_queued.map(|jobs| format!("{jobs} queued")),
         jobs_running.map(|jobs| format!("{jobs} running")),
         scene_bytes.map(|bytes| format!("{} MiB of scenes", bytes >> 20)),
+        stored_bytes.map(|bytes| format!("{} MiB of pictures and solutions", bytes >> 20)),
+        pinned_bytes.map(|bytes| format!("{} MiB pinned", bytes >> 20)),
         key.webhook.as_ref().map(|webhook| format!("tells {}", webhook.url)),
     ];
     parts.into_iter().flatten().fold(String::new(), |text, part| text + "  " + &part)

@@ -35,6 +35,18 @@ pub struct GuardConfig {
     /// MiB of scenes of one key or address; no limit by default.
     #[arg(long, env = "HEMILUX_MAX_SCENES_MB_EACH", value_parser = clap::value_parser!(u64).range(..=1 << 40))]
     pub max_scenes_mb_each: Option<u64>,
+    /// MiB of snapshots of one job. A job that reaches them loses every second one, and the next
+    /// ones come half as often, so that no job fills the disk.
+    #[arg(long, env = "HEMILUX_MAX_JOB_MB", default_value_t = 1024, value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
+    pub max_job_mb: u64,
+    /// MiB of pictures and solutions of the jobs of one key or address; beyond it no new jobs of
+    /// theirs are taken and no snapshots kept. No limit by default.
+    #[arg(long, env = "HEMILUX_MAX_STORED_MB_EACH", value_parser = clap::value_parser!(u64).range(..=1 << 40))]
+    pub max_stored_mb_each: Option<u64>,
+    /// MiB of the jobs of one key or address that may be pinned; by default half of --keep-gb, or
+    /// no limit without it.
+    #[arg(long, env = "HEMILUX_MAX_PINNED_MB_EACH", value_parser = clap::value_parser!(u64).range(..=1 << 40))]
+    pub max_pinned_mb_each: Option<u64>,
     /// MiB that must stay free on the disk of the data folder; below it nothing new is taken.
     #[arg(long, env = "HEMILUX_MIN_FREE_MB", default_value_t = 256, value_parser = clap::value_parser!(u64).range(..=1 << 40))]
     pub min_free_mb: u64,
@@ -52,8 +64,9 @@ pub struct GuardConfig {
     /// Days that ended jobs are kept, and scenes that no job uses; for ever by default.
     #[arg(long, env = "HEMILUX_KEEP_DAYS", value_parser = parse_amount)]
     pub keep_days: Option<f64>,
-    /// GiB of pictures and scenes beyond which the jobs that ended longest ago are removed; no
-    /// limit by default.
+    /// GiB of pictures, solutions and scenes beyond which jobs are removed, those of the key or
+    /// address that stores most first, and of these the ones that ended longest ago; no limit by
+    /// default.
     #[arg(long, env = "HEMILUX_KEEP_GB", value_parser = parse_amount)]
     pub keep_gb: Option<f64>,
     /// Days that files which no record names stay in quarantine before they are removed.
@@ -83,7 +96,17 @@ impl GuardConfig {
             jobs_queued: self.max_queued_each,
             jobs_running: self.max_running_each,
             scene_bytes: self.max_scenes_mb_each.map(|mb| mb << 20),
+            stored_bytes: self.max_stored_mb_each.map(|mb| mb << 20),
+            pinned_bytes: match self.max_pinned_mb_each {
+                Some(mb) => Some(mb << 20),
+                None => self.keep_bytes().map(|bytes| bytes / 2),
+            },
         }
+    }
+
+    /// Most bytes that are kept.
+    pub fn keep_bytes(&self) -> Option<u64> {
+        self.keep_gb.map(|gb| (gb * f64::from(1 << 30)) as u64)
     }
 }
 

@@ -155,6 +155,12 @@ export class JobView {
       this.write(seq, "snapshot", `${seconds(data.progress.seconds)}, ${count(data.progress.iterations)} iterations, error ${percent(data.progress.estimated_error)}`, png?.url);
       return;
     }
+    if (kind === "notice") {
+      this.write(seq, "notice", data.detail);
+      return;
+    }
+    // What a later server may say is no news of the state.
+    if (!("state" in data)) return;
     const text = [data.attempts > 1 && `attempt ${data.attempts}`, data.reason, data.error?.detail].filter(Boolean).join("; ");
     this.write(seq, data.state, text);
     if (isTerminal(data.state) !== isTerminal(this.job.state) || data.state !== this.job.state) this.reread();
@@ -248,6 +254,7 @@ export class JobView {
       ["Patches", count(plan.patches)],
       ["Triangles", count(plan.triangles)],
       ...(stats ? [["Total time", seconds(stats.seconds_total)]] : []),
+      ...(stats?.device ? [["Computed by", stats.device]] : []),
     ];
     const settings = Object.entries(plan.settings).map(([name, value]) => [words(name), /^\d+$/.test(value) ? count(Number(value)) : value]);
     this.plan.replaceChildren(

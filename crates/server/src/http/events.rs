@@ -39,10 +39,11 @@ pub struct EventsQuery {
 
 /// Follow a job.
 ///
-/// Events: `state`, `progress`, `snapshot`, and at last one of `succeeded`, `failed`,
+/// Events: `state`, `progress`, `snapshot`, `notice`, and at last one of `succeeded`, `failed`,
 /// `cancelled`, after which the stream ends. Each carries an id that only grows within the job;
 /// reconnecting with `Last-Event-ID` continues after it without gap or repetition. The `data` of
-/// each is a StateEvent, ProgressEvent or SnapshotEvent.
+/// each is a StateEvent, ProgressEvent, SnapshotEvent or NoticeEvent. Clients do well to ignore
+/// events of names that they do not know.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs",
     params(
@@ -165,7 +166,7 @@ impl Follower {
         let pictures = match data {
             EventData::Snapshot(event) => &mut event.pictures,
             EventData::State(event) => &mut event.pictures,
-            EventData::Progress(_) => return,
+            EventData::Progress(_) | EventData::Notice(_) => return,
         };
         for picture in pictures.iter_mut().filter(|picture| picture.format == format) {
             match self.app.artifacts.picture(self.job, &picture.sha256, format).await {

@@ -108,6 +108,7 @@ pub async fn create_job(
         return Err(Problem::invalid(vec![FieldError::new("camera", detail)]));
     }
     check_memory(&app, &job, &scene)?;
+    check_stored(&app, &caller).await?;
     job.scene = Some(scene.id.clone());
     let webhook = job.webhook.clone().or_else(|| caller.key().and_then(|key| key.webhook.clone()));
     let unserialisable = |error: serde_json::Error| Problem::internal(error.to_string());
@@ -132,6 +133,7 @@ pub fn submitter(caller: &Caller, trace_parent: Option<String>) -> Submitter {
         billed_to: caller.billed_to().to_owned(),
         max_queued: caller.limits.jobs_queued,
         max_running: caller.limits.jobs_running,
+        max_stored: caller.limits.stored_bytes,
         webhook: caller.key().and_then(|key| key.webhook.clone()),
         trace_parent,
     }
@@ -252,6 +254,21 @@ pub fn check_memory(app: &App, job: &JobRequest, scene: &Scene) -> Result<(), Pr
         job.method
     );
     Err(Problem::too_much_memory(detail))
+}
+
+/// Refuses a job of a caller whose pictures and solutions have as many bytes as they may. What is
+/// queued or runs at that time is still done: then the limit is exceeded by its final pictures.
+pub async fn check_stored(app: &App, caller: &Caller) -> Result<(), Problem> {
+    let Some(most) = caller.limits.stored_bytes else { return Ok(()) };
+    let stored = app.store.payer_bytes(caller.billed_to()).await?;
+    if stored < most {
+        return Ok(());
+    }
+    app.metrics.count_refusal("stored_bytes");
+    let detail = format!(
+        "the pictures and solutions of this caller have {stored} bytes and may have {most}; delete jobs first"
+    );
+    Err(Problem::over_limit("stored_bytes", detail, 600.0))
 }
 
 /// The scene that a job names: a stored one, or a built-in one, which is stored on first use.

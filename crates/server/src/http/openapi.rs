@@ -1,7 +1,7 @@
 //! The API's description, written from the handlers themselves.
 
 use super::problem::{MEDIA_TYPE, ProblemDocument};
-use crate::api::events::{ProgressEvent, SnapshotEvent, StateEvent};
+use crate::api::events::{NoticeEvent, ProgressEvent, SnapshotEvent, StateEvent};
 use crate::api::jobs::{ExplicitCamera, OptionValue};
 use crate::worker;
 use serde_json::json;
@@ -27,7 +27,7 @@ use utoipa::openapi::{Ref, RefOr, Response};
         (name = "results", description = "Pictures and figures."),
         (name = "operations", description = "Running the service."),
     ),
-    components(schemas(ProblemDocument, ExplicitCamera, OptionValue, StateEvent, ProgressEvent, SnapshotEvent))
+    components(schemas(ProblemDocument, ExplicitCamera, OptionValue, StateEvent, ProgressEvent, SnapshotEvent, NoticeEvent))
 )]
 struct Base;
 

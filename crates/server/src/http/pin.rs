@@ -4,7 +4,9 @@ use super::App;
 use super::jobs::find;
 use super::problem::{Problem, documented};
 use super::read::JobId;
+use crate::access::Caller;
 use crate::api::jobs::Job;
+use crate::store::bytes::Pinned;
 use axum::Json;
 use axum::extract::State;
 use uuid::Uuid;
@@ -17,10 +19,15 @@ use uuid::Uuid;
         (status = 200, description = "The job as it is now.", body = Job),
         documented::BadRequest,
         documented::NotFound,
+        documented::OverLimit,
     )
 )]
-pub async fn pin_job(State(app): State<App>, JobId(id): JobId) -> Result<Json<Job>, Problem> {
-    set(&app, id, true).await
+pub async fn pin_job(
+    State(app): State<App>,
+    caller: Caller,
+    JobId(id): JobId,
+) -> Result<Json<Job>, Problem> {
+    set(&app, id, true, caller.limits.pinned_bytes).await
 }
 
 /// Let a job expire again when its time comes.
@@ -34,10 +41,17 @@ pub async fn pin_job(State(app): State<App>, JobId(id): JobId) -> Result<Json<Jo
     )
 )]
 pub async fn unpin_job(State(app): State<App>, JobId(id): JobId) -> Result<Json<Job>, Problem> {
-    set(&app, id, false).await
+    set(&app, id, false, None).await
 }
 
-async fn set(app: &App, id: Uuid, pinned: bool) -> Result<Json<Job>, Problem> {
-    app.store.pin(id, pinned).await?;
+async fn set(app: &App, id: Uuid, pinned: bool, most: Option<u64>) -> Result<Json<Job>, Problem> {
+    if let Pinned::OverQuota { pinned, job } = app.store.pin(id, pinned, most).await? {
+        app.metrics.count_refusal("pinned_bytes");
+        let most = most.unwrap_or(0);
+        let detail = format!(
+            "this caller has {pinned} bytes of pinned jobs and may have {most}; this job has {job}. Let another one expire first"
+        );
+        return Err(Problem::over_limit("pinned_bytes", detail, 600.0));
+    }
     find(app, id).await.map(Json)
 }

@@ -36,7 +36,7 @@ pub struct ProblemDocument {
     #[serde(default)]
     pub request_id: String,
     /// Which limit was met, for programs: `requests_per_second`, `jobs_queued`, `scene_bytes`,
-    /// `queue`, `disk`, `memory`.
+    /// `stored_bytes`, `pinned_bytes`, `queue`, `disk`, `memory`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(nullable = false)]
     pub limit: Option<String>,

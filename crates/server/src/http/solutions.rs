@@ -2,7 +2,7 @@
 //! light.
 
 use super::App;
-use super::jobs::{answer, check, check_memory, find, idempotency_key, submitter};
+use super::jobs::{answer, check, check_memory, check_stored, find, idempotency_key, submitter};
 use super::problem::{Problem, documented};
 use super::read::{self, JobId, MAX_JSON_BYTES, is_held, media_type};
 use super::upload;
@@ -46,6 +46,7 @@ const TRIES: u32 = 3;
 )]
 pub async fn extend_job(
     State(app): State<App>,
+    caller: Caller,
     JobId(id): JobId,
     request: Request,
 ) -> Result<Response, Problem> {
@@ -57,6 +58,7 @@ pub async fn extend_job(
     // when the job was accepted.
     check(&app, &JobRequest { view_of: None, webhook: None, ..request.clone() })?;
     refuse_less(&extension, &solution, job.estimated_error)?;
+    check_stored(&app, &caller).await?;
     match app.store.extend(id, &request, app.config.max_queued).await? {
         Extended::Queued(job) => {
             app.queue.wake();
@@ -113,6 +115,7 @@ pub async fn create_view(
         return Err(Problem::invalid(vec![FieldError::new("camera", detail)]));
     }
     check_memory(&app, &request, &scene)?;
+    check_stored(&app, &caller).await?;
     request.view_of = Some(id);
     let canonical = serde_json::to_vec(&request).map_err(|e| Problem::internal(e.to_string()))?;
     let new = NewJob {

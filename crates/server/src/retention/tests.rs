@@ -5,6 +5,7 @@ use super::*;
 use crate::api::jobs::{JobRequest, PictureFormat};
 use crate::api::scenes::SceneFormat;
 use crate::job_state::JobState;
+use crate::store::bytes::Pinned;
 use crate::store::sqlite::SqliteStore;
 use crate::store::{Accepted, Asking, JobFilter, NewJob, Outcome, Submitter};
 use std::collections::BTreeSet;
@@ -212,7 +213,7 @@ async fn a_sweep_finds_what_a_crash_left_and_leaves_the_rest() {
     std::fs::write(&other, b"of another part").unwrap();
     // And a job that runs: its files come before their records.
     let running = world.submit(1).await.unwrap();
-    world.store.claim("cpu").await.unwrap().unwrap();
+    world.store.claim(&crate::store::conformance::ASKING).await.unwrap().unwrap();
     art.put_picture(running, PictureFormat::Png, (1, 1), b"to be recorded".to_vec()).await.unwrap();
 
     let now = Timestamp::from_second(1_700_000_000).unwrap();
@@ -305,7 +306,7 @@ async fn pinned_and_unfinished_jobs_stay_and_the_oldest_go_first() {
         tokio::time::sleep(Duration::from_millis(2)).await;
     }
     let waiting = world.submit(0).await.unwrap();
-    assert!(world.store.pin(jobs[0], true).await.unwrap());
+    assert_eq!(world.store.pin(jobs[0], true, None).await.unwrap(), Pinned::Done);
     let now = || Timestamp::now() + SignedDuration::from_secs(1);
     let left = async || {
         let filter = JobFilter { limit: 10, ..JobFilter::default() };
@@ -327,8 +328,8 @@ async fn pinned_and_unfinished_jobs_stay_and_the_oldest_go_first() {
     world.keeper.purge(-10).await.unwrap();
     world.keeper.expire(rules, now()).await.unwrap();
     world.check().await;
-    assert!(world.store.pin(jobs[0], false).await.unwrap());
-    assert!(!world.store.pin(Uuid::now_v7(), true).await.unwrap());
+    assert_eq!(world.store.pin(jobs[0], false, None).await.unwrap(), Pinned::Done);
+    assert_eq!(world.store.pin(Uuid::now_v7(), true, None).await.unwrap(), Pinned::Missing);
     world.keeper.expire(rules, now()).await.unwrap();
     assert_eq!(left().await, BTreeSet::from([waiting]));
 }

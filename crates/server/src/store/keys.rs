@@ -19,6 +19,8 @@ pub struct Submitter {
     pub max_queued: Option<u64>,
     /// Jobs under that name that may run at the same time.
     pub max_running: Option<u64>,
+    /// Bytes of pictures and solutions under that name beyond which no snapshots are kept.
+    pub max_stored: Option<u64>,
     /// Who is told of the end.
     pub webhook: Option<WebhookTarget>,
     /// W3C `traceparent` of the request.

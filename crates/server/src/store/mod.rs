@@ -1,8 +1,9 @@
 //! Where scenes, jobs and events are kept. One interface; the embedded implementation is
 //! [`sqlite`]. Everything that a client was promised is on disk when a call returns.
 
+pub mod bytes;
 #[cfg(test)]
-mod conformance;
+pub(crate) mod conformance;
 pub mod keys;
 pub mod meta;
 pub mod outbox;
@@ -11,13 +12,14 @@ pub mod solutions;
 pub mod sqlite;
 
 use crate::api::Warning;
-use crate::api::events::{Event, EventData};
+use crate::api::events::{Event, EventData, NoticeEvent};
 use crate::api::jobs::{Job, JobError, JobRequest, Picture, PictureFormat, Plan, Progress, Stats};
 use crate::api::scenes::Scene;
 use crate::job_state::{Cause, JobState, Refusal};
 use async_trait::async_trait;
 use uuid::Uuid;
 
+pub use bytes::Bytes;
 pub use keys::{Keys, Submitter};
 pub use meta::Meta;
 pub use outbox::Outbox;
@@ -178,6 +180,8 @@ pub struct Report {
     pub progress: Vec<Progress>,
     /// Snapshots whose files are stored.
     pub snapshots: Vec<(Vec<Picture>, Progress)>,
+    /// What else a client should know.
+    pub notices: Vec<NoticeEvent>,
 }
 
 /// How a job ended.
@@ -229,7 +233,7 @@ pub struct JobCounts {
 
 /// The store of one service.
 #[async_trait]
-pub trait Store: Keys + Meta + Outbox + Retention + solutions::Solutions {
+pub trait Store: Bytes + Keys + Meta + Outbox + Retention + solutions::Solutions {
     /// Stores a scene; false where it was there already.
     async fn put_scene(&self, scene: &Scene) -> Result<bool, StoreError>;
     /// The scene of that id.
@@ -306,6 +310,7 @@ impl EventData {
         Ok(match kind {
             "progress" => Self::Progress(serde_json::from_str(data)?),
             "snapshot" => Self::Snapshot(serde_json::from_str(data)?),
+            "notice" => Self::Notice(serde_json::from_str(data)?),
             _ => Self::State(serde_json::from_str(data)?),
         })
     }

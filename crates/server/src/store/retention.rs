@@ -21,12 +21,8 @@ pub enum Recorded {
 /// Expiry of jobs and scenes.
 #[async_trait]
 pub trait Retention: Send + Sync {
-    /// Makes a job stay, or expire again; false where there is no such job.
-    async fn pin(&self, job: Uuid, pinned: bool) -> Result<bool, StoreError>;
     /// Jobs that ended before `before` and are not pinned, those that ended first at the front.
     async fn expired(&self, before: Timestamp, limit: u32) -> Result<Vec<Uuid>, StoreError>;
-    /// Bytes of all pictures and scenes that records name.
-    async fn stored_bytes(&self) -> Result<u64, StoreError>;
     /// Scenes that no job names, deleted ones included, and that nobody sent or used since
     /// `before`.
     async fn unused_scenes(&self, before: Timestamp, limit: u32)

@@ -35,7 +35,7 @@ pub fn run(device: &str, memory_mb: Option<u64>) -> io::Result<()> {
                     let _ = tasks.0.send((*task, message.parts));
                 }
                 Order::Stop { run } => orders.stop(run),
-                Order::SnapshotKept { run } => orders.snapshot_kept(run),
+                Order::SnapshotKept { run, slower } => orders.snapshot_kept(run, slower),
                 Order::CheckpointKept { run, micros } => orders.checkpoint_kept(run, micros),
             }
         }

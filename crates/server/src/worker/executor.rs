@@ -63,8 +63,8 @@ impl Executor {
                 let _ = tasks.send((*task, order.parts));
             }
             (Body::Thread { switches, .. }, Order::Stop { run }) => switches.stop(run),
-            (Body::Thread { switches, .. }, Order::SnapshotKept { run }) => {
-                switches.snapshot_kept(run);
+            (Body::Thread { switches, .. }, Order::SnapshotKept { run, slower }) => {
+                switches.snapshot_kept(run, slower);
             }
             (Body::Thread { switches, .. }, Order::CheckpointKept { run, micros }) => {
                 switches.checkpoint_kept(run, micros);

@@ -3,7 +3,8 @@
 
 use super::checkpoints;
 use super::executor::Executor;
-use super::watch::{Ended, Followed, Stop, follow, keep_picture};
+use super::snapshots::keep_picture;
+use super::watch::{Ended, Followed, Stop, follow};
 use super::wire::{Failure, Message, Order, Task};
 use crate::api::jobs::{Job, JobError, PictureFormat, Progress, Stats};
 use crate::artifacts::ArtifactError;
@@ -135,6 +136,10 @@ async fn prepare(
         Ok(None) => (None, None),
         Err(why) => (None, Some(why)),
     };
+    let thinned = match job.request.snapshots.is_some() {
+        true => service.store.snapshots(job.id).await.map(|snapshots| snapshots.thinned),
+        false => Ok(0),
+    };
     let config = &service.config;
     let task = Task {
         run: executor.next_run(),
@@ -145,6 +150,7 @@ async fn prepare(
         request: job.request.clone(),
         max_seconds: service.config.max_seconds,
         threads: service.pool.threads_of(job.device.as_deref()),
+        snapshots_slower: thinned.map_err(|error| Unready::NotNow(error.to_string()))?,
         begins,
         begins_without,
         checkpoint_every_s: config.checkpoint_every_s,

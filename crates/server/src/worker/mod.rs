@@ -15,6 +15,7 @@ mod pacing;
 mod perform;
 mod process;
 pub mod scenes;
+mod snapshots;
 mod threads;
 mod watch;
 mod wire;

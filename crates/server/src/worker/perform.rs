@@ -19,7 +19,7 @@ use hemilux_engine::scene::Warning;
 use hemilux_engine::scene::gltf::BakedMesh;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 
@@ -43,6 +43,8 @@ pub struct Switches {
     stop: AtomicU64,
     /// The latest run whose snapshot is stored.
     kept: AtomicU64,
+    /// How often its interval between snapshots has doubled for want of room.
+    slower: AtomicU32,
     /// The latest run whose checkpoint is stored, and what that took, µs.
     stored: AtomicU64,
     stored_micros: AtomicU64,
@@ -56,9 +58,10 @@ impl Switches {
         self.stop.store(run, Ordering::Relaxed);
     }
 
-    /// Lets a run send another snapshot.
-    pub fn snapshot_kept(&self, run: u64) {
-        self.kept.store(run, Ordering::Relaxed);
+    /// Lets a run send another snapshot, after an interval that has doubled so often.
+    pub fn snapshot_kept(&self, run: u64, slower: u32) {
+        self.slower.store(slower, Ordering::Relaxed);
+        self.kept.store(run, Ordering::Release);
     }
 
     /// Lets a run send another checkpoint.
@@ -222,9 +225,11 @@ struct Watcher<'a> {
     last_progress: Option<Instant>,
     snapshots: Option<SnapshotRequest>,
     taken: u32,
+    /// How often the interval has doubled for want of room.
+    slower: u32,
     /// Whether a snapshot is on its way and not yet stored.
     underway: bool,
-    next_snapshot_s: f64,
+    last_snapshot_s: f64,
     most_checkpoint_bytes: u64,
     keeps_solution: bool,
     pacing: Pacing,
@@ -242,9 +247,10 @@ impl<'a> Watcher<'a> {
             switches,
             mouth,
             last_progress: None,
-            next_snapshot_s: snapshots.as_ref().map_or(0.0, |s| s.every_s),
+            last_snapshot_s: 0.0,
             snapshots,
             taken: 0,
+            slower: task.snapshots_slower,
             underway: false,
             most_checkpoint_bytes: task.most_checkpoint_bytes,
             keeps_solution: task.keeps_solution,
@@ -291,18 +297,21 @@ impl Observer for Watcher<'_> {
     }
 
     fn wants_snapshot(&mut self, progress: &Progress) -> bool {
-        if self.underway && self.switches.kept.load(Ordering::Relaxed) == self.run {
+        if self.underway && self.switches.kept.load(Ordering::Acquire) == self.run {
             self.switches.kept.store(0, Ordering::Relaxed);
+            self.slower = self.slower.max(self.switches.slower.load(Ordering::Relaxed));
             self.underway = false;
         }
-        self.snapshots.is_some() && progress.seconds >= self.next_snapshot_s && !self.underway
+        let Some(snapshots) = self.snapshots.as_ref().filter(|_| !self.underway) else {
+            return false;
+        };
+        let octave = (self.taken / SNAPSHOTS_PER_OCTAVE + self.slower).min(32) as i32;
+        progress.seconds >= self.last_snapshot_s + snapshots.every_s * 2f64.powi(octave)
     }
 
     fn snapshot(&mut self, picture: &image::Picture, progress: &Progress) {
-        let Some(snapshots) = &self.snapshots else { return };
         self.taken += 1;
-        let octave = (self.taken / SNAPSHOTS_PER_OCTAVE).min(32) as i32;
-        self.next_snapshot_s = progress.seconds + snapshots.every_s * 2f64.powi(octave);
+        self.last_snapshot_s = progress.seconds;
         self.underway = true;
         let header = Said::Snapshot(to_progress(progress), Size(picture.width, picture.height));
         let _ = self.mouth.blocking_send(Message::about(header, to_bytes(picture)));

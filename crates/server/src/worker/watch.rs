@@ -5,11 +5,12 @@ use super::checkpoints;
 use super::executor::Executor;
 use super::perform::from_bytes;
 use super::process::Epitaph;
+use super::snapshots::Album;
 use super::wire::{Failure, Message, Order, Said};
-use crate::api::jobs::{Job, Picture, PictureFormat, Progress, Stats};
+use crate::api::jobs::{Job, Progress, Stats};
 use crate::service::Service;
 use crate::store::{Claim, Report, StoreError};
-use hemilux_engine::image::{self, Exposure, ImageError};
+use hemilux_engine::image;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::Mutex;
@@ -67,7 +68,7 @@ pub async fn follow(
     let mut scribe = Scribe {
         service: service.clone(),
         claim,
-        formats,
+        album: Arc::new(Mutex::new(Album::new(formats, service.config.guard.max_job_mb << 20))),
         stop: Stop::No,
         latest: None,
         pending: Report::default(),
@@ -86,11 +87,12 @@ pub async fn follow(
 struct Scribe {
     service: Arc<Service>,
     claim: Claim,
-    formats: Vec<PictureFormat>,
+    album: Arc<Mutex<Album>>,
     stop: Stop,
     latest: Option<Progress>,
     pending: Report,
-    snapshots: JoinSet<()>,
+    /// How much less often each lets the next ones come.
+    snapshots: JoinSet<u32>,
     /// How long each takes to store.
     checkpoints: JoinSet<Duration>,
     /// Whose turn it is to be stored.
@@ -120,8 +122,9 @@ impl Scribe {
                 () = service.shutdown.cancelled(), if self.stop < Stop::Shutdown => {
                     self.stop = Stop::Shutdown;
                 }
-                Some(_) = self.snapshots.join_next(), if !self.snapshots.is_empty() => {
-                    executor.order(Order::SnapshotKept { run }.into());
+                Some(slower) = self.snapshots.join_next(), if !self.snapshots.is_empty() => {
+                    let slower = slower.unwrap_or_default();
+                    executor.order(Order::SnapshotKept { run, slower }.into());
                 }
                 Some(took) = self.checkpoints.join_next(), if !self.checkpoints.is_empty() => {
                     let micros = took.unwrap_or_default().as_micros() as u64;
@@ -192,12 +195,13 @@ impl Scribe {
             Said::Snapshot(progress, size) => match picture(size) {
                 Some(picture) => {
                     let (service, claim) = (self.service.clone(), self.claim);
-                    let formats = self.formats.clone();
+                    let album = self.album.clone();
                     self.snapshots.spawn(async move {
-                        let kept = keep_snapshot(&service, claim, picture, progress, formats);
-                        if let Err(error) = kept.await {
+                        let mut album = album.lock().await;
+                        if let Err(error) = album.keep(&service, claim, picture, progress).await {
                             tracing::warn!(job = %claim.job, %error, "a snapshot was lost");
                         }
+                        album.slower()
                     });
                     None
                 }
@@ -240,45 +244,4 @@ impl Scribe {
             Err(error) => tracing::error!(job = %self.claim.job, %error, "cannot read the job"),
         }
     }
-}
-
-async fn keep_snapshot(
-    service: &Service,
-    claim: Claim,
-    picture: image::Picture,
-    progress: Progress,
-    formats: Vec<PictureFormat>,
-) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-    let begun = Instant::now();
-    let pictures = keep_picture(service, claim, Arc::new(picture), formats).await?;
-    service.metrics.count_snapshot(begun.elapsed().as_secs_f64());
-    let report = Report { snapshots: vec![(pictures, progress)], ..Report::default() };
-    service.store.report(claim, report).await?;
-    service.bell.ring(claim.job);
-    Ok(())
-}
-
-/// Encodes a picture in each of the formats and stores the files.
-pub async fn keep_picture(
-    service: &Service,
-    claim: Claim,
-    picture: Arc<image::Picture>,
-    mut formats: Vec<PictureFormat>,
-) -> Result<Vec<Picture>, Box<dyn std::error::Error + Send + Sync>> {
-    formats.sort_unstable();
-    formats.dedup();
-    let size = (picture.width, picture.height);
-    let encoded = tokio::task::spawn_blocking(move || {
-        let encode = |format| match format {
-            PictureFormat::Png => picture.to_png(Exposure::Auto),
-            PictureFormat::Exr => picture.to_exr(),
-        };
-        formats.into_iter().map(|f| Ok((f, encode(f)?))).collect::<Result<Vec<_>, ImageError>>()
-    })
-    .await??;
-    let mut pictures = Vec::new();
-    for (format, bytes) in encoded {
-        pictures.push(service.artifacts.put_picture(claim.job, format, size, bytes).await?);
-    }
-    Ok(pictures)
 }

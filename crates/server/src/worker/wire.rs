@@ -61,6 +61,8 @@ pub enum Order {
     SnapshotKept {
         /// Its [`Task::run`].
         run: u64,
+        /// How often the interval between snapshots has doubled for want of room.
+        slower: u32,
     },
     /// The latest checkpoint of that run is stored; another one may be sent.
     CheckpointKept {
@@ -88,6 +90,8 @@ pub struct Task {
     pub request: JobRequest,
     /// Longest time of a job, seconds, whatever it asks for.
     pub max_seconds: f64,
+    /// How often the interval between snapshots has doubled for want of room.
+    pub snapshots_slower: u32,
     /// Threads to compute with.
     pub threads: usize,
     /// Whose the checkpoint is that it begins with, where it does.

@@ -65,12 +65,12 @@ pub async fn accept(
     if scene.rows_affected() == 0 {
         return Ok(Accepted::SceneGone);
     }
-    let max_running = job.submitter.max_running.map(|most| i64::try_from(most).unwrap_or(i64::MAX));
+    let quota = |most: Option<u64>| most.map(|most| i64::try_from(most).unwrap_or(i64::MAX));
     sqlx::query(
         "INSERT INTO jobs (id, scene_id, state, priority, created_ms, idempotency_key,
                            request_hash, request, owner, billed_to, max_running, trace_parent,
-                           render_key, place)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?,
+                           render_key, max_stored, place)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?,
                  (SELECT coalesce(max(place), 0) + 1 FROM jobs))",
     )
     .bind(job.id.to_string())
@@ -83,9 +83,10 @@ pub async fn accept(
     .bind(rows::to_json(&job.request))
     .bind(&job.submitter.owner)
     .bind(&job.submitter.billed_to)
-    .bind(max_running)
+    .bind(quota(job.submitter.max_running))
     .bind(&job.submitter.trace_parent)
     .bind(&job.render_key)
+    .bind(quota(job.submitter.max_stored))
     .execute(&mut *connection)
     .await?;
     if let Some(webhook) = &job.submitter.webhook {
@@ -180,7 +181,7 @@ pub async fn any_queued(pool: &SqlitePool) -> Result<bool, StoreError> {
 }
 
 /// A job before and after something happened to it.
-struct Change {
+pub(super) struct Change {
     row: SqliteRow,
     before: Life,
     after: Life,
@@ -269,7 +270,7 @@ async fn happens(
 }
 
 /// What happens to a claimed job; an error where the claim is over.
-async fn happens_to_held(
+pub(super) async fn happens_to_held(
     connection: &mut SqliteConnection,
     claim: Claim,
     event: Event,
@@ -393,6 +394,9 @@ pub async fn report(
         let event = EventData::Snapshot(SnapshotEvent { pictures: pictures.clone(), progress });
         let seq = events::append(&mut transaction, claim.job, &event).await?;
         add_pictures(&mut transaction, claim.job, seq, &pictures).await?;
+    }
+    for notice in report.notices {
+        events::append(&mut transaction, claim.job, &EventData::Notice(notice)).await?;
     }
     transaction.commit().await?;
     Ok(change.after.cancel_requested)

@@ -4,6 +4,7 @@
 //! Every write is one `BEGIN IMMEDIATE` transaction, and every commit reaches the
 //! disk before it returns (`synchronous = FULL`).
 
+mod bytes;
 mod claims;
 mod events;
 mod jobs;

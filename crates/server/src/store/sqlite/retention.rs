@@ -19,15 +19,6 @@ const CLOCK_WAS_AHEAD_MS: i64 = 3_600_000;
 
 #[async_trait]
 impl Retention for SqliteStore {
-    async fn pin(&self, job: Uuid, pinned: bool) -> Result<bool, StoreError> {
-        let done = sqlx::query("UPDATE jobs SET pinned = ? WHERE id = ? AND deleted_ms IS NULL")
-            .bind(pinned)
-            .bind(job.to_string())
-            .execute(&self.writer)
-            .await?;
-        Ok(done.rows_affected() == 1)
-    }
-
     async fn expired(&self, before: Timestamp, limit: u32) -> Result<Vec<Uuid>, StoreError> {
         let found = sqlx::query(
             "SELECT id FROM jobs
@@ -40,18 +31,6 @@ impl Retention for SqliteStore {
         .fetch_all(&self.reader)
         .await?;
         found.iter().map(|row| rows::parse_id(row.get("id"))).collect()
-    }
-
-    async fn stored_bytes(&self) -> Result<u64, StoreError> {
-        let row = sqlx::query(
-            "SELECT (SELECT coalesce(sum(json_extract(record, '$.size')), 0) FROM scenes)
-                  + (SELECT coalesce(sum(json_extract(record, '$.size')), 0) FROM pictures
-                     WHERE EXISTS (SELECT 1 FROM jobs WHERE id = job_id AND deleted_ms IS NULL))
-                 AS bytes",
-        )
-        .fetch_one(&self.reader)
-        .await?;
-        Ok(row.get::<i64, _>("bytes").unsigned_abs())
     }
 
     async fn unused_scenes(

@@ -73,6 +73,7 @@ pub fn job(row: &SqliteRow) -> Result<Job, StoreError> {
         started_at: started_ms.map(time).transpose()?,
         finished_at: finished_ms.map(time).transpose()?,
         pinned: row.get("pinned"),
+        bytes: row.get::<i64, _>("bytes").unsigned_abs(),
         attempts: row.get("attempts"),
         interruptions: row.get("interruptions"),
         cancel_requested: row.get("cancel_requested"),

@@ -62,6 +62,9 @@ async fn a_folder_of_the_first_release_opens_with_all_its_jobs() {
     assert_eq!(done.stats.as_ref().unwrap().iterations, 16);
     let picture = store.picture(done.id, "aa", PictureFormat::Png).await.unwrap();
     assert_eq!(picture.unwrap().size, 3);
+    // What was there is counted from now on.
+    assert_eq!(done.bytes, 3);
+    assert_eq!(store.payer_bytes("").await.unwrap(), jobs.iter().map(|job| job.bytes).sum::<u64>());
     assert_eq!(store.events(done.id, 0, 10).await.unwrap().len(), 4);
     assert_eq!(store.scene("cornell-hash").await.unwrap().unwrap().triangles, 34);
     // What ran goes on, and the key of the waiting one still finds it.
@@ -189,6 +192,7 @@ async fn a_claim_from_a_long_queue_is_quick() {
     println!("claims took {:?} to {:?}, half of them less than {:?}", took[0], took[29], took[15]);
     // The machine may be busy with other things; a look at every job takes far longer than this.
     assert!(took[5] < Duration::from_millis(5), "{took:?}");
+}
 
 /// A job with very many events is forgotten in short writes, and not kept for ever where the clock
 /// that it was deleted by was ahead.

@@ -1,0 +1,157 @@
+//! Bytes in SQLite. The sums are kept by triggers (migration 9).
+
+use super::{SqliteStore, events, jobs, rows};
+use crate::api::events::{EventData, NoticeEvent};
+use crate::api::jobs::Picture;
+use crate::job_state::Event;
+use crate::store::bytes::{Bytes, Pinned, Snapshots};
+use crate::store::{Claim, StoreError};
+use async_trait::async_trait;
+use sqlx::Row;
+use uuid::Uuid;
+
+#[async_trait]
+impl Bytes for SqliteStore {
+    async fn stored_bytes(&self) -> Result<u64, StoreError> {
+        let row = sqlx::query(
+            "SELECT (SELECT bytes FROM scene_bytes)
+                  + (SELECT coalesce(sum(bytes), 0) FROM payers) AS bytes",
+        )
+        .fetch_one(&self.reader)
+        .await?;
+        Ok(row.get::<i64, _>("bytes").unsigned_abs())
+    }
+
+    async fn payer_bytes(&self, billed_to: &str) -> Result<u64, StoreError> {
+        let row = sqlx::query("SELECT bytes FROM payers WHERE billed_to = ?")
+            .bind(billed_to)
+            .fetch_optional(&self.reader)
+            .await?;
+        Ok(row.map_or(0, |row| row.get::<i64, _>("bytes").unsigned_abs()))
+    }
+
+    async fn room(&self, job: Uuid) -> Result<Option<u64>, StoreError> {
+        let row = sqlx::query(
+            "SELECT max(0, max_stored - coalesce(payers.bytes, 0)) AS room FROM jobs
+             LEFT JOIN payers ON payers.billed_to = jobs.billed_to
+             WHERE jobs.id = ? AND max_stored IS NOT NULL",
+        )
+        .bind(job.to_string())
+        .fetch_optional(&self.reader)
+        .await?;
+        Ok(row.map(|row| row.get::<i64, _>("room").unsigned_abs()))
+    }
+
+    async fn pin(&self, job: Uuid, pinned: bool, most: Option<u64>) -> Result<Pinned, StoreError> {
+        let mut transaction = self.begin().await?;
+        let row = sqlx::query(
+            "SELECT pinned, jobs.bytes, coalesce(pinned_bytes, 0) AS pinned_bytes FROM jobs
+             LEFT JOIN payers ON payers.billed_to = jobs.billed_to
+             WHERE id = ? AND deleted_ms IS NULL",
+        )
+        .bind(job.to_string())
+        .fetch_optional(&mut *transaction)
+        .await?;
+        let Some(row) = row else { return Ok(Pinned::Missing) };
+        let bytes = |column| row.get::<i64, _>(column).unsigned_abs();
+        let (own, others) = (bytes("bytes"), bytes("pinned_bytes"));
+        let is_new = pinned && !row.get::<bool, _>("pinned");
+        if is_new && most.is_some_and(|most| others.saturating_add(own) > most) {
+            return Ok(Pinned::OverQuota { pinned: others, job: own });
+        }
+        sqlx::query("UPDATE jobs SET pinned = ? WHERE id = ?")
+            .bind(pinned)
+            .bind(job.to_string())
+            .execute(&mut *transaction)
+            .await?;
+        transaction.commit().await?;
+        Ok(Pinned::Done)
+    }
+
+    async fn evictable(&self) -> Result<Option<Uuid>, StoreError> {
+        let row = sqlx::query(
+            "SELECT (SELECT id FROM jobs
+                     WHERE jobs.billed_to = payers.billed_to AND finished_ms IS NOT NULL
+                       AND pinned = 0 AND deleted_ms IS NULL AND jobs.bytes > 0
+                     ORDER BY finished_ms, id LIMIT 1) AS job
+             FROM payers WHERE job IS NOT NULL ORDER BY bytes DESC, billed_to DESC LIMIT 1",
+        )
+        .fetch_optional(&self.reader)
+        .await?;
+        row.map(|row| rows::parse_id(row.get("job"))).transpose()
+    }
+
+    async fn snapshots(&self, job: Uuid) -> Result<Snapshots, StoreError> {
+        let found = sqlx::query(
+            "SELECT seq, sum(json_extract(record, '$.size')) AS bytes
+             FROM pictures JOIN events USING (job_id, seq)
+             WHERE job_id = ? AND kind = 'snapshot' GROUP BY seq ORDER BY seq",
+        )
+        .bind(job.to_string())
+        .fetch_all(&self.reader)
+        .await?;
+        let number =
+            |row: &sqlx::sqlite::SqliteRow, column| row.get::<i64, _>(column).unsigned_abs();
+        let row = sqlx::query(
+            "SELECT count(*) AS thinned FROM events WHERE job_id = ? AND kind = 'notice'
+               AND json_extract(data, '$.what') = 'snapshots_thinned'",
+        )
+        .bind(job.to_string())
+        .fetch_one(&self.reader)
+        .await?;
+        Ok(Snapshots {
+            stored: found.iter().map(|row| (number(row, "seq"), number(row, "bytes"))).collect(),
+            thinned: row.get("thinned"),
+        })
+    }
+
+    async fn drop_snapshots(
+        &self,
+        claim: Claim,
+        dropped: &[u64],
+        notice: NoticeEvent,
+    ) -> Result<Vec<Picture>, StoreError> {
+        let mut transaction = self.begin().await?;
+        let held = Event::Report { fence: claim.fence };
+        jobs::happens_to_held(&mut transaction, claim, held).await?;
+        let job = claim.job.to_string();
+        let mut pictures: Vec<Picture> = Vec::new();
+        for seq in dropped {
+            let seq = i64::try_from(*seq).unwrap_or(i64::MAX);
+            sqlx::query("DELETE FROM events WHERE job_id = ? AND seq = ? AND kind = 'snapshot'")
+                .bind(&job)
+                .bind(seq)
+                .execute(&mut *transaction)
+                .await?;
+            let found =
+                sqlx::query("DELETE FROM pictures WHERE job_id = ? AND seq = ? RETURNING record")
+                    .bind(&job)
+                    .bind(seq)
+                    .fetch_all(&mut *transaction)
+                    .await?;
+            for row in found {
+                pictures.push(rows::from_json("picture", row.get("record"))?);
+            }
+        }
+        let mut unnamed = Vec::new();
+        for picture in pictures {
+            let named = sqlx::query(
+                "SELECT 1 FROM pictures WHERE job_id = ? AND format = ? AND sha256 = ? LIMIT 1",
+            )
+            .bind(&job)
+            .bind(picture.format.suffix())
+            .bind(&picture.sha256)
+            .fetch_optional(&mut *transaction)
+            .await?;
+            if named.is_none() {
+                unnamed.push(picture);
+            }
+        }
+        events::append(&mut transaction, claim.job, &EventData::Notice(notice)).await?;
+        transaction.commit().await?;
+        Ok(unnamed)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,226 @@
+//! Pictures of a job as files, and how many snapshots it keeps: as many as its share of bytes
+//! holds. Where they reach the share, every second one goes and the next ones come half as often,
+//! so that a job may run for as long as it likes; where the disk or the payer's quota has no room,
+//! none is kept until there is some. The job's last picture is no snapshot and is always kept.
+
+use crate::api::events::{Notice, NoticeEvent};
+use crate::api::jobs::{Picture, PictureFormat, Progress};
+use crate::service::Service;
+use crate::store::{Claim, Report};
+use hemilux_engine::image::{self, Exposure, ImageError};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Most notices of a run that nothing is kept: a disk that is short again every second must not
+/// fill the rest of itself with them.
+const MOST_PAUSE_NOTICES: u32 = 100;
+
+/// What goes wrong with a picture: in encoding it, with its files, with its record.
+pub type Trouble = Box<dyn std::error::Error + Send + Sync>;
+
+/// The snapshots of one run.
+pub struct Album {
+    formats: Vec<PictureFormat>,
+    /// Most bytes of all snapshots of the job.
+    share: u64,
+    /// Bytes of those that are stored; `None` until the store was asked.
+    stored: Option<u64>,
+    /// How often the interval between them has doubled for want of room.
+    slower: u32,
+    /// Why none is kept at present.
+    paused: Option<Pause>,
+    pause_notices: u32,
+}
+
+/// Why a snapshot is not kept.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Pause {
+    Disk,
+    Quota,
+    Share,
+}
+
+impl Album {
+    /// An album of pictures in these formats, of so many bytes at most.
+    pub fn new(formats: Vec<PictureFormat>, share: u64) -> Self {
+        Self { formats, share, stored: None, slower: 0, paused: None, pause_notices: 0 }
+    }
+
+    /// How often the interval has doubled for want of room.
+    pub fn slower(&self) -> u32 {
+        self.slower
+    }
+
+    /// Keeps a snapshot where there is room for it, or can be made.
+    ///
+    /// # Errors
+    /// Where it cannot be encoded or stored.
+    pub async fn keep(
+        &mut self,
+        service: &Service,
+        claim: Claim,
+        picture: image::Picture,
+        progress: Progress,
+    ) -> Result<(), Trouble> {
+        if let Some(why) = service.disk.shortage() {
+            return self.pause(service, claim, Pause::Disk, why).await;
+        }
+        let begun = Instant::now();
+        let size = (picture.width, picture.height);
+        let files = encode(Arc::new(picture), self.formats.clone()).await?;
+        let bytes: u64 = files.iter().map(|(_, bytes)| bytes.len() as u64).sum();
+        if bytes > self.share {
+            let (bytes, share) = (bytes >> 10, self.share >> 20);
+            let why = format!(
+                "a snapshot takes {bytes} KiB, and those of a job may have {share} MiB together (--max-job-mb)"
+            );
+            return self.pause(service, claim, Pause::Share, why).await;
+        }
+        if service.store.room(claim.job).await?.is_some_and(|room| room < bytes) {
+            let why = "the pictures and solutions of this caller have as many bytes as they may";
+            return self.pause(service, claim, Pause::Quota, why.into()).await;
+        }
+        if self.stored.is_none() {
+            let known = service.store.snapshots(claim.job).await?;
+            self.stored = Some(known.stored.iter().map(|(_, bytes)| bytes).sum());
+            self.slower = known.thinned;
+        }
+        self.make_room(service, claim, bytes).await?;
+        let pictures = put(service, claim, size, files).await?;
+        service.metrics.count_snapshot(begun.elapsed().as_secs_f64());
+        let report = Report { snapshots: vec![(pictures, progress)], ..Report::default() };
+        service.store.report(claim, report).await?;
+        self.stored = self.stored.map(|stored| stored + bytes);
+        self.paused = None;
+        // Two may be too many already; the newest one stays until there is a newer one.
+        self.make_room(service, claim, 0).await?;
+        service.bell.ring(claim.job);
+        Ok(())
+    }
+
+    /// Removes every second snapshot but the newest, until so many bytes more are within the share
+    /// or one snapshot is left.
+    async fn make_room(
+        &mut self,
+        service: &Service,
+        claim: Claim,
+        more: u64,
+    ) -> Result<(), Trouble> {
+        while self.stored.unwrap_or(0) + more > self.share {
+            let stored = service.store.snapshots(claim.job).await?.stored;
+            let (gone, left) = every_second(&stored);
+            if gone.is_empty() {
+                break;
+            }
+            let notice = NoticeEvent {
+                what: Notice::SnapshotsThinned,
+                detail: format!(
+                    "the snapshots of this job reached {} MiB, which is its share: every second one was removed, and the next ones come half as often",
+                    self.share >> 20
+                ),
+                removed: gone.len() as u64,
+            };
+            let unnamed = service.store.drop_snapshots(claim, &gone, notice).await?;
+            self.stored = Some(left);
+            self.slower += 1;
+            for picture in unnamed {
+                // What stays behind is found by the next sweep.
+                if let Err(error) = service.artifacts.remove_picture(claim.job, &picture).await {
+                    tracing::warn!(job = %claim.job, %error, "cannot remove a snapshot");
+                }
+            }
+            service.bell.ring(claim.job);
+        }
+        Ok(())
+    }
+
+    /// Leaves a snapshot out, and says so where that begins.
+    async fn pause(
+        &mut self,
+        service: &Service,
+        claim: Claim,
+        pause: Pause,
+        why: String,
+    ) -> Result<(), Trouble> {
+        if self.paused == Some(pause) || self.pause_notices >= MOST_PAUSE_NOTICES {
+            return Ok(());
+        }
+        tracing::warn!(job = %claim.job, why, "keeps no snapshots for now");
+        let detail = format!("no snapshots are kept until there is room: {why}");
+        let notice = NoticeEvent { what: Notice::SnapshotsPaused, detail, removed: 0 };
+        let report = Report { notices: vec![notice], ..Report::default() };
+        service.store.report(claim, report).await?;
+        self.paused = Some(pause);
+        self.pause_notices += 1;
+        service.bell.ring(claim.job);
+        Ok(())
+    }
+}
+
+/// Of snapshots by number and bytes, oldest first: the numbers of every second one, and the bytes
+/// of the others, of which the newest is one.
+fn every_second(stored: &[(u64, u64)]) -> (Vec<u64>, u64) {
+    let from_newest = || stored.iter().rev();
+    let gone = from_newest().skip(1).step_by(2).map(|(number, _)| *number).collect();
+    (gone, from_newest().step_by(2).map(|(_, bytes)| bytes).sum())
+}
+
+/// Encodes a picture in each of the formats and stores the files.
+///
+/// # Errors
+/// Where it cannot be encoded or stored; in the latter case an
+/// [`ArtifactError`](crate::artifacts::ArtifactError).
+pub async fn keep_picture(
+    service: &Service,
+    claim: Claim,
+    picture: Arc<image::Picture>,
+    formats: Vec<PictureFormat>,
+) -> Result<Vec<Picture>, Trouble> {
+    let size = (picture.width, picture.height);
+    put(service, claim, size, encode(picture, formats).await?).await
+}
+
+/// A picture's files, one a format.
+async fn encode(
+    picture: Arc<image::Picture>,
+    mut formats: Vec<PictureFormat>,
+) -> Result<Vec<(PictureFormat, Vec<u8>)>, Trouble> {
+    formats.sort_unstable();
+    formats.dedup();
+    let encoded = tokio::task::spawn_blocking(move || {
+        let encode = |format| match format {
+            PictureFormat::Png => picture.to_png(Exposure::Auto),
+            PictureFormat::Exr => picture.to_exr(),
+        };
+        formats.into_iter().map(|f| Ok((f, encode(f)?))).collect::<Result<Vec<_>, ImageError>>()
+    })
+    .await??;
+    Ok(encoded)
+}
+
+async fn put(
+    service: &Service,
+    claim: Claim,
+    size: (u32, u32),
+    files: Vec<(PictureFormat, Vec<u8>)>,
+) -> Result<Vec<Picture>, Trouble> {
+    let mut pictures = Vec::new();
+    for (format, bytes) in files {
+        pictures.push(service.artifacts.put_picture(claim.job, format, size, bytes).await?);
+    }
+    Ok(pictures)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::every_second;
+
+    #[test]
+    fn every_second_snapshot_goes_and_the_newest_stays() {
+        assert_eq!(every_second(&[]), (vec![], 0));
+        assert_eq!(every_second(&[(7, 10)]), (vec![], 10));
+        assert_eq!(every_second(&[(3, 1), (7, 10)]), (vec![3], 10));
+        let stored: Vec<_> = (1..=7).map(|number| (number, 1 << number)).collect();
+        assert_eq!(every_second(&stored), (vec![6, 4, 2], 2 + 8 + 32 + 128));
+    }
+}
