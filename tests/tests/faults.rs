@@ -50,16 +50,15 @@ fn is_whole(server: &Server, record: &Value) {
 
 /// A server whose data folder is a small disk of its own (a tmpfs in a mount namespace), and the
 /// folder as this process sees it. Where the system allows no namespaces, `None`.
-fn on_a_small_disk(folder: &Path) -> Option<(Server, PathBuf)> {
+fn on_a_small_disk(folder: &Path, size: &str, min_free_mb: &str) -> Option<(Server, PathBuf)> {
     let allowed = Command::new("unshare").args(["-rm", "true"]).output();
     if !allowed.is_ok_and(|output| output.status.success()) {
         return None;
     }
-    // The disk is smaller than what a server keeps free.
-    let serve = serve_command(folder, &["--min-free-mb", "0"]);
-    let mount = "mount -t tmpfs -o size=3m none \"$0\" && exec \"$@\"";
+    let serve = serve_command(folder, &["--min-free-mb", min_free_mb]);
+    let mount = format!("mount -t tmpfs -o size={size} none \"$0\" && exec \"$@\"");
     let mut command = Command::new("unshare");
-    command.args(["-rm", "sh", "-c", mount]).arg(folder).arg(serve.get_program());
+    command.args(["-rm", "sh", "-c", &mount]).arg(folder).arg(serve.get_program());
     let server = Server::spawn(command.args(serve.get_args()));
     let inside = PathBuf::from(format!("/proc/{}/root{}", server.pid(), folder.display()));
     Some((server, inside))
@@ -71,7 +70,7 @@ type Mend = Box<dyn Fn(&Server)>;
 #[test]
 fn a_full_disk_is_told_and_nothing_is_lost() {
     let folder = TempDir::new().unwrap();
-    let (server, mend): (Server, Mend) = match on_a_small_disk(folder.path()) {
+    let (server, mend): (Server, Mend) = match on_a_small_disk(folder.path(), "3m", "0") {
         Some((server, inside)) => {
             let record = server.wait(&server.submit(&job(1)));
             assert_eq!(record["state"], "succeeded");
@@ -275,4 +274,106 @@ fn a_storage_that_does_not_answer_makes_jobs_wait() {
     fs::rename(&away, &scenes).unwrap();
     let record = server.wait(&job);
     assert_eq!((&record["state"], &record["attempts"]), (&json!("succeeded"), &json!(1)));
+}
+
+/// Bytes that are free on the disk of a folder.
+fn free_bytes(folder: &Path) -> u64 {
+    let output = Command::new("stat").args(["-f", "-c", "%a %S"]).arg(folder).output().unwrap();
+    let told = String::from_utf8_lossy(&output.stdout).into_owned();
+    told.split_whitespace().map(|number| number.parse::<u64>().unwrap()).product()
+}
+
+/// While less is free than the server keeps free, jobs that wait go on waiting, and the one that
+/// runs ends.
+#[test]
+fn no_job_is_begun_while_the_disk_is_short() {
+    let folder = TempDir::new().unwrap();
+    let rules = folder.path().join("failpoints");
+    fs::write(&rules, "").unwrap();
+    let data = folder.path().join("data");
+    fs::create_dir(&data).unwrap();
+    let (server, inside) = match on_a_small_disk(&data, "12m", "4") {
+        Some((server, inside)) => (server, Some(inside)),
+        None => {
+            println!("no mount namespaces here: a failpoint stands for the short disk");
+            let variable = format!("@{}", rules.display());
+            let environment = [("HEMILUX_FAILPOINTS", variable.as_str())];
+            (Server::start_with_environment(&data, &[], &environment), None)
+        }
+    };
+    let running = server.submit(&json!({
+        "scene": "cornell", "width": 16, "height": 16, "time_budget_s": 600, "method": "stochastic",
+        "options": {"patches": 300, "hemicube_resolution": 32}
+    }));
+    server.wait_until(&running, |job| job["iterations"].as_u64() > Some(0));
+    let waiting = [1, 2, 3].map(|seed| server.submit(&job(seed)));
+    match &inside {
+        Some(inside) => {
+            let mut ballast = fs::File::create(inside.join("ballast")).unwrap();
+            while free_bytes(inside) > 2 << 20 {
+                ballast.write_all(&[0; 64 << 10]).unwrap();
+            }
+        }
+        None => fs::write(&rules, "disk=error").unwrap(),
+    }
+    // The server looks once a second.
+    while server.post("/v1/jobs", &job(4)).status != 503 {
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    assert_eq!(server.send("POST", &format!("/v1/jobs/{running}/cancel"), &[], b"").status, 200);
+    assert_eq!(server.wait(&running)["state"], "cancelled");
+    let idle = |server: &Server| server.get("/v1/devices").text().contains("\"idle\"");
+    for _ in 0..30 {
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        for id in &waiting {
+            let record = server.get(&format!("/v1/jobs/{id}")).json();
+            assert_eq!((&record["state"], &record["attempts"]), (&json!("queued"), &json!(0)));
+        }
+        assert!(idle(&server), "the device waits");
+    }
+    match &inside {
+        Some(inside) => fs::remove_file(inside.join("ballast")).unwrap(),
+        None => fs::write(&rules, "").unwrap(),
+    }
+    for id in &waiting {
+        let record = server.wait(id);
+        assert_eq!((&record["state"], &record["attempts"]), (&json!("succeeded"), &json!(1)));
+    }
+}
+
+/// Pictures find no room for longer than all the tries together, again and again: their jobs are
+/// put back, uncounted, and go on from what they knew.
+#[test]
+fn jobs_whose_pictures_find_no_room_are_never_given_up() {
+    let folder = TempDir::new().unwrap();
+    let rules = folder.path().join("failpoints");
+    let data = folder.path().join("data");
+    let quick = "record-pause=last:2;retry-pause=last:2";
+    // Which of the files of a job are pictures shows by their ends.
+    fs::write(&rules, format!("artifact(.png)=error;artifact(.exr)=error;{quick}")).unwrap();
+    let variable = format!("@{}", rules.display());
+    let environment = [("HEMILUX_FAILPOINTS", variable.as_str())];
+    let server = Server::start_with_environment(&data, &[], &environment);
+    let ids = [1, 2].map(|seed| server.submit(&job(seed)));
+    let put_back = |id: &String| {
+        let path = format!("/v1/jobs/{id}/events");
+        let events = server.events(&path, &[]).filter(|event| {
+            let reason = event.data["reason"].as_str().unwrap_or_default();
+            reason.contains("could not be kept")
+        });
+        // More often than a job may fail.
+        events.take(6).count()
+    };
+    for id in &ids {
+        assert_eq!(put_back(id), 6);
+        let record = server.get(&format!("/v1/jobs/{id}")).json();
+        assert!(record["attempts"].as_u64() <= Some(1), "{record}");
+    }
+    fs::write(&rules, quick).unwrap();
+    for id in &ids {
+        let record = server.wait(id);
+        assert_eq!((&record["state"], &record["attempts"]), (&json!("succeeded"), &json!(1)));
+        let reasons = record["plan"]["reasons"].to_string();
+        assert!(reasons.contains("goes on after 20"), "the work was kept: {reasons}");
+    }
 }

@@ -91,6 +91,23 @@ fn a_poisoned_job_is_given_up_and_says_what_happened_each_time() {
 }
 
 #[test]
+fn a_job_that_failed_pauses_and_others_go_on() {
+    let folder = TempDir::new().unwrap();
+    let rules = "render(seed 666)=error;retry-pause=last:3600000";
+    let server = server(&folder, &[], rules);
+    let failing = server.submit(&job(666));
+    server.wait_until(&failing, |job| job["state"] == "queued" && job["attempts"] == 1);
+    for seed in 1..=3 {
+        assert_eq!(server.wait(&server.submit(&job(seed)))["state"], "succeeded");
+    }
+    let paused = server.get(&format!("/v1/jobs/{failing}")).json();
+    assert_eq!((&paused["state"], &paused["attempts"]), (&json!("queued"), &json!(1)));
+    // A cancel ends it at once.
+    let answer = server.send("POST", &format!("/v1/jobs/{failing}/cancel"), &[], b"");
+    assert_eq!((answer.status, &answer.json()["state"]), (200, &json!("cancelled")));
+}
+
+#[test]
 fn silence_is_ended_and_counted_in_both_isolations() {
     for isolation in ["process", "thread"] {
         let arguments = ["--isolation", isolation, "--no-progress-s", "1"];

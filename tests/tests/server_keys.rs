@@ -256,6 +256,28 @@ fn server_wait(who: &With<'_>, job: &str, state: &str) {
 }
 
 #[test]
+fn many_jobs_of_one_key_do_not_keep_another_waiting() {
+    let folder = TempDir::new().unwrap();
+    let (many, few) = (keys(folder.path(), &["add", "many"]), keys(folder.path(), &["add", "few"]));
+    let server = Server::start_in(folder.path(), &["--max-queued", "2000"]);
+    let (many, few) = (With(&server, &many), With(&server, &few));
+    let first = many.submit(&endless());
+    server_wait(&many, &first, "running");
+    let queued: Vec<_> = (0..100).map(|_| many.submit(&quick())).collect();
+    let other = few.submit(&quick());
+    assert_eq!(many.post(&format!("/v1/jobs/{first}/cancel"), &json!({})).status, 200);
+    server_wait(&few, &other, "succeeded");
+    let started = |who: &With<'_>, id: &str| {
+        let job = who.get(&format!("/v1/jobs/{id}")).json();
+        job["started_at"].as_str().map(str::to_owned)
+    };
+    let other_started = started(&few, &other).unwrap();
+    for id in queued.iter().filter_map(|id| started(&many, id)) {
+        assert!(other_started <= id, "the other key's job starts next: {other_started}, {id}");
+    }
+}
+
+#[test]
 fn queued_and_running_jobs_are_counted_by_caller() {
     let folder = TempDir::new().unwrap();
     let (busy, other) = (keys(folder.path(), &["add", "busy"]), keys(folder.path(), &["add", "b"]));

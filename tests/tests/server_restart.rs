@@ -2,6 +2,7 @@
 
 use hemilux_tests::server::{PATIENCE, Server, serve_and_fail};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -20,10 +21,11 @@ fn a_job_outlives_kill_9() {
     server.kill();
 
     let server = Server::start_in(folder.path(), &[]);
-    for (id, attempts) in [(&running, 2), (&waiting, 1)] {
+    for (id, interruptions) in [(&running, 1), (&waiting, 0)] {
         let job = server.wait(id);
         assert_eq!(job["state"], "succeeded", "{job}");
-        assert_eq!(job["attempts"], attempts, "{job}");
+        assert_eq!(job["attempts"], 1, "{job}");
+        assert_eq!(job["interruptions"], interruptions, "{job}");
         assert_eq!(server.get(&format!("/v1/jobs/{id}/image.exr")).status, 200);
     }
     let events: Vec<_> = server.events(&format!("/v1/jobs/{running}/events"), &[]).collect();
@@ -43,6 +45,48 @@ fn a_job_outlives_kill_9() {
         .map(|point| point["seconds"].as_f64().unwrap())
         .collect();
     assert!(seconds.is_sorted(), "{seconds:?}");
+}
+
+/// The names of a job's checkpoints.
+fn checkpoints(folder: &Path, job: &str) -> BTreeSet<String> {
+    let files = std::fs::read_dir(folder.join("artifacts/jobs").join(job));
+    let names = files.into_iter().flatten().flatten().map(|file| file.file_name());
+    let names = names.map(|name| name.to_string_lossy().into_owned());
+    names.filter(|name| name.ends_with(".checkpoint")).collect()
+}
+
+/// The server dies more often than a job may fail, while it runs a job in a process of its own. The
+/// job is not given up; and though checkpoints are an hour apart, it gets on in every life.
+#[test]
+fn a_job_outlives_any_number_of_deaths_and_gets_on() {
+    const DEATHS: usize = 23;
+    let folder = TempDir::new().unwrap();
+    let arguments = ["--checkpoint-every-s", "3600"];
+    let mut server = Server::start_in(folder.path(), &arguments);
+    let id = server.submit(&json!({
+        "scene": "cornell", "width": 24, "height": 24, "method": "stochastic",
+        "max_iterations": 1_000_000_000, "options": {"patches": 300, "hemicube_resolution": 32}
+    }));
+    let works = |job: &Value| job["state"] == "running" && job["iterations"].as_u64() > Some(0);
+    for death in 0..DEATHS {
+        let known = checkpoints(folder.path(), &id);
+        let running = server.wait_until(&id, works);
+        assert_eq!(running["interruptions"], death, "{running}");
+        let deadline = Instant::now() + PATIENCE;
+        // From the third interruption on it hurries to a first checkpoint.
+        while death >= 3 && checkpoints(folder.path(), &id).is_subset(&known) {
+            assert!(Instant::now() < deadline, "no checkpoint in life {death}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        server.kill();
+        server = Server::start_in(folder.path(), &arguments);
+    }
+    let last = server.wait_until(&id, works);
+    assert!(last["plan"]["reasons"].to_string().contains("goes on after"), "{last}");
+    assert_eq!(server.send("POST", &format!("/v1/jobs/{id}/cancel"), &[], b"").status, 200);
+    let job = server.wait(&id);
+    assert_eq!((&job["state"], &job["attempts"]), (&json!("cancelled"), &json!(1)), "{job}");
+    assert_eq!(job["interruptions"], DEATHS, "{job}");
 }
 
 #[test]

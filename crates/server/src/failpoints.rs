@@ -3,14 +3,16 @@
 //! The environment variable `HEMILUX_FAILPOINTS` holds rules, `;` between them, or `@` and the
 //! path of a file with rules that is read anew at every point, so that a test can mend what it
 //! broke. A rule reads `point=action` or `point(about)=action`; the latter holds where what the
-//! point is about contains the text in brackets. `clock=jump:SECONDS` sets the wall clock by which
-//! things expire off. Without the variable a point costs the read of one static.
+//! point is about contains the text in brackets. `point=last:MILLISECONDS` says how long a pause of
+//! that name lasts, `clock=jump:SECONDS` sets the wall clock by which things expire off. Without the
+//! variable a point costs the read of one static.
 //!
 //! Not the `fail` crate: its points are compiled in by a cargo feature, so tests would run another
 //! program than the one that is shipped.
 
 use jiff::SignedDuration;
 use std::sync::OnceLock;
+use std::time::Duration;
 
 /// The variable.
 pub const VARIABLE: &str = "HEMILUX_FAILPOINTS";
@@ -38,6 +40,13 @@ pub fn clock_jump() -> SignedDuration {
     let seconds = action(&rules, "clock", "").and_then(|action| action.strip_prefix("jump:"));
     let seconds = seconds.map(|seconds| seconds.parse().expect("jump:SECONDS"));
     SignedDuration::from_secs(seconds.unwrap_or(0))
+}
+
+/// How long the pause of that name lasts: `usual`, or what the rules say.
+pub fn lasting(point: &'static str, usual: Duration) -> Duration {
+    let Some(rules) = rules() else { return usual };
+    let millis = action(&rules, point, "").and_then(|action| action.strip_prefix("last:"));
+    millis.and_then(|ms| ms.parse().ok()).map_or(usual, Duration::from_millis)
 }
 
 /// The rules as they are now; none where the variable is not set.
@@ -69,7 +78,7 @@ fn act(point: &'static str, action: &str) -> Result<(), Injected> {
         ("panic", _) => panic!("failpoint {point}"),
         ("sleep", ms) => {
             let ms = ms.parse().expect("sleep:MILLISECONDS");
-            std::thread::sleep(std::time::Duration::from_millis(ms));
+            std::thread::sleep(Duration::from_millis(ms));
             Ok(())
         }
         ("overflow", _) => {

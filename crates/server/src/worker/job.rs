@@ -8,6 +8,7 @@ use super::watch::{Ended, Followed, Stop, follow};
 use super::wire::{Failure, Message, Order, Task};
 use crate::api::jobs::{Job, JobError, PictureFormat, Progress, Stats};
 use crate::artifacts::ArtifactError;
+use crate::failpoints;
 use crate::job_state::{self, Cause, JobState};
 use crate::service::Service;
 use crate::store::{Claim, Outcome, Report, StoreError};
@@ -15,8 +16,9 @@ use hemilux_engine::image;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Pause of a device whose job could not be read from the storage.
-const STORAGE_PAUSE: Duration = Duration::from_secs(5);
+/// Pause of a device that could not read its job from the storage, beside the job's own: where the
+/// whole storage does not answer, a long queue is not run through at full speed.
+const STORAGE_PAUSE: Duration = Duration::from_secs(1);
 
 enum Ending {
     Done(JobState, Box<Stats>, image::Picture),
@@ -53,6 +55,7 @@ pub async fn run(
         Err(Unready::NotNow(why)) => {
             // Not the job's fault: it waits until the storage answers.
             tracing::error!(job = %job.id, why, "cannot read the job's scene");
+            service.queue.put_off(job.id);
             let ending = Ending::PutBack { cause: Cause::Circumstances, why };
             record(service, claim, ending, None, started).await;
             tokio::select! {
@@ -97,9 +100,19 @@ pub async fn run(
         Ended::Failed(failure) => Ending::Failed(failure),
         Ended::Lost(epitaph) => put_back(epitaph.how, epitaph.was_killed),
     };
+    if matches!(&ending, Ending::PutBack { .. }) && stop != Stop::Shutdown {
+        service.queue.put_off(job.id);
+    }
     record(service, claim, ending, latest, started).await;
     checkpoints::settle(service, claim.job).await;
     sound
+}
+
+/// Puts back a job that could not be begun by no fault of its own.
+pub async fn hand_back(service: &Arc<Service>, claim: Claim, why: String) {
+    let _renewed = service.leases.hold(claim);
+    let ending = Ending::PutBack { cause: Cause::Circumstances, why };
+    record(service, claim, ending, None, Instant::now()).await;
 }
 
 /// Why an attempt cannot begin.
@@ -191,7 +204,7 @@ async fn share(service: &Service, claim: Claim, job: &Job) -> Option<Outcome> {
 
 /// Pause before the next try at storing something: doubles from a second to this.
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
-/// Tries at storing the picture before the job fails; about two minutes.
+/// Tries at storing the picture before the job is put back, uncounted; about two minutes.
 const PICTURE_TRIES: u32 = 8;
 
 /// What is to be stored about the end of an attempt.
@@ -261,6 +274,9 @@ async fn record(
                         let outcome = failed("picture", why, latest.clone());
                         record = Record::Outcome(Box::new(outcome));
                     } else if picture_tries >= PICTURE_TRIES {
+                        // Others may fit where this one does not; it goes on from its last
+                        // checkpoint when its pause is over.
+                        service.queue.put_off(claim.job);
                         record = Record::Release { cause: Cause::Circumstances, why };
                     }
                 }
@@ -278,7 +294,9 @@ async fn record(
             None => {}
         }
         tokio::select! {
-            () = tokio::time::sleep(pause) => pause = (pause * 2).min(LONGEST_PAUSE),
+            () = tokio::time::sleep(failpoints::lasting("record-pause", pause)) => {
+                pause = (pause * 2).min(LONGEST_PAUSE);
+            }
             () = service.shutdown.cancelled() => {
                 tracing::error!(job = %claim.job, "shuts down before the end was recorded");
                 return;
@@ -306,6 +324,7 @@ fn ended(service: &Service, claim: Claim, record: &Record, started: Instant) {
             let seconds = started.elapsed().as_secs_f64();
             tracing::info!(job = %claim.job, state = outcome.state.as_str(), seconds, iterations, "ended");
             service.metrics.count_job(outcome.state, seconds, iterations, shots);
+            service.queue.forget(claim.job);
         }
         Record::Release { why, .. } => {
             tracing::info!(job = %claim.job, why, "went back to the queue");

@@ -24,7 +24,6 @@ use crate::api::jobs::{Job, JobRequest, OptionValue};
 use crate::api::limits::{OptionWord, Vocabulary};
 use crate::api::{DeviceStatus, DeviceView, FieldError};
 use crate::config::Isolation;
-use crate::job_state::Cause;
 use crate::service::Service;
 use crate::trace_context::TraceParent;
 use executor::Executor;
@@ -267,14 +266,13 @@ async fn run_jobs(service: &Arc<Service>, id: &str, executor: &mut Executor) -> 
         let next = tokio::select! {
             biased;
             () = service.shutdown.cancelled() => return Ok(()),
-            next = service.queue.next(id, own_process) => next,
+            next = service.queue.next(id, own_process, &service.disk) => next,
         };
         let (claim, job) = next;
         if executor.is_gone() {
             // It ended while it had nothing to do: not this job's fault.
             let fault = executor.epitaph().how;
-            let released = service.store.release(claim, Cause::Circumstances, &fault).await;
-            released.map_err(|error| error.to_string())?;
+            job::hand_back(service, claim, fault.clone()).await;
             return Err(fault);
         }
         service.pool.set(id, DeviceStatus::Busy, Some(job.id), None);
