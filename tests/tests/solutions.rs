@@ -185,6 +185,70 @@ fn an_ended_job_can_be_given_more_budget() {
     );
 }
 
+/// A server with failpoints that a file holds, so that they can change while it runs.
+fn with_failpoints(folder: &Path, arguments: &[&str]) -> (Server, PathBuf) {
+    let rules = folder.join("failpoints");
+    if !rules.exists() {
+        std::fs::write(&rules, "").expect("rules");
+    }
+    let from_file = format!("@{}", rules.display());
+    let environment = [("HEMILUX_FAILPOINTS", from_file.as_str())];
+    let data = folder.join("data");
+    (Server::start_with_environment(&data, arguments, &environment), rules)
+}
+
+/// A checkpoint that cannot be read for now is waited for: the job does not begin afresh, and what
+/// is kept is not overwritten.
+#[test]
+fn a_checkpoint_that_does_not_answer_is_waited_for() {
+    let folder = TempDir::new().expect("a folder");
+    let arguments = ["--checkpoint-every-s", "0.2"];
+    let (server, rules) = with_failpoints(folder.path(), &arguments);
+    let data = folder.path().join("data");
+    let id = server.submit(&job(6000));
+    wait_for_two_checkpoints(&data, &id);
+    server.kill();
+    std::fs::write(&rules, "kept-read=error;retry-pause=last:20").expect("rules");
+    let (server, _) = with_failpoints(folder.path(), &arguments);
+    let kept = checkpoints(&data, &id);
+    let put_back = server.events(&format!("/v1/jobs/{id}/events"), &[]).filter(|event| {
+        event.data["reason"].as_str().is_some_and(|reason| reason.contains("kept-read"))
+    });
+    assert_eq!(put_back.take(2).count(), 2);
+    let now = checkpoints(&data, &id);
+    assert!(!now.is_empty() && now.iter().all(|file| kept.contains(file)), "{kept:?}, {now:?}");
+    std::fs::write(&rules, "").expect("rules");
+    let after = server.wait(&id);
+    assert_eq!((&after["state"], &after["attempts"]), (&json!("succeeded"), &json!(1)), "{after}");
+    assert!(reasons(&after).contains("goes on after"), "{}", reasons(&after));
+    assert_eq!(after["warnings"], json!([]), "{after}");
+}
+
+#[test]
+fn an_extension_that_fails_keeps_the_result_and_can_be_tried_again() {
+    let folder = TempDir::new().expect("a folder");
+    let (server, rules) = with_failpoints(folder.path(), &[]);
+    let id = server.submit(&job(40));
+    let ended = server.wait(&id);
+    let picture = exr(&server, &id);
+    let extend =
+        || server.post(&format!("/v1/jobs/{id}/extend"), &json!({ "max_iterations": 100 }));
+    std::fs::write(&rules, "render=panic").expect("rules");
+    let queued = extend();
+    assert_eq!(queued.status, 202, "{}", queued.text());
+    assert_eq!(queued.json()["result"], ended["result"], "it stays while the job waits");
+    let failed = server.wait(&id);
+    assert_eq!((&failed["state"], &failed["error"]["code"]), (&json!("failed"), &json!("panic")));
+    assert_eq!((&failed["result"], &failed["stats"]), (&ended["result"], &ended["stats"]));
+    assert!(exr(&server, &id) == picture, "the last good picture");
+    std::fs::write(&rules, "").expect("rules");
+    assert_eq!(extend().status, 202);
+    let extended = server.wait(&id);
+    assert_eq!(extended["stats"]["iterations"], 100, "{extended}");
+    assert!(reasons(&extended).contains("goes on after 40"), "{}", reasons(&extended));
+    assert_ne!(extended["result"], ended["result"]);
+}
+
 #[test]
 fn other_views_begin_with_a_solution_and_outlive_it() {
     let folder = TempDir::new().expect("a folder");

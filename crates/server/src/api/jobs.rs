@@ -429,7 +429,9 @@ pub struct Job {
     /// Why it failed.
     #[schema(required)]
     pub error: Option<JobError>,
-    /// The final picture, one file a format; of a cancelled job the picture so far.
+    /// The final picture, one file a format; of a cancelled job the picture so far. An extended job
+    /// shows that of before, with its `stats`, until there is a better one, also where the
+    /// extension failed.
     #[schema(required)]
     pub result: Option<Vec<Picture>>,
     /// The identical job whose result this is; `null` where it was rendered for this job.

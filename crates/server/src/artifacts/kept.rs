@@ -1,6 +1,6 @@
 //! What is kept of a job beside its pictures. The files lie in the job's folder and go with it.
 
-use super::{ArtifactError, Artifacts};
+use super::{ArtifactError, Artifacts, failpoint};
 use bytes::Bytes;
 use object_store::path::Path as Key;
 use object_store::{ObjectStore, ObjectStoreExt};
@@ -26,7 +26,9 @@ impl Artifacts {
 
     /// A kept file.
     pub async fn kept(&self, job: Uuid, file: &str) -> Result<Bytes, ArtifactError> {
-        Ok(self.store.get(&key(job, file)).await?.bytes().await?)
+        let key = key(job, file);
+        failpoint("kept-read", &key)?;
+        Ok(self.store.get(&key).await?.bytes().await?)
     }
 
     /// Keeps a file of one job for another one too: each can be removed without the other.

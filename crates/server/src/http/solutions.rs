@@ -27,7 +27,10 @@ const TRIES: u32 = 3;
 /// Give an ended job more budget.
 ///
 /// The job goes back to the queue and on from where it was, under the same id; its events go on,
-/// too. It must have succeeded or been cancelled, and its solution must be kept.
+/// too. It must have succeeded or been cancelled, or have failed while it was extended, and its
+/// solution must be kept. Its result stays until there is a better one: an extension that fails
+/// changes nothing about it, and one that is cancelled replaces it only by a picture of at least as
+/// many iterations.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/extend", tag = "jobs",
     params(("id" = Uuid, Path, description = "The job's id.")),
@@ -67,7 +70,7 @@ pub async fn extend_job(
         }
         Extended::Missing => Err(Problem::not_found("there is no such job")),
         Extended::NotNow(job) => Err(Problem::not_now(format!(
-            "the job is {}; only one that succeeded or was cancelled can be extended",
+            "the job is {}; only one that succeeded, was cancelled, or failed while it was extended can be extended",
             job.state.as_str()
         ))),
         Extended::QueueFull => Err(Problem::queue_full(5)),

@@ -3,6 +3,7 @@
 //! that another store is one line away from passing the same.
 
 mod attempts;
+mod extensions;
 mod outbox;
 mod turns;
 
@@ -14,6 +15,7 @@ use crate::job_state::{Cause, JobState, MAX_FAILURES};
 use std::sync::Arc;
 
 pub use attempts::*;
+pub use extensions::*;
 pub use outbox::*;
 pub use turns::*;
 
@@ -45,6 +47,7 @@ macro_rules! suite {
             nobody_starves_behind_the_many_jobs_of_another
             who_had_no_turn_for_longest_goes_first
             jobs_that_pause_are_not_claimed
+            an_extension_keeps_the_result_until_there_is_a_better_one
             an_orderly_shutdown_costs_no_attempt
             a_cancel_reaches_the_worker_or_ends_the_job_with_it
             ended_jobs_stay_as_they_are

@@ -82,6 +82,13 @@ pub enum StoreError {
     },
 }
 
+impl StoreError {
+    /// Whether trying again cannot help: what is stored does not read back.
+    pub fn is_lasting(&self) -> bool {
+        matches!(self, Self::Corrupt { .. })
+    }
+}
+
 impl From<sqlx::Error> for StoreError {
     /// Names the troubles that an operator can mend.
     fn from(source: sqlx::Error) -> Self {
@@ -206,6 +213,16 @@ impl Outcome {
     pub fn of(state: JobState) -> Self {
         let pictures = Vec::new();
         Self { state, stats: None, pictures, error: None, progress: None, result_of: None }
+    }
+
+    /// Whether it replaces the result of an earlier run with those figures: a success does; what
+    /// was cancelled does where it has a picture and knows at least as much; a failure does not.
+    pub fn is_better_than(&self, earlier: Option<&Stats>) -> bool {
+        let done = |stats: Option<&Stats>| stats.map_or(0, |stats| stats.iterations);
+        match self.state {
+            JobState::Succeeded => true,
+            _ => !self.pictures.is_empty() && done(self.stats.as_ref()) >= done(earlier),
+        }
     }
 }
 

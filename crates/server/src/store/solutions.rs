@@ -13,7 +13,7 @@ pub enum Extended {
     Queued(Box<Job>),
     /// There is no such job.
     Missing,
-    /// It has not ended, or it failed.
+    /// It has not ended, or it failed and has no result.
     NotNow(Box<Job>),
     /// The queue is full.
     QueueFull,
@@ -39,7 +39,8 @@ pub trait Solutions: Send + Sync {
         solution: &Solution,
         max_queued: u64,
     ) -> Result<Accepted, StoreError>;
-    /// Queues a job again that succeeded or was cancelled, with new limits.
+    /// Queues a job again that succeeded, was cancelled, or has a result of before it failed, with
+    /// new limits. The result stays until there is another.
     async fn extend(
         &self,
         job: Uuid,

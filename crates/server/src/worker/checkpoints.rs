@@ -4,13 +4,14 @@
 use super::wire::Checkpointed;
 use crate::api::jobs::Job;
 use crate::api::solutions::{Begins, KeptFile, Solution};
-use crate::artifacts::sha256_hex;
+use crate::artifacts::{ArtifactError, sha256_hex};
 use crate::config::Config;
 use crate::failpoints;
 use crate::job_state::JobState;
 use crate::service::Service;
 use crate::store::Claim;
 use bytes::Bytes;
+use hemilux_engine::checkpoint::Checkpoint;
 use std::time::{Duration, Instant};
 use tokio::sync::Mutex;
 use uuid::Uuid;
@@ -103,27 +104,57 @@ async fn remove(service: &Service, job: Uuid, solution: &Solution) {
     }
 }
 
-/// The checkpoint that a job begins with, if any; or why not, where it should.
-pub async fn begin(service: &Service, job: &Job) -> Result<Option<(Begins, Bytes)>, String> {
-    let solution = service.store.solution(job.id).await.map_err(|error| error.to_string())?;
-    let recorded: Vec<&str> = solution.iter().flat_map(Solution::files).collect();
-    if let Err(error) = service.artifacts.tidy_kept(job.id, &recorded).await {
+/// How a job begins.
+pub enum Start {
+    /// With a checkpoint.
+    With(Begins, Bytes),
+    /// From nothing; where something should have been there, why it cannot be used.
+    Afresh(Option<String>),
+}
+
+/// What a job begins with.
+///
+/// # Errors
+/// Where the storage does not answer: to begin afresh would throw away, and then overwrite, what is
+/// perhaps good.
+pub async fn begin(service: &Service, job: &Job) -> Result<Start, String> {
+    let recorded = match service.store.solution(job.id).await {
+        Err(error) if error.is_lasting() => return Ok(Start::Afresh(Some(error.to_string()))),
+        recorded => recorded.map_err(|error| error.to_string())?,
+    };
+    let files: Vec<&str> = recorded.iter().flat_map(Solution::files).collect();
+    if let Err(error) = service.artifacts.tidy_kept(job.id, &files).await {
         tracing::warn!(job = %job.id, %error, "cannot tidy up");
     }
-    let Some(solution) = solution else { return Ok(None) };
-    let bytes = service.artifacts.kept(job.id, &solution.file).await;
-    let bytes = bytes.map_err(|error| error.to_string())?;
-    Ok(Some((solution.begins, bytes)))
+    let Some(solution) = recorded else { return Ok(Start::Afresh(None)) };
+    match read(service, job.id, &solution.file).await {
+        Ok(bytes) => Ok(Start::With(solution.begins, bytes)),
+        Err(error) if error.is_lasting() => Ok(Start::Afresh(Some(error.to_string()))),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+/// A checkpoint's bytes. What looks damaged is read once more, since it will be overwritten if it is
+/// so; the executor tells what is wrong with it.
+async fn read(service: &Service, job: Uuid, file: &str) -> Result<Bytes, ArtifactError> {
+    let bytes = service.artifacts.kept(job, file).await?;
+    let content = bytes.clone();
+    let checked = tokio::task::spawn_blocking(move || Checkpoint::from_bytes(&content).is_ok());
+    match checked.await {
+        Ok(true) => Ok(bytes),
+        _ => service.artifacts.kept(job, file).await,
+    }
 }
 
 /// Forgets what an ended job knew, where nobody can go on from there or the operator doesn't want
 /// it kept.
 pub async fn settle(service: &Service, job: Uuid) {
-    let ended = match service.store.job(job).await {
-        Ok(Some(job)) if job.state.is_terminal() => job.state,
+    // An extension that failed goes on from here when it is tried again.
+    let (ended, has_result) = match service.store.job(job).await {
+        Ok(Some(job)) if job.state.is_terminal() => (job.state, job.result.is_some()),
         _ => return,
     };
-    if service.config.keep_solutions_mb > 0 && ended != JobState::Failed {
+    if service.config.keep_solutions_mb > 0 && (ended != JobState::Failed || has_result) {
         return;
     }
     match service.store.drop_solution(job).await {

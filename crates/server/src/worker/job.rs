@@ -1,7 +1,7 @@
 //! One attempt at one job, as the server sees it: hands the task to the device's executor, follows
 //! it, and stores how it ended.
 
-use super::checkpoints;
+use super::checkpoints::{self, Start};
 use super::executor::Executor;
 use super::snapshots::keep_picture;
 use super::watch::{Ended, Followed, Stop, follow};
@@ -54,7 +54,7 @@ pub async fn run(
         }
         Err(Unready::NotNow(why)) => {
             // Not the job's fault: it waits until the storage answers.
-            tracing::error!(job = %job.id, why, "cannot read the job's scene");
+            tracing::error!(job = %job.id, why, "cannot read what the job needs");
             service.queue.put_off(job.id);
             let ending = Ending::PutBack { cause: Cause::Circumstances, why };
             record(service, claim, ending, None, started).await;
@@ -141,14 +141,14 @@ async fn prepare(
         }
     })?;
     let mut parts = vec![scene.to_vec()];
-    let (begins, begins_without) = match checkpoints::begin(service, job).await {
-        Ok(Some((begins, checkpoint))) => {
-            parts.push(checkpoint.to_vec());
-            (Some(begins), None)
-        }
-        Ok(None) => (None, None),
-        Err(why) => (None, Some(why)),
-    };
+    let (begins, begins_without) =
+        match checkpoints::begin(service, job).await.map_err(Unready::NotNow)? {
+            Start::With(begins, checkpoint) => {
+                parts.push(checkpoint.to_vec());
+                (Some(begins), None)
+            }
+            Start::Afresh(why) => (None, why),
+        };
     let thinned = match job.request.snapshots.is_some() {
         true => service.store.snapshots(job.id).await.map(|snapshots| snapshots.thinned),
         false => Ok(0),

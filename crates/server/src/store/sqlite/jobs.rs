@@ -100,7 +100,7 @@ pub async fn accept(
             .execute(&mut *connection)
             .await?;
     }
-    append_state(connection, job.id, Life::NEW, None).await?;
+    append_state(connection, job.id, Life::NEW, None, None).await?;
     Ok(Accepted::New(Box::new(expect(connection, job.id).await?)))
 }
 
@@ -290,7 +290,7 @@ pub async fn cancel(
     if let Some(Ok(change)) = happens(connection, id, Event::Cancel, None).await?
         && change.ends()
     {
-        append_state(connection, id, change.after, None).await?;
+        append_state(connection, id, change.after, None, None).await?;
     }
     get(connection, id).await
 }
@@ -308,13 +308,15 @@ pub async fn extend(
         Some(Err(_)) => return Ok(Some(false)),
     };
     sqlx::query(
-        "UPDATE jobs SET request = ?, stats = NULL, error = NULL, result = NULL WHERE id = ?",
+        // The result stays until there is another good one.
+        "UPDATE jobs SET request = ?, error = NULL WHERE id = ?",
     )
     .bind(rows::to_json(request))
     .bind(id.to_string())
     .execute(&mut *connection)
     .await?;
-    append_state(connection, id, change.after, Some("it was given more budget".into())).await?;
+    append_state(connection, id, change.after, Some("it was given more budget".into()), None)
+        .await?;
     Ok(Some(true))
 }
 
@@ -325,7 +327,7 @@ pub async fn delete(connection: &mut SqliteConnection, id: Uuid) -> Result<bool,
         Some(Ok(change)) => {
             if change.ends() {
                 let reason = Some("the job was deleted".to_owned());
-                append_state(connection, id, change.after, reason).await?;
+                append_state(connection, id, change.after, reason, None).await?;
             }
             Ok(true)
         }
@@ -354,7 +356,7 @@ pub async fn claim(
     .bind(id.to_string())
     .execute(&mut *connection)
     .await?;
-    append_state(connection, id, change.after, None).await?;
+    append_state(connection, id, change.after, None, None).await?;
     let claim = Claim { job: id, fence: change.after.fence };
     Ok(Some((claim, expect(connection, id).await?)))
 }
@@ -441,11 +443,22 @@ pub async fn finish(
             .execute(&mut *connection)
             .await?;
     }
-    sqlx::query("UPDATE jobs SET stats = ?, error = ?, result = ?, result_of = ? WHERE id = ?")
-        .bind(outcome.stats.as_ref().map(rows::to_json))
+    let before = rows::job(&change.row)?;
+    let pictures = match before.result {
+        Some(earlier) if !outcome.is_better_than(before.stats.as_ref()) => earlier,
+        _ => {
+            sqlx::query("UPDATE jobs SET stats = ?, result = ?, result_of = ? WHERE id = ?")
+                .bind(outcome.stats.as_ref().map(rows::to_json))
+                .bind((!outcome.pictures.is_empty()).then(|| rows::to_json(&outcome.pictures)))
+                .bind(outcome.result_of.map(|twin| twin.to_string()))
+                .bind(claim.job.to_string())
+                .execute(&mut *connection)
+                .await?;
+            outcome.pictures
+        }
+    };
+    sqlx::query("UPDATE jobs SET error = ? WHERE id = ?")
         .bind(outcome.error.as_ref().map(rows::to_json))
-        .bind((!outcome.pictures.is_empty()).then(|| rows::to_json(&outcome.pictures)))
-        .bind(outcome.result_of.map(|twin| twin.to_string()))
         .bind(claim.job.to_string())
         .execute(&mut *connection)
         .await?;
@@ -453,11 +466,12 @@ pub async fn finish(
         state: outcome.state,
         attempts: change.after.attempts,
         reason: outcome.result_of.map(|twin| format!("shares the result of {twin}")),
-        pictures: outcome.pictures.clone(),
+        pictures: pictures.clone(),
         error: outcome.error,
     });
     let seq = events::append(connection, claim.job, &event).await?;
-    add_pictures(connection, claim.job, seq, &outcome.pictures).await
+    // So that the newest picture is the result, whatever snapshots came after an earlier one.
+    add_pictures(connection, claim.job, seq, &pictures).await
 }
 
 /// Takes a claim back: the job is queued again, cancelled if that was asked, or given up after
@@ -488,15 +502,7 @@ pub async fn release(
     .bind(claim.job.to_string())
     .execute(&mut *connection)
     .await?;
-    let event = EventData::State(StateEvent {
-        state: change.after.state,
-        attempts: change.after.attempts,
-        reason: Some(reason.to_owned()),
-        pictures: Vec::new(),
-        error,
-    });
-    events::append(connection, claim.job, &event).await?;
-    Ok(())
+    append_state(connection, claim.job, change.after, Some(reason.to_owned()), error).await
 }
 
 fn given_up(mishaps: &[String]) -> String {
@@ -543,14 +549,21 @@ async fn append_state(
     id: Uuid,
     life: Life,
     reason: Option<String>,
+    error: Option<JobError>,
 ) -> Result<(), StoreError> {
+    // An extension that ends without a picture leaves the earlier result, which is then the newest
+    // picture again, whatever snapshots came after it.
+    let result = match life.state.is_terminal() {
+        true => get(connection, id).await?.and_then(|job| job.result).unwrap_or_default(),
+        false => Vec::new(),
+    };
     let event = EventData::State(StateEvent {
         state: life.state,
         attempts: life.attempts,
         reason,
-        pictures: Vec::new(),
-        error: None,
+        pictures: result.clone(),
+        error,
     });
-    events::append(connection, id, &event).await?;
-    Ok(())
+    let seq = events::append(connection, id, &event).await?;
+    add_pictures(connection, id, seq, &result).await
 }

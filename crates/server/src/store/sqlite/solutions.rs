@@ -73,7 +73,13 @@ impl Solutions for SqliteStore {
         let Some(job) = jobs::get(&mut transaction, id).await? else {
             return Ok(Extended::Missing);
         };
-        if !matches!(job.state, JobState::Succeeded | JobState::Cancelled) {
+        // After a failed extension there is the result of before, and another may do better.
+        let may = match job.state {
+            JobState::Succeeded | JobState::Cancelled => true,
+            JobState::Failed => job.result.is_some(),
+            JobState::Queued | JobState::Running => false,
+        };
+        if !may {
             return Ok(Extended::NotNow(Box::new(job)));
         }
         if jobs::waiting(&mut transaction).await? >= max_queued {
