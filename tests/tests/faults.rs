@@ -220,6 +220,23 @@ fn a_damaged_or_missing_picture_is_named_and_a_restored_one_is_served() {
 
     fs::write(&file, sound).unwrap();
     is_whole(&server, &record);
+
+    // The baked light is a file like the others.
+    let path = format!("/v1/jobs/{id}/solution.glb");
+    let whole = server.get(&path);
+    assert_eq!(whole.status, 200);
+    let folder = folder.path().join("artifacts/jobs").join(id);
+    let names = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path());
+    let file = names.into_iter().find(|path| path.extension().is_some_and(|e| e == "glb")).unwrap();
+    let mut damaged = whole.body.clone();
+    damaged[40] ^= 1;
+    damaged.push(0);
+    fs::write(&file, &damaged).unwrap();
+    let problem = server.get(&path).problem(500);
+    let detail = problem["detail"].as_str().unwrap();
+    assert!(detail.contains(".glb") && detail.contains("backup"), "{detail}");
+    fs::write(&file, &whole.body).unwrap();
+    assert_eq!(server.get(&path).body, whole.body);
 }
 
 #[test]

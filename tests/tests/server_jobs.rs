@@ -197,6 +197,69 @@ fn a_snapshot_travels_in_its_event() {
 }
 
 #[test]
+fn a_large_picture_stays_out_of_events_and_its_url_leads_to_it() {
+    let server = Server::start();
+    // Uncompressed, three floats a pixel are above 1 MiB.
+    let mut wish = quick();
+    (wish["width"], wish["height"]) = (json!(512), json!(512));
+    let id = server.submit(&wish);
+    let path = format!("/v1/jobs/{id}/events?inline=exr");
+    let end = server.events(&path, &[]).last().unwrap();
+    assert_eq!(end.name, "succeeded", "{}", end.data);
+    let exr =
+        end.data["pictures"].as_array().unwrap().iter().find(|p| p["format"] == "exr").unwrap();
+    let size = exr["size"].as_u64().unwrap();
+    assert!(size > 1 << 20, "{size}");
+    assert!(exr.get("base64").is_none());
+    assert_eq!(server.get(exr["url"].as_str().unwrap()).body.len() as u64, size);
+    // The smaller file of the same picture does travel.
+    let small = server.events(&format!("/v1/jobs/{id}/events?inline=png"), &[]).last().unwrap();
+    let png =
+        small.data["pictures"].as_array().unwrap().iter().find(|p| p["format"] == "png").unwrap();
+    assert!(png["base64"].is_string() == (png["size"].as_u64() <= Some(1 << 20)));
+}
+
+#[test]
+fn files_are_sent_whole_or_in_part() {
+    let server = Server::start();
+    let mut wish = quick();
+    wish["method"] = json!("stochastic");
+    let id = server.submit(&wish);
+    server.wait(&id);
+    for file in ["image.png", "image.exr", "solution.glb"] {
+        let path = format!("/v1/jobs/{id}/{file}");
+        let get = |headers: &[(&str, &str)]| server.send("GET", &path, headers, b"");
+        let whole = get(&[("accept-encoding", "gzip")]);
+        let size = whole.body.len();
+        assert_eq!((whole.status, whole.header("accept-ranges")), (200, "bytes"), "{file}");
+        assert_eq!(whole.header("content-length"), size.to_string(), "{file}");
+        let etag = whole.header("etag").to_owned();
+        let head = server.send("HEAD", &path, &[("range", "bytes=0-1")], b"");
+        assert_eq!((head.status, head.header("content-length")), (200, &*size.to_string()));
+        assert!(head.body.is_empty() && head.header("etag") == etag);
+        let part = get(&[("range", "bytes=10-19")]);
+        assert_eq!((part.status, &part.body[..]), (206, &whole.body[10..20]), "{file}");
+        assert_eq!(part.header("content-range"), format!("bytes 10-19/{size}"));
+        assert_eq!((part.header("content-length"), part.header("etag")), ("10", &*etag));
+        let tail = get(&[("range", "bytes=-7"), ("if-range", &etag)]);
+        assert_eq!((tail.status, &tail.body[..]), (206, &whole.body[size - 7..]), "{file}");
+        for headers in [
+            [("range", "bytes=0-1"), ("if-range", "\"another\"")],
+            [("range", "bytes=0-1,4-5"), ("x-nothing", "")],
+            [("range", "bytes=5-4"), ("x-nothing", "")],
+        ] {
+            let answer = get(&headers);
+            assert_eq!((answer.status, answer.body.len()), (200, size), "{file} {headers:?}");
+        }
+        let beyond = get(&[("range", &format!("bytes={size}-"))]);
+        beyond.problem(416);
+        assert_eq!(beyond.header("content-range"), format!("bytes */{size}"));
+        let held = get(&[("if-none-match", &etag), ("range", "bytes=0-1")]);
+        assert_eq!((held.status, held.body.len()), (304, 0), "{file}");
+    }
+}
+
+#[test]
 fn cancel_and_delete_can_be_repeated_in_every_state() {
     let server = Server::start();
     let running = server.submit(&endless());

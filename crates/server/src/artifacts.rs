@@ -3,6 +3,9 @@
 
 mod kept;
 mod orphans;
+mod stream;
+
+pub use stream::Opened;
 
 use crate::api::jobs::{Picture, PictureFormat};
 use crate::failpoints;
@@ -53,6 +56,7 @@ pub struct Artifacts {
     folder: PathBuf,
     /// When this process began to use them: what lies half-written from before is nobody's.
     since: SystemTime,
+    sound: Arc<stream::Sound>,
 }
 
 /// SHA-256 in hex.
@@ -77,11 +81,9 @@ impl Artifacts {
     pub fn local(folder: &Path) -> std::io::Result<Self> {
         std::fs::create_dir_all(folder)?;
         let store = LocalFileSystem::new_with_prefix(folder).map_err(std::io::Error::other)?;
-        Ok(Self {
-            store: Arc::new(store.with_fsync(true).with_automatic_cleanup(true)),
-            folder: folder.to_owned(),
-            since: SystemTime::now(),
-        })
+        let store = Arc::new(store.with_fsync(true).with_automatic_cleanup(true));
+        let since = SystemTime::now();
+        Ok(Self { store, folder: folder.to_owned(), since, sound: Arc::default() })
     }
 
     /// Keeps a scene's bytes under its id.
@@ -117,8 +119,7 @@ impl Artifacts {
         if hash.is_ok_and(|hash| hash == sha256) {
             return Ok(bytes);
         }
-        tracing::error!(file = %key, "a stored file is damaged");
-        Err(ArtifactError::Damaged { file: key.to_string() })
+        Err(damaged(key))
     }
 
     /// Keeps a picture of `job` and says where.
@@ -146,19 +147,10 @@ impl Artifacts {
     ) -> Result<Picture, ArtifactError> {
         let Picture { sha256, format, .. } = picture;
         let source = picture_key(from, sha256, *format);
-        self.get(&source, sha256).await?;
+        let meta = self.store.head(&source).await?;
+        self.verify(&source, &meta, sha256).await?;
         self.store.copy(&source, &picture_key(to, sha256, *format)).await?;
         Ok(Picture { url: picture_url(to, sha256, *format), ..picture.clone() })
-    }
-
-    /// A picture's bytes, checked against their hash.
-    pub async fn picture(
-        &self,
-        job: Uuid,
-        sha256: &str,
-        format: PictureFormat,
-    ) -> Result<Bytes, ArtifactError> {
-        self.get(&picture_key(job, sha256, format), sha256).await
     }
 
     /// Removes a picture of a job; its not being there is fine.
@@ -196,6 +188,12 @@ fn failpoint(point: &'static str, key: &Key) -> Result<(), ArtifactError> {
     })
 }
 
+/// Says that a file is damaged, to the log too.
+fn damaged(key: &Key) -> ArtifactError {
+    tracing::error!(file = %key, "a stored file is damaged");
+    ArtifactError::Damaged { file: key.to_string() }
+}
+
 fn picture_url(job: Uuid, sha256: &str, format: PictureFormat) -> String {
     format!("/v1/jobs/{job}/snapshots/{sha256}.{}", format.suffix())
 }
@@ -231,12 +229,12 @@ mod tests {
         let kept =
             artifacts.put_picture(job, PictureFormat::Png, (2, 1), b"png".to_vec()).await.unwrap();
         assert_eq!(kept.size, 3);
-        let bytes = artifacts.picture(job, &kept.sha256, PictureFormat::Png).await.unwrap();
-        assert_eq!(&bytes[..], b"png");
+        let opened = artifacts.open_picture(job, &kept.sha256, PictureFormat::Png).await.unwrap();
+        assert_eq!(opened.whole().await.unwrap(), b"png");
         artifacts.remove_job(job).await.unwrap();
         artifacts.remove_job(job).await.unwrap();
-        let gone = artifacts.picture(job, &kept.sha256, PictureFormat::Png).await;
-        assert!(gone.unwrap_err().is_not_found());
+        let gone = artifacts.open_picture(job, &kept.sha256, PictureFormat::Png).await;
+        assert!(gone.err().unwrap().is_not_found());
     }
 
     #[tokio::test]
@@ -249,11 +247,11 @@ mod tests {
         let shared = artifacts.share_picture(first, second, &kept).await.unwrap();
         assert!(shared.url.contains(&second.to_string()) && shared.sha256 == kept.sha256);
         artifacts.remove_job(first).await.unwrap();
-        let bytes = artifacts.picture(second, &shared.sha256, png).await.unwrap();
-        assert_eq!(&bytes[..], b"png");
+        let opened = artifacts.open_picture(second, &shared.sha256, png).await.unwrap();
+        assert_eq!(opened.whole().await.unwrap(), b"png");
         let file = folder.path().join(format!("jobs/{second}/{}.png", shared.sha256));
-        std::fs::write(&file, b"pnf").unwrap();
-        let damaged = artifacts.picture(second, &shared.sha256, png).await.unwrap_err();
+        std::fs::write(&file, b"damage").unwrap();
+        let damaged = artifacts.open_picture(second, &shared.sha256, png).await.err().unwrap();
         assert!(damaged.is_lasting() && !damaged.is_not_found(), "{damaged}");
         assert!(damaged.to_string().contains(&shared.sha256), "{damaged}");
         assert!(artifacts.share_picture(second, first, &shared).await.is_err());

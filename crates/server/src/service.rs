@@ -54,6 +54,8 @@ pub struct Service {
     pub vocabulary: Vocabulary,
     /// Turns at importing scenes.
     pub imports: Arc<Semaphore>,
+    /// Bytes of pictures that events may carry at the same time.
+    pub inline_room: Arc<Semaphore>,
     /// How often each caller asked.
     pub rates: RateLimiter,
     /// Which keys were used.
@@ -141,6 +143,7 @@ pub async fn serve(
         pool: Pool::new(&devices, config.threads),
         vocabulary: worker::vocabulary(),
         imports: Arc::new(Semaphore::new(IMPORTS_AT_ONCE)),
+        inline_room: Arc::new(Semaphore::new(http::INLINE_BYTES_AT_ONCE)),
         rates: RateLimiter::default(),
         key_uses: KeyUses::default(),
         disk: Disk::new(config.data_dir.clone(), config.guard.min_free_mb),

@@ -352,7 +352,7 @@ pub struct Picture {
     pub width: u32,
     /// Pixels down.
     pub height: u32,
-    /// The file itself in base64, where the stream was asked for it.
+    /// The file itself in base64, where the stream was asked for it and it is small enough.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base64: Option<String>,
 }

@@ -9,7 +9,7 @@ use uuid::Uuid;
 /// How the names of kept files end.
 pub(super) const ENDINGS: [&str; 2] = [".checkpoint", ".glb"];
 
-fn key(job: Uuid, file: &str) -> Key {
+pub(super) fn key(job: Uuid, file: &str) -> Key {
     Key::from(format!("jobs/{job}/{file}"))
 }
 

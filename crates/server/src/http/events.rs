@@ -5,7 +5,7 @@ use super::jobs::find;
 use super::problem::{Problem, documented};
 use super::read::{JobId, Query};
 use crate::api::events::{Event, EventData};
-use crate::api::jobs::PictureFormat;
+use crate::api::jobs::{Picture, PictureFormat};
 use crate::events::Listener;
 use axum::extract::State;
 use axum::http::HeaderMap;
@@ -17,11 +17,18 @@ use serde::Deserialize;
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::time::Duration;
+use tokio::sync::OwnedSemaphorePermit;
 use utoipa::IntoParams;
 use uuid::Uuid;
 
 /// Events read at once.
 const BATCH: u32 = 256;
+/// Largest picture that an event carries, bytes.
+const MAX_INLINE_BYTES: u64 = 1 << 20;
+/// Bytes of pictures in events that are on their way to clients, all streams together.
+pub const INLINE_BYTES_AT_ONCE: usize = 64 << 20;
+/// How long an event waits for its share of them, before it goes without its picture.
+const INLINE_PATIENCE: Duration = Duration::from_secs(2);
 /// How long to trust that no news is no news.
 const RECHECK: Duration = Duration::from_secs(10);
 
@@ -32,7 +39,9 @@ pub struct EventsQuery {
     /// Begin after this event; `Last-Event-ID` means the same and wins.
     #[param(minimum = 0, maximum = 9_223_372_036_854_775_807_u64)]
     after: Option<u64>,
-    /// Carry snapshots and the final picture in the events themselves, in this format.
+    /// Carry snapshots and the final picture in the events themselves, in this format: in
+    /// `base64`, which is left out of pictures above 1 MiB (1,048,576 bytes) and while too many
+    /// others are on their way. Their `url` always leads to them.
     #[param(inline)]
     inline: Option<PictureFormat>,
 }
@@ -79,6 +88,7 @@ pub async fn stream_events(
         after: last_seen.or(query.after).unwrap_or(0),
         inline: query.inline,
         waiting: VecDeque::new(),
+        share: None,
         ended: false,
         job: id,
         _count: app.metrics.count_stream(),
@@ -103,6 +113,9 @@ struct Follower {
     inline: Option<PictureFormat>,
     listener: Listener,
     waiting: VecDeque<Event>,
+    /// What the event that was written last takes of the bytes on their way. The next one is asked
+    /// for once the connection has taken that.
+    share: Option<OwnedSemaphorePermit>,
     ended: bool,
     _count: crate::metrics::StreamCount,
 }
@@ -111,6 +124,7 @@ impl Follower {
     /// The next event; `None` after the terminal one, on shutdown, and where the store fails (the
     /// client reconnects and continues where it was).
     async fn next(&mut self) -> Option<sse::Event> {
+        self.share = None;
         loop {
             if let Some(event) = self.waiting.pop_front() {
                 self.after = event.seq;
@@ -150,7 +164,7 @@ impl Follower {
         over && matches!(self.app.store.events(self.job, self.after, 1).await, Ok(e) if e.is_empty())
     }
 
-    async fn write(&self, mut event: Event) -> sse::Event {
+    async fn write(&mut self, mut event: Event) -> sse::Event {
         if let Some(format) = self.inline {
             self.embed(&mut event.data, format).await;
         }
@@ -161,21 +175,28 @@ impl Follower {
         })
     }
 
-    /// Puts the picture itself into the event, where it exists in that format.
-    async fn embed(&self, data: &mut EventData, format: PictureFormat) {
+    /// Puts the picture itself into the event, where it exists in that format, is small enough and
+    /// there is room for it.
+    async fn embed(&mut self, data: &mut EventData, format: PictureFormat) {
         let pictures = match data {
             EventData::Snapshot(event) => &mut event.pictures,
             EventData::State(event) => &mut event.pictures,
             EventData::Progress(_) | EventData::Notice(_) => return,
         };
-        for picture in pictures.iter_mut().filter(|picture| picture.format == format) {
-            match self.app.artifacts.picture(self.job, &picture.sha256, format).await {
-                Ok(bytes) => {
-                    let engine = base64::engine::general_purpose::STANDARD;
-                    picture.base64 = Some(engine.encode(bytes));
-                }
-                Err(error) => tracing::warn!(%error, job = %self.job, "no picture to embed"),
+        let is_fit =
+            |picture: &&mut Picture| picture.format == format && picture.size <= MAX_INLINE_BYTES;
+        let Some(picture) = pictures.iter_mut().find(is_fit) else { return };
+        // As text, a third longer; and once more, while it is put together.
+        let bytes = u32::try_from(3 * picture.size).unwrap_or(u32::MAX);
+        let share = self.app.inline_room.clone().acquire_many_owned(bytes);
+        let Ok(Ok(share)) = tokio::time::timeout(INLINE_PATIENCE, share).await else { return };
+        match self.app.artifacts.picture(self.job, &picture.sha256, format).await {
+            Ok(bytes) => {
+                let engine = base64::engine::general_purpose::STANDARD;
+                picture.base64 = Some(engine.encode(bytes));
+                self.share = Some(share);
             }
+            Err(error) => tracing::warn!(%error, job = %self.job, "no picture to embed"),
         }
     }
 }

@@ -1,35 +1,42 @@
 //! Pictures of a job: the newest one, and each by its content.
 
 use super::App;
+use super::file::{self, Content};
 use super::jobs::find;
 use super::problem::{Problem, documented};
-use super::read::{JobId, is_held, prefers};
+use super::read::{JobId, prefers};
 use crate::access::Caller;
 use crate::api::jobs::{Picture, PictureFormat};
 use axum::extract::{Path, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::{HeaderMap, HeaderValue, Method, header};
+use axum::response::Response;
 use uuid::Uuid;
 
 /// The newest picture, PNG or, where `Accept` prefers image/x-exr, EXR.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/image", tag = "results",
-    params(("id" = Uuid, Path, description = "The job's id.")),
+    params(
+        ("id" = Uuid, Path, description = "The job's id."),
+        ("Range" = Option<String>, Header, description = "A part of the file: `bytes=first-last`, `bytes=first-` or `bytes=-length`."),
+    ),
     responses(
         (status = 200, description = "The picture.", content((Vec<u8> = "image/png"), (Vec<u8> = "image/x-exr")), headers(("etag" = String, description = "Names the content."))),
+        (status = 206, description = "The part that `Range` asks for.", content((Vec<u8> = "image/png"), (Vec<u8> = "image/x-exr")), headers(("etag" = String, description = "Names the content."), ("content-range" = String, description = "Where the part lies."))),
         (status = 304, description = "The client's copy is the newest."),
         documented::BadRequest,
         documented::NotFound,
+        documented::BadRange,
     )
 )]
 pub async fn newest_image(
     State(app): State<App>,
     JobId(id): JobId,
+    method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let wants_exr = prefers(&headers, PictureFormat::Exr.media_type(), "image/png");
     let format = if wants_exr { PictureFormat::Exr } else { PictureFormat::Png };
-    let mut response = newest(&app, id, format, &headers).await?;
+    let mut response = newest(&app, id, format, (&method, &headers)).await?;
     response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
     Ok(response)
 }
@@ -37,39 +44,51 @@ pub async fn newest_image(
 /// The newest picture, PNG.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/image.png", tag = "results",
-    params(("id" = Uuid, Path, description = "The job's id.")),
+    params(
+        ("id" = Uuid, Path, description = "The job's id."),
+        ("Range" = Option<String>, Header, description = "A part of the file: `bytes=first-last`, `bytes=first-` or `bytes=-length`."),
+    ),
     responses(
         (status = 200, description = "The picture.", body = Vec<u8>, content_type = "image/png", headers(("etag" = String, description = "Names the content."))),
+        (status = 206, description = "The part that `Range` asks for.", body = Vec<u8>, content_type = "image/png", headers(("etag" = String, description = "Names the content."), ("content-range" = String, description = "Where the part lies."))),
         (status = 304, description = "The client's copy is the newest."),
         documented::BadRequest,
         documented::NotFound,
+        documented::BadRange,
     )
 )]
 pub async fn newest_png(
     State(app): State<App>,
     JobId(id): JobId,
+    method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    newest(&app, id, PictureFormat::Png, &headers).await
+    newest(&app, id, PictureFormat::Png, (&method, &headers)).await
 }
 
 /// The newest picture, EXR.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/image.exr", tag = "results",
-    params(("id" = Uuid, Path, description = "The job's id.")),
+    params(
+        ("id" = Uuid, Path, description = "The job's id."),
+        ("Range" = Option<String>, Header, description = "A part of the file: `bytes=first-last`, `bytes=first-` or `bytes=-length`."),
+    ),
     responses(
         (status = 200, description = "The picture.", body = Vec<u8>, content_type = "image/x-exr", headers(("etag" = String, description = "Names the content."))),
+        (status = 206, description = "The part that `Range` asks for.", body = Vec<u8>, content_type = "image/x-exr", headers(("etag" = String, description = "Names the content."), ("content-range" = String, description = "Where the part lies."))),
         (status = 304, description = "The client's copy is the newest."),
         documented::BadRequest,
         documented::NotFound,
+        documented::BadRange,
     )
 )]
 pub async fn newest_exr(
     State(app): State<App>,
     JobId(id): JobId,
+    method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    newest(&app, id, PictureFormat::Exr, &headers).await
+    newest(&app, id, PictureFormat::Exr, (&method, &headers)).await
 }
 
 /// A picture by its content; never changes.
@@ -78,18 +97,22 @@ pub async fn newest_exr(
     params(
         ("id" = Uuid, Path, description = "The job's id."),
         ("file" = String, Path, pattern = "^[0-9a-f]{64}\\.(png|exr)$", description = "SHA-256 of the file, a dot, and png or exr."),
+        ("Range" = Option<String>, Header, description = "A part of the file: `bytes=first-last`, `bytes=first-` or `bytes=-length`."),
     ),
     responses(
         (status = 200, description = "The picture.", content((Vec<u8> = "image/png"), (Vec<u8> = "image/x-exr")), headers(("etag" = String, description = "Names the content."))),
+        (status = 206, description = "The part that `Range` asks for.", content((Vec<u8> = "image/png"), (Vec<u8> = "image/x-exr")), headers(("etag" = String, description = "Names the content."), ("content-range" = String, description = "Where the part lies."))),
         (status = 304, description = "The client's copy is good."),
         documented::BadRequest,
         documented::NotFound,
+        documented::BadRange,
     )
 )]
 pub async fn snapshot(
     State(app): State<App>,
     caller: Caller,
     Path((id, file)): Path<(String, String)>,
+    method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let unknown = || Problem::not_found("there is no such picture");
@@ -102,14 +125,14 @@ pub async fn snapshot(
         Some(_) => "private, max-age=31536000, immutable",
         None => "public, max-age=31536000, immutable",
     };
-    send(&app, id, &picture, &headers, cache).await
+    send(&app, id, &picture, (&method, &headers), cache).await
 }
 
 async fn newest(
     app: &App,
     id: Uuid,
     format: PictureFormat,
-    headers: &HeaderMap,
+    asked: (&Method, &HeaderMap),
 ) -> Result<Response, Problem> {
     let Some(picture) = app.store.newest_picture(id, format).await? else {
         find(app, id).await?;
@@ -119,27 +142,17 @@ async fn newest(
         );
         return Err(Problem::not_found(detail));
     };
-    send(app, id, &picture, headers, "no-cache").await
+    send(app, id, &picture, asked, "no-cache").await
 }
 
 async fn send(
     app: &App,
     job: Uuid,
     picture: &Picture,
-    headers: &HeaderMap,
+    asked: (&Method, &HeaderMap),
     cache: &'static str,
 ) -> Result<Response, Problem> {
-    let etag = format!("\"{}\"", picture.sha256);
-    let tags = [
-        (header::ETAG, etag.clone()),
-        (header::CACHE_CONTROL, cache.to_owned()),
-        (header::CONTENT_TYPE, picture.format.media_type().to_owned()),
-    ];
-    if is_held(headers, &etag) {
-        let mut response = (StatusCode::NOT_MODIFIED, tags).into_response();
-        response.headers_mut().remove(header::CONTENT_TYPE);
-        return Ok(response);
-    }
-    let bytes = app.artifacts.picture(job, &picture.sha256, picture.format).await?;
-    Ok((tags, bytes).into_response())
+    let (sha256, media_type) = (&picture.sha256, picture.format.media_type());
+    let open = app.artifacts.open_picture(job, sha256, picture.format);
+    file::answer(asked, Content { sha256, media_type, cache }, open).await
 }

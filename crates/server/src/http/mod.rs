@@ -5,6 +5,7 @@ mod cors;
 mod dashboard;
 mod docs;
 mod events;
+mod file;
 mod gauge;
 mod guard;
 mod images;
@@ -23,6 +24,8 @@ mod traces;
 mod upload;
 mod webhooks;
 
+pub use events::INLINE_BYTES_AT_ONCE;
+
 use crate::service::Service;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
@@ -31,6 +34,7 @@ use axum::middleware::from_fn_with_state;
 use std::sync::Arc;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
+use tower_http::compression::predicate::{DefaultPredicate, NotForContentType, Predicate};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -67,6 +71,11 @@ fn api() -> OpenApiRouter<App> {
         .routes(routes!(docs::openapi_yaml))
 }
 
+/// Which answers are compressed: not those that are files, of which clients ask for parts.
+fn compressed() -> impl Predicate {
+    DefaultPredicate::new().and(NotForContentType::const_new("model/gltf-binary"))
+}
+
 /// The whole application.
 pub fn router(app: App) -> Router {
     let (api, _) = api().split_for_parts();
@@ -83,7 +92,7 @@ pub fn router(app: App) -> Router {
     let api = if origins.is_empty() { api } else { api.layer(cors::layer(origins)) };
     api
         // Outside the problems, which read the framework's own error texts.
-        .layer(CompressionLayer::new())
+        .layer(CompressionLayer::new().compress_when(compressed()))
         .layer(from_fn_with_state(app.clone(), probes::count_requests))
         .layer(from_fn(trace::name_request))
         .with_state(app)

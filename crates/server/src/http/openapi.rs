@@ -137,6 +137,11 @@ fn add_example(status: &str, response: &mut Response) {
             "The content type is not supported",
             "send application/json or multipart/form-data, not \"text/plain\"",
         ),
+        "416" => (
+            "unsatisfiable-range",
+            "The file has no such part",
+            "the file has 1234 bytes; ask for a range within them",
+        ),
         "422" => (
             "invalid-request",
             "The request cannot be met as asked",

@@ -161,6 +161,12 @@ impl Problem {
         Self::new(status, "unsupported-media-type", "The content type is not supported", detail)
     }
 
+    /// 416: the file has no such part.
+    pub fn unsatisfiable_range(detail: impl Into<String>) -> Self {
+        let status = StatusCode::RANGE_NOT_SATISFIABLE;
+        Self::new(status, "unsatisfiable-range", "The file has no such part", detail)
+    }
+
     /// 422: readable, but some fields cannot be met.
     pub fn invalid(errors: Vec<FieldError>) -> Self {
         let detail = match errors.as_slice() {
@@ -387,6 +393,7 @@ pub mod documented {
         NotNow 409 "That cannot be done with the job as it is."
         TooLarge 413 "The request is over a size limit."
         UnsupportedMedia 415 "The content type is not supported."
+        BadRange 416 "The file has no such part."
         Invalid 422 "Readable, but some fields cannot be met; `errors` names them."
         OverLimit 429 "Too many jobs wait, or a limit of this caller is reached; see `limit` and Retry-After."
     }

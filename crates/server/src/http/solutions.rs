@@ -2,9 +2,10 @@
 //! light.
 
 use super::App;
+use super::file::{self, Content};
 use super::jobs::{answer, check, check_memory, check_stored, find, idempotency_key, submitter};
 use super::problem::{Problem, documented};
-use super::read::{self, JobId, MAX_JSON_BYTES, is_held, media_type};
+use super::read::{self, JobId, MAX_JSON_BYTES, media_type};
 use super::upload;
 use crate::access::Caller;
 use crate::api::FieldError;
@@ -16,7 +17,7 @@ use crate::store::{Accepted, NewJob};
 use crate::trace_context::TraceParent;
 use axum::Json;
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{HeaderMap, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde::de::DeserializeOwned;
 use uuid::Uuid;
@@ -170,17 +171,23 @@ pub async fn manifest(State(app): State<App>, JobId(id): JobId) -> Result<Json<M
 /// `asset.extras.radiance_of_white`. For methods with patches, where the solution is kept.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/solution.glb", tag = "results",
-    params(("id" = Uuid, Path, description = "The job's id.")),
+    params(
+        ("id" = Uuid, Path, description = "The job's id."),
+        ("Range" = Option<String>, Header, description = "A part of the file: `bytes=first-last`, `bytes=first-` or `bytes=-length`."),
+    ),
     responses(
         (status = 200, description = "The file.", body = Vec<u8>, content_type = "model/gltf-binary", headers(("etag" = String, description = "Names the content."))),
+        (status = 206, description = "The part that `Range` asks for.", body = Vec<u8>, content_type = "model/gltf-binary", headers(("etag" = String, description = "Names the content."), ("content-range" = String, description = "Where the part lies."))),
         (status = 304, description = "The client's copy is good."),
         documented::BadRequest,
         documented::NotFound,
+        documented::BadRange,
     )
 )]
 pub async fn solution_glb(
     State(app): State<App>,
     JobId(id): JobId,
+    method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     find(&app, id).await?;
@@ -190,16 +197,9 @@ pub async fn solution_glb(
             "no light of surfaces is kept of this job: it has not ended, its method has no patches, or --keep-solutions-mb does not allow it",
         )
     })?;
-    let etag = format!("\"{}\"", baked.sha256);
-    let tags = [
-        (header::ETAG, etag.clone()),
-        (header::CACHE_CONTROL, "no-cache".to_owned()),
-        (header::CONTENT_TYPE, "model/gltf-binary".to_owned()),
-    ];
-    if is_held(&headers, &etag) {
-        return Ok((StatusCode::NOT_MODIFIED, tags).into_response());
-    }
-    Ok((tags, app.artifacts.kept(id, &baked.file).await?).into_response())
+    let (sha256, media_type) = (&baked.sha256, "model/gltf-binary");
+    let open = app.artifacts.open_kept(id, &baked);
+    file::answer((&method, &headers), Content { sha256, media_type, cache: "no-cache" }, open).await
 }
 
 async fn body<T: DeserializeOwned>(request: Request) -> Result<T, Problem> {
