@@ -1,7 +1,8 @@
 # The server in a small image: the CPU device renders without any driver.
 #
 #   docker build -t hemilux .
-#   docker run -p 127.0.0.1:8080:8080 -v hemilux-data:/data hemilux
+#   docker run -d --name hemilux -p 127.0.0.1:8080:8080 -v hemilux-data:/data hemilux
+#   docker exec hemilux hemilux keys --data-dir /data add NAME    # prints the first API key
 #
 # Both bases are of one Debian release, so that the program finds the C library it was linked to.
 ARG BUILD_BASE=docker.io/library/rust:1.95-slim-trixie
@@ -33,5 +34,6 @@ VOLUME /data
 EXPOSE 8080
 HEALTHCHECK --interval=10s --timeout=5s --start-period=10s CMD ["hemilux", "health"]
 ENTRYPOINT ["hemilux"]
-# Inside a container every address is remote; who reaches the port is the engine's -p to say.
-CMD ["serve", "--listen", "0.0.0.0:8080", "--allow-remote", "--data-dir", "/data"]
+# Inside a container every address is remote, and a port that is published to this machine alone is
+# still reached by every web page that its browsers show: so API keys are asked for.
+CMD ["serve", "--listen", "0.0.0.0:8080", "--require-keys", "--data-dir", "/data"]

@@ -13,6 +13,8 @@ export class Server {
     this.dataDir = dataDir;
     this.listen = "127.0.0.1:0";
     this.key = "";
+    /** Further arguments. */
+    this.more = [];
   }
 
   /** Makes an API key and uses it from now on. */
@@ -24,7 +26,7 @@ export class Server {
 
   /** Starts; again on the port that it had before, so that an open page finds it. */
   async start() {
-    const args = ["serve", "--listen", this.listen, "--data-dir", this.dataDir, "--devices", "cpu"];
+    const args = ["serve", "--listen", this.listen, "--data-dir", this.dataDir, "--devices", "cpu", ...this.more];
     this.child = spawn(this.binary, args, { stdio: ["ignore", "pipe", "pipe"] });
     this.log = "";
     this.child.stderr.on("data", (chunk) => { this.log += chunk; });

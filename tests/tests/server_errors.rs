@@ -4,6 +4,7 @@ use hemilux_tests::server::{Server, scene};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::process::{Command, Stdio};
+use tempfile::TempDir;
 
 #[test]
 fn every_error_is_a_problem_document() {
@@ -155,11 +156,72 @@ fn a_full_queue_says_when_to_come_back_and_still_takes_cancels() {
 #[test]
 fn pages_of_other_sites_are_kept_out() {
     let server = Server::start();
-    let rebound = [("host", "attacker.example:80")];
-    server.send("GET", "/v1/jobs", &rebound, b"").problem(403);
-    let cross = [("sec-fetch-site", "cross-site"), ("content-type", "application/json")];
-    server.send("POST", "/v1/jobs", &cross, b"{}").problem(403);
+    let own = server.address.clone();
+    let port = own.rsplit(':').next().unwrap().to_owned();
+    let post = |headers: &[(&str, &str)]| server.send("POST", "/v1/jobs", headers, b"{}");
+    // What a page can have its browser send: forms and texts, from elsewhere.
+    for kind in ["application/json", "text/plain", "multipart/form-data; boundary=x"] {
+        for (name, value) in [
+            ("sec-fetch-site", "cross-site"),
+            ("sec-fetch-site", "same-site"),
+            ("origin", "http://127.0.0.1:1"),
+            ("origin", &*format!("http://localhost:{port}")),
+            ("origin", "null"),
+            ("origin", "https://evil.example"),
+        ] {
+            let problem = post(&[(name, value), ("content-type", kind)]).problem(403);
+            assert!(problem["detail"].as_str().unwrap().contains("--cors-origin"), "{problem}");
+        }
+    }
+    let own_page = [
+        ("origin", &*format!("http://{own}")),
+        ("sec-fetch-site", "same-origin"),
+        ("content-type", "application/json"),
+    ];
+    post(&own_page).problem(422);
     assert_eq!(server.get("/v1/jobs").status, 200);
+}
+
+#[test]
+fn without_keys_only_names_that_are_allowed_lead_to_the_server() {
+    let folder = TempDir::new().unwrap();
+    let everywhere = ["--listen", "0.0.0.0:0", "--allow-remote"];
+    for arguments in [&["--listen", "127.0.0.1:0"][..], &everywhere] {
+        let server = Server::start_in(folder.path(), arguments);
+        for path in ["/", "/v1/jobs", "/docs/", "/openapi.yaml", "/metrics", "/assets/app.js"] {
+            let rebound = [("host", "rebound.example")];
+            let problem = server.send("GET", path, &rebound, b"").problem(403);
+            let detail = problem["detail"].as_str().unwrap();
+            assert!(detail.contains("--allowed-host") && detail.contains("keys add"), "{detail}");
+            for host in ["localhost", "10.1.2.3:80", "[::1]"] {
+                let answer = server.send("GET", path, &[("host", host)], b"");
+                assert_eq!(answer.status, 200, "{path} {host}");
+            }
+        }
+        // Probes come by any name.
+        assert_eq!(server.send("GET", "/livez", &[("host", "rebound.example")], b"").status, 200);
+    }
+}
+
+#[test]
+fn behind_a_tls_proxy_on_this_machine_nothing_has_to_be_opened() {
+    let through_proxy = [
+        ("host", "render.example.org"),
+        ("origin", "https://render.example.org"),
+        ("sec-fetch-site", "same-origin"),
+        ("x-forwarded-proto", "https"),
+        ("content-type", "application/json"),
+    ];
+    let job = json!({"scene": "cornell", "width": 8, "height": 8, "max_iterations": 1});
+    let job = job.to_string();
+    let named = Server::start_with(&["--allowed-host", "render.example.org,other.example.org"]);
+    let answer = named.send("POST", "/v1/jobs", &through_proxy, job.as_bytes());
+    assert_eq!(answer.status, 202, "{}", answer.text());
+    // With keys any name will do, but a page of another origin still gets nothing done.
+    let closed = Server::start_with(&["--require-keys"]);
+    closed.send("POST", "/v1/jobs", &through_proxy, job.as_bytes()).problem(401);
+    let foreign = [through_proxy[0], ("origin", "https://evil.example"), through_proxy[4]];
+    closed.send("POST", "/v1/jobs", &foreign, job.as_bytes()).problem(403);
 }
 
 #[test]

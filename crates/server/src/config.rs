@@ -20,7 +20,8 @@ pub struct Config {
     #[arg(long, env = "HEMILUX_LISTEN", default_value = "127.0.0.1:8080")]
     pub listen: SocketAddr,
     /// Allow a --listen address that other machines can reach while no API keys are asked for:
-    /// everyone who reaches the port can then use the service.
+    /// everyone who reaches the port can then use the service. Not needed behind a proxy on the
+    /// same machine.
     #[arg(long, env = "HEMILUX_ALLOW_REMOTE", action = clap::ArgAction::SetTrue, value_parser = clap::builder::BoolishValueParser::new())]
     pub allow_remote: bool,
     /// Folder of the database and the files; created if missing.

@@ -114,7 +114,8 @@ pub async fn serve(
     let store: Arc<dyn Store> = Arc::new(store);
     let database = config.data_dir.join(data_folder::DATABASE);
     let trouble = |source| FolderError::Database { path: database.clone(), source };
-    let is_closed = config.guard.require_keys || store.any_keys().await.map_err(trouble)?;
+    let any_keys = store.any_keys().await.map_err(trouble)?;
+    let is_closed = config.guard.require_keys || any_keys;
     if !config.listen.ip().is_loopback() && !is_closed && !config.allow_remote {
         return Err(ServeError::Remote(config.listen));
     }
@@ -160,6 +161,12 @@ pub async fn serve(
     let purge = tokio::spawn(retention::keep_order(service.clone()));
     let sweep = tokio::spawn(retention::sweep::keep_sweeping(service.clone()));
     let webhooks = tokio::spawn(webhooks::deliver(service.clone()));
+    if is_closed && !any_keys {
+        tracing::warn!(
+            "keys are required and there is none: make the first with `hemilux keys --data-dir {} add NAME` (in a container: docker exec CONTAINER hemilux keys --data-dir {0} add NAME)",
+            service.config.data_dir.display()
+        );
+    }
     tracing::info!(%address, data = %service.config.data_dir.display(), "listening");
     ready(address);
 

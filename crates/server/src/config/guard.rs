@@ -22,6 +22,11 @@ pub struct GuardConfig {
     /// Origins whose web pages may use the API, such as https://example.org; comma-separated.
     #[arg(long, env = "HEMILUX_CORS_ORIGIN", value_delimiter = ',', value_parser = parse_origin)]
     pub cors_origin: Vec<HeaderValue>,
+    /// Names that clients and proxies call this server by, such as render.example.org;
+    /// comma-separated, without ports. While it asks for no API keys, it answers only to them, to
+    /// localhost and to IP addresses.
+    #[arg(long, env = "HEMILUX_ALLOWED_HOST", value_delimiter = ',', value_parser = parse_host)]
+    pub allowed_host: Vec<String>,
     /// Requests a second of one key, or of one address where there are no keys; 0 is no limit.
     /// 100 by default where other machines reach the service, else none.
     #[arg(long, env = "HEMILUX_RATE_LIMIT", value_parser = parse_rate)]
@@ -123,6 +128,16 @@ fn parse_origin(text: &str) -> Result<HeaderValue, String> {
     }
 }
 
+/// A host's name as `Host` headers have it, without a port.
+fn parse_host(text: &str) -> Result<String, String> {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || ".-_".contains(c);
+    if !text.is_empty() && text.len() <= 253 && text.chars().all(is_part) {
+        Ok(text.to_ascii_lowercase())
+    } else {
+        Err(format!("{text:?} must be a name such as render.example.org, without scheme or port"))
+    }
+}
+
 fn parse_rate(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(rate) if (0.0..=1e6).contains(&rate) => Ok(rate),
@@ -155,6 +170,14 @@ mod tests {
         }
         for bad in ["", "*", "null", "example.org", "https://", "https://a/", "https://A.org"] {
             assert!(parse_origin(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn hosts_are_bare_names() {
+        assert_eq!(parse_host("Render.example.org").as_deref(), Ok("render.example.org"));
+        for bad in ["", "*", "a:80", "https://a", "a b", "a/", "[::1]"] {
+            assert!(parse_host(bad).is_err(), "{bad}");
         }
     }
 }
