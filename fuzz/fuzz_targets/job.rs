@@ -10,7 +10,7 @@ fuzz_target!(|data: &[u8]| {
     if let Ok(job) = read(data) {
         let limits = JobLimits { max_side: 64, max_pixels: 4096, max_seconds: 1.0, max_patches: 9 };
         let errors = job.problems(&limits, &hemilux::worker::vocabulary());
-        let _ = hemilux::worker::setting_problem(&job.options);
+        let _ = hemilux::worker::request_problem(&job);
         assert!(errors.len() < 200);
     }
     hemilux_fuzz::post("/v1/jobs", "application/json", data);

@@ -51,6 +51,8 @@ pub enum Begin {
 pub const MAX_PICTURE_SIDE: u32 = 16_384;
 /// Narrowest vertical field of view of a request's camera, degrees.
 pub const MIN_YFOV_DEGREES: f32 = 1e-3;
+/// Sine of the smallest angle between a request's camera's view and what it calls up.
+const MIN_UP_SINE: f32 = 1e-4;
 /// Most pixels of a picture.
 pub const MAX_PICTURE_PIXELS: u64 = 64 << 20;
 
@@ -361,22 +363,32 @@ pub fn choose_camera(
 }
 
 fn explicit_camera(camera: &ExplicitCamera) -> Result<Camera, RenderError> {
-    let [eye, target, up] = [camera.eye, camera.target, camera.up].map(Vec3::from_array);
-    if !(eye.is_finite() && target.is_finite() && up.is_finite()) {
-        return Err(RenderError::parameter("camera", "eye, target and up must be finite"));
+    let named = |field: &str| format!("camera.{field}");
+    let vectors = [("eye", camera.eye), ("target", camera.target), ("up", camera.up)];
+    for (field, vector) in vectors {
+        if !Vec3::from_array(vector).is_finite() {
+            return Err(RenderError::parameter(named(field), "must be three finite numbers"));
+        }
     }
     if !(camera.yfov_degrees >= MIN_YFOV_DEGREES && camera.yfov_degrees < 180.0) {
         let what = format!("must be from {MIN_YFOV_DEGREES} to below 180");
-        return Err(RenderError::parameter("camera.yfov_degrees", what));
+        return Err(RenderError::parameter(named("yfov_degrees"), what));
     }
+    let [eye, target, up] = vectors.map(|(_, vector)| Vec3::from_array(vector));
     let forward = (target - eye).normalize_or_zero();
-    if forward == Vec3::ZERO || forward.cross(up.normalize_or_zero()).length() < 1e-4 {
-        return Err(RenderError::parameter(
-            "camera",
-            "eye and target must differ and up must not be parallel to the view",
-        ));
+    if forward == Vec3::ZERO {
+        let what = "must differ from camera.eye, by more than single precision can lose";
+        return Err(RenderError::parameter(named("target"), what));
     }
-    Ok(Camera::look_at("request", eye, target, up, camera.yfov_degrees.to_radians()))
+    let up_direction = up.normalize_or_zero();
+    if up_direction == Vec3::ZERO {
+        return Err(RenderError::parameter(named("up"), "must not be zero"));
+    }
+    if forward.cross(up_direction).length() < MIN_UP_SINE {
+        let what = "must not be parallel to the view, the line from camera.eye to camera.target";
+        return Err(RenderError::parameter(named("up"), what));
+    }
+    Ok(Camera::look_at("request", eye, target, up_direction, camera.yfov_degrees.to_radians()))
 }
 
 /// A camera in front of the scene (+Z side, slightly above) that has all of it in view.
@@ -391,7 +403,8 @@ fn framing_camera(scene: &Scene) -> Camera {
 }
 
 impl RenderRequest {
-    /// Checks everything that does not need the method.
+    /// Checks everything that needs neither the scene nor the device. What passes may still name a
+    /// camera that the scene does not have; nothing else of the request is refused later.
     ///
     /// # Errors
     /// [`RenderError::Parameter`] names the first parameter that is out of range.
@@ -418,6 +431,15 @@ impl RenderRequest {
         if target_error.is_some_and(|e| !(e > 0.0 && e < 1.0)) {
             return Err(RenderError::parameter("target_error", "must be between 0 and 1"));
         }
+        if !crate::transport::METHODS.contains(&self.method.as_str()) {
+            let (asked, known) = (&self.method, crate::transport::METHODS);
+            let what = format!("there is no method {asked:?}; there are {known:?}");
+            return Err(RenderError::parameter("method", what));
+        }
+        if let CameraChoice::Explicit(camera) = &self.camera {
+            explicit_camera(camera)?;
+        }
+        crate::transport::options::Settings::new(&self.options)?;
         Ok(())
     }
 }
@@ -433,4 +455,53 @@ pub fn render(
     observer: &mut dyn Observer,
 ) -> Result<Rendered, RenderError> {
     crate::transport::run(device, request, observer)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(camera: ExplicitCamera) -> Option<String> {
+        let request = RenderRequest {
+            scene: Arc::default(),
+            camera: CameraChoice::Explicit(camera),
+            width: 8,
+            height: 8,
+            method: "auto".into(),
+            limits: Limits::default(),
+            seed: 0,
+            options: BTreeMap::new(),
+            begin: Begin::Afresh,
+        };
+        match request.check() {
+            Ok(()) => None,
+            Err(RenderError::Parameter { parameter, .. }) => Some(parameter),
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    #[test]
+    fn cameras_that_cannot_look_are_refused_by_field() {
+        let good = ExplicitCamera {
+            eye: [0.5, 0.5, 2.0],
+            target: [0.5, 0.5, 0.0],
+            up: [0.0, 1.0, 0.0],
+            yfov_degrees: 40.0,
+        };
+        assert_eq!(refused(good), None);
+        assert_eq!(refused(ExplicitCamera { up: [0.0, 1e-15, 0.0], ..good }), None);
+        for (camera, field) in [
+            (ExplicitCamera { eye: [f32::NAN; 3], ..good }, "camera.eye"),
+            (ExplicitCamera { target: good.eye, ..good }, "camera.target"),
+            (ExplicitCamera { target: [0.5, 0.5, 2.0 + 1e-9], ..good }, "camera.target"),
+            (ExplicitCamera { target: [f32::INFINITY; 3], ..good }, "camera.target"),
+            (ExplicitCamera { up: [0.0; 3], ..good }, "camera.up"),
+            (ExplicitCamera { up: [0.0, 0.0, -3.0], ..good }, "camera.up"),
+            (ExplicitCamera { up: [0.0, 1e-5, 1.0], ..good }, "camera.up"),
+            (ExplicitCamera { yfov_degrees: 0.9e-3, ..good }, "camera.yfov_degrees"),
+            (ExplicitCamera { yfov_degrees: 180.0, ..good }, "camera.yfov_degrees"),
+        ] {
+            assert_eq!(refused(camera).as_deref(), Some(field), "{camera:?}");
+        }
+    }
 }

@@ -109,7 +109,7 @@ pub(super) fn labels_schema() -> Object {
 }
 
 /// Which camera takes the picture.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum CameraRequest {
     /// By position in the file.
@@ -148,11 +148,11 @@ pub struct ExplicitCamera {
     /// World point that the optical axis goes through.
     #[schema(example = json!([0.5, 0.5, 0.0]))]
     pub target: [f32; 3],
-    /// Which way is up.
+    /// Which way is up; not along the view.
     #[serde(default = "default_up")]
     pub up: [f32; 3],
     /// Full vertical field of view, degrees.
-    #[schema(exclusive_minimum = 0.0, exclusive_maximum = 180.0, example = 40.0)]
+    #[schema(minimum = 0.001, exclusive_maximum = 180.0, example = 40.0)]
     pub yfov_degrees: f32,
 }
 
@@ -214,7 +214,7 @@ impl PictureFormat {
 }
 
 /// A setting's value; numbers and booleans are taken as written.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum OptionValue {
     /// A switch.

@@ -1,6 +1,7 @@
 //! The words that HTTP and the store share: requests, records, events. Plain data, no behaviour
 //! beyond checking itself.
 
+mod either;
 pub mod events;
 pub mod instant;
 pub mod jobs;

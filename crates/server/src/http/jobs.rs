@@ -224,7 +224,7 @@ pub fn check(app: &App, job: &JobRequest) -> Result<(), Problem> {
     let mut errors = job.problems(&app.config.job_limits(), &app.vocabulary);
     errors.extend(webhook_problem(app, job));
     if errors.is_empty() {
-        errors.extend(worker::setting_problem(&job.options));
+        errors.extend(worker::request_problem(job));
     }
     if errors.is_empty() { Ok(()) } else { Err(Problem::invalid(errors)) }
 }

@@ -5,7 +5,7 @@ use crate::api::FieldError;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use uuid::Uuid;
 
 /// Largest JSON request, bytes.
@@ -40,13 +40,29 @@ fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, JsonError> {
         let field = error.path().to_string();
         let inner = error.into_inner();
         if inner.classify() == serde_json::error::Category::Data {
-            JsonError::Field(FieldError::new(field, inner.to_string()))
+            let detail = inner.to_string();
+            JsonError::Field(FieldError::new(whole_path(field, &detail), detail))
+        } else if serde_json::from_slice::<IgnoredAny>(bytes).is_ok() {
+            // The parser says "syntax" too where a word must stand and something else does.
+            let detail = format!("is of a kind that does not belong here: {inner}");
+            JsonError::Field(FieldError::new(field, detail))
         } else {
             JsonError::Syntax(inner.to_string())
         }
     })?;
     deserializer.end().map_err(|error| JsonError::Syntax(error.to_string()))?;
     Ok(value)
+}
+
+/// The path of what an error is about: of a field that is missing, its own, not that of the object
+/// that should have it.
+fn whole_path(path: String, detail: &str) -> String {
+    let rest = detail.strip_prefix("missing field `");
+    match rest.and_then(|rest| rest.split_once('`')) {
+        Some((field, _)) if path == "." => field.to_owned(),
+        Some((field, _)) => format!("{path}.{field}"),
+        None => path,
+    }
 }
 
 /// The media type of a request's body, lower-case and without parameters.
@@ -189,6 +205,18 @@ mod tests {
         }
         let problem = json::<Outer>(br#"{"inner": [{"n": 1}, {"n": -1}]}"#).unwrap_err();
         assert!(format!("{problem:?}").contains("inner[1].n"), "{problem:?}");
+        for (text, field) in [("{\"inner\": [{}]}", "\"inner[0].n\""), ("{}", "\"inner\"")] {
+            let problem = json::<Outer>(text.as_bytes()).unwrap_err();
+            assert!(format!("{problem:?}").contains(field), "{problem:?}");
+        }
+        #[derive(Debug, serde::Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        enum Word {
+            One,
+        }
+        assert!(json::<Word>(b"\"one\"").is_ok_and(|word| matches!(word, Word::One)));
+        let problem = json::<std::collections::BTreeMap<String, Word>>(b"{\"a\": 1}").unwrap_err();
+        assert!(format!("{problem:?}").contains("\"a\""), "{problem:?}");
         let problem = json::<Outer>(b"{").unwrap_err();
         assert!(format!("{problem:?}").contains("not valid JSON"), "{problem:?}");
         assert!(json::<Outer>(br#"{"inner": []} x"#).is_err());

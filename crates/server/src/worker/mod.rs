@@ -27,7 +27,7 @@ use crate::config::Isolation;
 use crate::service::Service;
 use crate::trace_context::TraceParent;
 use executor::Executor;
-use hemilux_engine::render::RenderError;
+use hemilux_engine::render::{Begin, Limits, RenderError, RenderRequest};
 use hemilux_engine::transport::options::Settings;
 use hemilux_engine::transport::{METHODS, OPTIONS};
 use std::collections::BTreeMap;
@@ -64,7 +64,7 @@ pub fn vocabulary() -> Vocabulary {
 pub fn settings_in_force(
     options: &BTreeMap<String, OptionValue>,
 ) -> Option<BTreeMap<String, String>> {
-    let given = options.iter().map(|(name, value)| (name.clone(), value.to_string())).collect();
+    let given = perform::options(options);
     let mut values = Settings::new(&given).ok()?.values().clone();
     // Unless it is given, this one goes by the limits rather than by its default.
     if !given.contains_key(BY_LIMITS) {
@@ -73,11 +73,34 @@ pub fn settings_in_force(
     Some(values)
 }
 
-/// What is wrong with a job's settings of the method, if anything.
-pub fn setting_problem(options: &BTreeMap<String, OptionValue>) -> Option<FieldError> {
-    let options = options.iter().map(|(name, value)| (name.clone(), value.to_string())).collect();
-    match Settings::new(&options).err()? {
-        RenderError::Parameter { parameter, what } => Some(FieldError::new(parameter, what)),
+/// What the engine would refuse of a job, whatever its scene: the engine's own check, asked before
+/// the job is accepted.
+pub fn request_problem(job: &JobRequest) -> Option<FieldError> {
+    let request = RenderRequest {
+        scene: Arc::default(),
+        camera: perform::camera(job.camera.as_ref()),
+        width: job.width,
+        height: job.height,
+        method: job.method.clone(),
+        limits: Limits {
+            seconds: job.time_budget_s,
+            iterations: job.max_iterations,
+            target_error: job.target_error,
+            cap_seconds: None,
+        },
+        seed: job.seed,
+        options: perform::options(&job.options),
+        begin: Begin::Afresh,
+    };
+    match request.check().err()? {
+        RenderError::Parameter { parameter, what } => {
+            let field = match parameter.as_str() {
+                "seconds" => "time_budget_s",
+                "iterations" => "max_iterations",
+                _ => &parameter,
+            };
+            Some(FieldError::new(field, what))
+        }
         error => Some(FieldError::new("options", error.to_string())),
     }
 }

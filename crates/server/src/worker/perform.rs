@@ -5,7 +5,7 @@ use super::pacing::Pacing;
 use super::threads::Crew;
 use super::wire::{Checkpointed, Failure, Message, Said, Size, Task};
 use super::{devices, scenes};
-use crate::api::jobs::{self as api, CameraRequest, SnapshotRequest};
+use crate::api::jobs::{self as api, CameraRequest, OptionValue, SnapshotRequest};
 use crate::api::solutions::Begins;
 use crate::failpoints;
 use hemilux_engine::checkpoint::Checkpoint;
@@ -17,6 +17,7 @@ use hemilux_engine::render::{
 };
 use hemilux_engine::scene::Warning;
 use hemilux_engine::scene::gltf::BakedMesh;
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -148,7 +149,7 @@ fn attempt(
         method: asked.method.clone(),
         limits: limits(asked, task.max_seconds),
         seed: asked.seed,
-        options: asked.options.iter().map(|(k, v)| (k.clone(), v.to_string())).collect(),
+        options: options(&asked.options),
         begin,
     };
     let mut watcher = Watcher::new(task, switches, mouth);
@@ -194,7 +195,13 @@ fn begins_afresh(why: String) -> Warning {
     Warning::new("job", what)
 }
 
-fn camera(request: Option<&CameraRequest>) -> CameraChoice {
+/// A job's settings in the engine's words.
+pub fn options(given: &BTreeMap<String, OptionValue>) -> BTreeMap<String, String> {
+    given.iter().map(|(name, value)| (name.clone(), value.to_string())).collect()
+}
+
+/// A job's camera in the engine's words.
+pub fn camera(request: Option<&CameraRequest>) -> CameraChoice {
     match request {
         None => CameraChoice::First,
         Some(CameraRequest::Index(index)) => CameraChoice::Index(*index),

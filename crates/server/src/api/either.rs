@@ -1,0 +1,129 @@
+//! Reading fields that may be of several kinds. By hand: what serde derives for them forgets which
+//! part was wrong, and a client is to hear which.
+
+use super::jobs::{CameraRequest, ExplicitCamera, OptionValue};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserialize, Deserializer, Error, MapAccess, Unexpected, Visitor};
+use std::fmt;
+
+/// What a camera may be, for errors.
+const A_CAMERA: &str =
+    "the index of a camera, the name of one, or an object with eye, target and yfov_degrees";
+
+impl<'de> Deserialize<'de> for CameraRequest {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(CameraVisitor)
+    }
+}
+
+struct CameraVisitor;
+
+impl<'de> Visitor<'de> for CameraVisitor {
+    type Value = CameraRequest;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(A_CAMERA)
+    }
+
+    fn visit_u64<E: Error>(self, index: u64) -> Result<Self::Value, E> {
+        let unfit = |_| E::invalid_value(Unexpected::Unsigned(index), &"an index below 4294967296");
+        index.try_into().map(CameraRequest::Index).map_err(unfit)
+    }
+
+    fn visit_i64<E: Error>(self, index: i64) -> Result<Self::Value, E> {
+        let unfit = |_| E::invalid_value(Unexpected::Signed(index), &"an index from 0 on");
+        u64::try_from(index).map_err(unfit).and_then(|index| self.visit_u64(index))
+    }
+
+    fn visit_str<E: Error>(self, name: &str) -> Result<Self::Value, E> {
+        Ok(CameraRequest::Name(name.to_owned()))
+    }
+
+    fn visit_string<E: Error>(self, name: String) -> Result<Self::Value, E> {
+        Ok(CameraRequest::Name(name))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, fields: A) -> Result<Self::Value, A::Error> {
+        ExplicitCamera::deserialize(MapAccessDeserializer::new(fields)).map(CameraRequest::Explicit)
+    }
+}
+
+impl<'de> Deserialize<'de> for OptionValue {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(OptionVisitor)
+    }
+}
+
+struct OptionVisitor;
+
+impl Visitor<'_> for OptionVisitor {
+    type Value = OptionValue;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a number, true, false or a word")
+    }
+
+    fn visit_bool<E: Error>(self, value: bool) -> Result<Self::Value, E> {
+        Ok(OptionValue::Switch(value))
+    }
+
+    fn visit_u64<E: Error>(self, value: u64) -> Result<Self::Value, E> {
+        Ok(OptionValue::Number(value.into()))
+    }
+
+    fn visit_i64<E: Error>(self, value: i64) -> Result<Self::Value, E> {
+        Ok(OptionValue::Number(value.into()))
+    }
+
+    fn visit_f64<E: Error>(self, value: f64) -> Result<Self::Value, E> {
+        let number = serde_json::Number::from_f64(value).map(OptionValue::Number);
+        number.ok_or_else(|| E::invalid_value(Unexpected::Float(value), &"a finite number"))
+    }
+
+    fn visit_str<E: Error>(self, value: &str) -> Result<Self::Value, E> {
+        Ok(OptionValue::Word(value.to_owned()))
+    }
+
+    fn visit_string<E: Error>(self, value: String) -> Result<Self::Value, E> {
+        Ok(OptionValue::Word(value))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::{Value, json};
+
+    #[test]
+    fn every_kind_is_read_and_written_back() {
+        let camera = json!({"eye": [0.5, 0.5, 2.0], "target": [0.0, 0.0, 0.0],
+                            "up": [0.0, 1.0, 0.0], "yfov_degrees": 40.0});
+        for value in [json!(0), json!(u32::MAX), json!("front"), json!(""), camera] {
+            let read: CameraRequest = serde_json::from_value(value.clone()).unwrap();
+            assert_eq!(serde_json::to_value(read).unwrap(), value);
+            let read: CameraRequest = serde_json::from_str(&value.to_string()).unwrap();
+            assert_eq!(serde_json::to_value(read).unwrap(), value);
+        }
+        for value in [json!(true), json!(3), json!(-3), json!(0.25), json!("auto")] {
+            let read: OptionValue = serde_json::from_str(&value.to_string()).unwrap();
+            assert_eq!(serde_json::to_value(read).unwrap(), value);
+        }
+    }
+
+    #[test]
+    fn errors_say_what_would_be_right() {
+        let camera =
+            |value: Value| serde_json::from_value::<CameraRequest>(value).unwrap_err().to_string();
+        for value in [json!(true), json!([1]), json!(1.5)] {
+            assert!(camera(value.clone()).contains(A_CAMERA), "{value}");
+        }
+        assert!(camera(json!(-1)).contains("an index from 0 on"));
+        assert!(camera(json!(1_u64 << 32)).contains("below 4294967296"));
+        assert!(camera(json!({"eye": [0, 0, 0]})).contains("missing field `target`"));
+        assert!(camera(json!({"fov": 1})).contains("unknown field `fov`, expected one of `eye`"));
+        for value in [json!(null), json!([1]), json!({})] {
+            let error = serde_json::from_value::<OptionValue>(value).unwrap_err().to_string();
+            assert!(error.contains("a number, true, false or a word"), "{error}");
+        }
+    }
+}
