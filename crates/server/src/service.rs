@@ -56,6 +56,8 @@ pub struct Service {
     pub imports: Arc<Semaphore>,
     /// Bytes of pictures that events may carry at the same time.
     pub inline_room: Arc<Semaphore>,
+    /// What probes were told last.
+    pub probes: http::Probes,
     /// How often each caller asked.
     pub rates: RateLimiter,
     /// Which keys were used.
@@ -145,6 +147,7 @@ pub async fn serve(
         vocabulary: worker::vocabulary(),
         imports: Arc::new(Semaphore::new(IMPORTS_AT_ONCE)),
         inline_room: Arc::new(Semaphore::new(http::INLINE_BYTES_AT_ONCE)),
+        probes: http::Probes::default(),
         rates: RateLimiter::default(),
         key_uses: KeyUses::default(),
         disk: Disk::new(config.data_dir.clone(), config.guard.min_free_mb),

@@ -6,6 +6,7 @@ mod dashboard;
 mod docs;
 mod events;
 mod file;
+mod fresh;
 mod gauge;
 mod guard;
 mod images;
@@ -25,6 +26,7 @@ mod upload;
 mod webhooks;
 
 pub use events::INLINE_BYTES_AT_ONCE;
+pub use probes::Probes;
 
 use crate::service::Service;
 use axum::Router;

@@ -1,18 +1,40 @@
-//! Health, metrics and the pool.
+//! Health, metrics and the pool. Health and metrics are open to all, so whatever they ask of the
+//! database is asked about once a second.
 
 use super::App;
+use super::fresh::Fresh;
 use super::problem::Problem;
 use crate::access::Caller;
 use crate::api::{DeviceList, DeviceStatus};
 use crate::metrics::{self, Present};
+use crate::store::JobCounts;
 use axum::Json;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::header;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
-use std::time::Instant;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 use utoipa::ToSchema;
+
+/// How long a probe waits for the database before it goes by what was so last. Those who probe
+/// often give up after a second.
+const PATIENCE: Duration = Duration::from_millis(700);
+/// How long the database may be silent before the service counts as not ready: a busy one, behind
+/// a long write, is.
+const LONGEST_SILENCE: Duration = Duration::from_secs(10);
+/// How long metrics wait for their first figures.
+const FIRST_FIGURES: Duration = Duration::from_secs(10);
+
+/// What the database said last to probes.
+#[derive(Default)]
+pub struct Probes {
+    /// Whether it can be read and written.
+    database: Arc<Fresh<Result<(), Problem>>>,
+    /// Jobs by state, and messages to webhooks still to be delivered.
+    figures: Arc<Fresh<Result<(JobCounts, u64), Problem>>>,
+}
 
 /// A probe's answer.
 #[derive(Serialize, ToSchema)]
@@ -40,7 +62,12 @@ pub async fn readyz(State(app): State<App>) -> Result<Json<Healthy>, Problem> {
     if app.shutdown.is_cancelled() {
         return Err(Problem::unavailable("the server is shutting down"));
     }
-    app.store.ping().await?;
+    let store = app.store.clone();
+    let ping = || async move { store.ping().await.map_err(Problem::from) };
+    match app.probes.database.get(PATIENCE, ping).await {
+        Some((at, answer)) if at.elapsed() < LONGEST_SILENCE => answer?,
+        _ => return Err(Problem::unavailable("the database does not answer")),
+    }
     let mut statuses = app.pool.devices().into_iter().filter_map(|device| device.status);
     if !statuses.any(|status| matches!(status, DeviceStatus::Idle | DeviceStatus::Busy)) {
         return Err(Problem::unavailable("no device of the pool is ready"));
@@ -49,15 +76,23 @@ pub async fn readyz(State(app): State<App>) -> Result<Json<Healthy>, Problem> {
 }
 
 /// Metrics in the OpenMetrics text format.
+///
+/// Counts of jobs and messages are up to a second old; with very many jobs, up to twenty times as
+/// old as it takes to count them.
 #[utoipa::path(
     get, path = "/metrics", tag = "operations",
     responses((status = 200, description = "The metrics.", body = String, content_type = "application/openmetrics-text"))
 )]
 pub async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
+    let store = app.store.clone();
+    let count = || async move { Ok((store.counts().await?, store.undelivered().await?)) };
+    let counted = app.probes.figures.get(FIRST_FIGURES, count).await;
+    let unknown = || Problem::unavailable("the database does not answer");
+    let (jobs, webhooks_pending) = counted.ok_or_else(unknown)?.1?;
     let present = Present {
-        jobs: app.store.counts().await?,
+        jobs,
         devices: app.pool.devices(),
-        webhooks_pending: app.store.undelivered().await?,
+        webhooks_pending,
         disk_free_bytes: app.disk.free_bytes(),
     };
     let text =

@@ -151,13 +151,18 @@ pub async fn list(pool: &SqlitePool, filter: &JobFilter) -> Result<Vec<Job>, Sto
     query.build().fetch_all(pool).await?.iter().map(rows::job).collect()
 }
 
+/// Jobs by state: all of each, by an index alone, without those that are deleted, which are few.
+/// Rows are wide, and reading those of a million jobs takes seconds.
+pub const COUNTS: &str = "SELECT state, sum(jobs) AS jobs FROM (
+         SELECT state, count(*) AS jobs FROM jobs INDEXED BY jobs_by_state GROUP BY state
+         UNION ALL
+         SELECT state, -count(*) FROM jobs INDEXED BY jobs_deleted
+             WHERE deleted_ms IS NOT NULL GROUP BY state
+     ) GROUP BY state";
+
 /// Jobs by state.
 pub async fn counts(pool: &SqlitePool) -> Result<JobCounts, StoreError> {
-    let found = sqlx::query(
-        "SELECT state, count(*) AS jobs FROM jobs WHERE deleted_ms IS NULL GROUP BY state",
-    )
-    .fetch_all(pool)
-    .await?;
+    let found = sqlx::query(COUNTS).fetch_all(pool).await?;
     let mut counts = JobCounts::default();
     for row in found {
         let state = rows::state(row.get("state"))?;

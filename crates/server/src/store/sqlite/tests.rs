@@ -280,3 +280,16 @@ async fn messages_outlive_jumps_of_the_clock() {
     sent(message).await;
     assert!(due().await.is_empty());
 }
+
+#[tokio::test]
+async fn jobs_are_counted_without_reading_them() {
+    let folder = Folder::new();
+    let store = SqliteStore::open(&folder.file()).await.unwrap();
+    let explain = format!("EXPLAIN QUERY PLAN {}", jobs::COUNTS);
+    let plan = sqlx::query(sqlx::AssertSqlSafe(explain)).fetch_all(&store.reader).await.unwrap();
+    let steps: Vec<String> = plan.iter().map(|row| row.get("detail")).collect();
+    let on_jobs: Vec<_> = steps.iter().filter(|step| step.contains(" jobs ")).collect();
+    assert_eq!(on_jobs.len(), 2, "{steps:?}");
+    assert!(on_jobs[0].contains("COVERING INDEX jobs_by_state"), "{steps:?}");
+    assert!(on_jobs[1].contains("INDEX jobs_deleted"), "{steps:?}");
+}
