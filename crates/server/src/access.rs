@@ -8,6 +8,7 @@
 
 use crate::api::keys::{KeyLimits, KeyRecord, Scope};
 use crate::artifacts::sha256_hex;
+use crate::store::scenes::Viewer;
 use base64::Engine;
 use std::collections::HashMap;
 use std::net::IpAddr;
@@ -104,6 +105,11 @@ impl Caller {
     /// Under which name quotas are counted.
     pub fn billed_to(&self) -> &str {
         &self.billed_to
+    }
+
+    /// As whom this caller looks at scenes.
+    pub fn viewer(&self) -> Viewer<'_> {
+        Viewer { holder: &self.billed_to, sees_all: self.sees_all() }
     }
 
     /// Whether this caller may see what belongs to others.

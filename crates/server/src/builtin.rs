@@ -1,5 +1,9 @@
 //! Scenes that come with the program.
 
+use crate::artifacts::sha256_hex;
+use std::collections::HashMap;
+use std::sync::OnceLock;
+
 /// Names and files.
 const SCENES: &[(&str, &[u8])] = &[
     ("cornell", include_bytes!("../../../scenes/cornell.glb")),
@@ -14,6 +18,14 @@ const SCENES: &[(&str, &[u8])] = &[
 /// The `.glb` file of that built-in scene.
 pub fn scene(name: &str) -> Option<&'static [u8]> {
     SCENES.iter().find(|(known, _)| *known == name).map(|(_, bytes)| *bytes)
+}
+
+/// The name of the built-in scene whose content has that hash.
+pub fn name_of(id: &str) -> Option<&'static str> {
+    static NAMES: OnceLock<HashMap<String, &'static str>> = OnceLock::new();
+    let names = NAMES
+        .get_or_init(|| SCENES.iter().map(|(name, bytes)| (sha256_hex(bytes), *name)).collect());
+    names.get(id).copied()
 }
 
 /// Names of the built-in scenes.

@@ -8,6 +8,7 @@ use crate::artifacts::{ArtifactError, Artifacts};
 use crate::store::sqlite::SqliteStore;
 use crate::store::{Meta, StoreError};
 use std::fs::{File, TryLockError};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 /// Name of the database's file.
@@ -69,6 +70,7 @@ pub enum FolderError {
 pub fn lock(folder: &Path) -> Result<File, FolderError> {
     let trouble = |source| FolderError::System { path: folder.to_owned(), source };
     std::fs::create_dir_all(folder).map_err(trouble)?;
+    warn_of_open_folder(folder).map_err(trouble)?;
     let lock = File::options()
         .create(true)
         .truncate(false)
@@ -80,6 +82,17 @@ pub fn lock(folder: &Path) -> Result<File, FolderError> {
         Err(TryLockError::WouldBlock) => Err(FolderError::InUse(folder.to_owned())),
         Err(TryLockError::Error(error)) => Err(trouble(error)),
     }
+}
+
+/// Says so where others can look into a folder that was there before: what is made in it is for its
+/// own user alone, but older files may not be.
+fn warn_of_open_folder(folder: &Path) -> std::io::Result<()> {
+    let mode = std::fs::metadata(folder)?.permissions().mode();
+    if mode & 0o077 != 0 {
+        let (folder, mode) = (folder.display(), format!("{:o}", mode & 0o777));
+        tracing::warn!(%folder, mode, "other users of this machine can look into the data folder; chmod -R go= makes it private");
+    }
+    Ok(())
 }
 
 /// Opens the files and the database of a data folder, each made where it is missing, and checks

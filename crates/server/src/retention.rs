@@ -85,7 +85,7 @@ impl Keeper {
         Self { store, artifacts, bell, collecting: Arc::default() }
     }
 
-    /// Stores a scene, file first; whether it is new.
+    /// Stores a scene, file first; whether it is new to `holder`.
     ///
     /// # Errors
     /// Where file or record cannot be stored.
@@ -97,11 +97,27 @@ impl Keeper {
     ) -> Result<bool, RetentionError> {
         let _nothing_goes = self.collecting.read().await;
         self.artifacts.put_scene(&scene.id, bytes).await?;
-        let is_new = self.store.put_scene(scene).await?;
+        self.store.put_scene(scene).await?;
         // It may have been there and about to expire.
         self.store.use_scene(&scene.id).await?;
-        self.store.hold_scene(&scene.id, holder).await?;
-        Ok(is_new)
+        Ok(self.store.hold_scene(&scene.id, holder).await?)
+    }
+
+    /// Removes scenes that all their holders have let go of, unless a job names them.
+    ///
+    /// # Errors
+    /// Where the store or the files fail; what is left is removed the next time.
+    pub async fn collect_let_go(&self) -> Result<u64, RetentionError> {
+        let mut removed = 0;
+        for scene in self.store.scenes_let_go(BATCH).await? {
+            let _alone = self.collecting.write().await;
+            // Looks again, now that nobody can bring it back.
+            if self.store.forget_let_go(&scene).await? {
+                self.artifacts.remove_scene(&scene).await?;
+                removed += 1;
+            }
+        }
+        Ok(removed)
     }
 
     /// While this is held, no file goes that no record names: for files that are stored before
@@ -192,6 +208,10 @@ pub async fn keep_order(service: Arc<Service>) {
         ticks.tick().await;
         if let Err(error) = service.keeper.purge(PURGE_AFTER_MS).await {
             tracing::error!(%error, "cannot purge deleted jobs");
+        }
+        match service.keeper.collect_let_go().await {
+            Ok(scenes) => report(&service, Removed { scenes, ..Removed::default() }),
+            Err(error) => tracing::error!(%error, "cannot remove scenes that nobody holds"),
         }
         let reading = service.clock.look();
         match &reading.doubt {

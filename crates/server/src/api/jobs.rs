@@ -377,6 +377,9 @@ pub struct Job {
     pub state: JobState,
     /// Id of its scene.
     pub scene: String,
+    /// What whoever sent the job called the scene then; `null` where it had no name.
+    #[schema(required)]
+    pub scene_name: Option<String>,
     /// What was asked for, defaults filled in.
     pub request: JobRequest,
     /// When it was accepted.

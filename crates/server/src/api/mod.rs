@@ -7,6 +7,7 @@ pub mod instant;
 pub mod jobs;
 pub mod keys;
 pub mod limits;
+pub mod request_hash;
 pub mod scenes;
 pub mod solutions;
 pub mod webhooks;

@@ -21,12 +21,17 @@ pub struct Scene {
     /// SHA-256 of the stored bytes, in hex; the same upload always gets the same id.
     #[schema(example = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08")]
     pub id: String,
+    /// What whoever asks calls it: the name of the file that they sent, or of the built-in scene.
+    #[serde(default)]
+    #[schema(required, max_length = 255, example = "atrium.glb")]
+    pub name: Option<String>,
     /// How it was sent.
     pub format: SceneFormat,
     /// Stored bytes.
     #[schema(minimum = 0)]
     pub size: u64,
-    /// When it was first stored.
+    /// When whoever asks first sent or used it. (Who sees everyone's scenes sees when it was
+    /// first stored.)
     #[schema(value_type = String, format = DateTime)]
     #[serde(serialize_with = "instant::serialize")]
     pub created_at: Timestamp,
@@ -47,6 +52,23 @@ pub struct Scene {
     pub cameras: Vec<CameraName>,
     /// What was approximated or ignored.
     pub warnings: Vec<Warning>,
+}
+
+/// Longest name of a scene, characters.
+pub const MAX_NAME_CHARS: usize = 255;
+
+/// What a scene may be called after a file: without folders, without what cannot be seen, and not
+/// too long; nothing where nothing is left.
+pub fn name_of_file(path: &str) -> Option<String> {
+    let name = path.rsplit(['/', '\\']).next().unwrap_or("");
+    // Control characters, and what turns the direction of the text around it.
+    let is_hidden = |c: char| {
+        c.is_control()
+            || matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}')
+    };
+    let name: String = name.chars().filter(|c| !is_hidden(*c)).collect();
+    let name: String = name.trim().chars().take(MAX_NAME_CHARS).collect();
+    (!name.is_empty()).then_some(name)
 }
 
 /// An axis-aligned box, metres.
@@ -76,4 +98,26 @@ pub struct ScenePage {
     /// Give this as `cursor` for the next page; `null` on the last one.
     #[schema(required)]
     pub next_cursor: Option<String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_what_can_be_read_of_file_names() {
+        for (path, name) in [
+            ("atrium.glb", "atrium.glb"),
+            ("C:\\scenes\\my room.gltf", "my room.gltf"),
+            ("/home/ann/x.glb", "x.glb"),
+            (" a\u{0}b\u{1b}[31m\u{202e}c\n ", "ab[31mc"),
+            ("Küche 厨房.glb", "Küche 厨房.glb"),
+        ] {
+            assert_eq!(name_of_file(path).as_deref(), Some(name), "{path:?}");
+        }
+        for nothing in ["", "/", "a/", "\u{1}\u{2}", "  "] {
+            assert_eq!(name_of_file(nothing), None, "{nothing:?}");
+        }
+        assert_eq!(name_of_file(&"ä".repeat(1000)).unwrap().chars().count(), MAX_NAME_CHARS);
+    }
 }

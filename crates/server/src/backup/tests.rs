@@ -34,6 +34,7 @@ impl Used {
         let bytes = bytes::Bytes::from_static(b"scene");
         let scene = Scene {
             id: sha256_hex(&bytes),
+            name: None,
             format: SceneFormat::Gltf,
             size: bytes.len() as u64,
             created_at: Timestamp::now(),
@@ -53,7 +54,7 @@ impl Used {
             scene_id: scene.id,
             request: serde_json::from_str("{}").unwrap(),
             idempotency_key: None,
-            request_hash: String::new(),
+            request_hash: crate::api::request_hash::RequestHash::default(),
             submitter: Submitter::default(),
             render_key: None,
         };

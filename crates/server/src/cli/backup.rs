@@ -27,6 +27,7 @@ pub struct Restore {
 
 /// Takes a backup.
 pub fn take(arguments: &Backup) -> Result<(), Failure> {
+    super::keep_files_private();
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -50,6 +51,7 @@ pub fn take(arguments: &Backup) -> Result<(), Failure> {
 
 /// Restores a backup.
 pub fn restore(arguments: &Restore) -> Result<(), Failure> {
+    super::keep_files_private();
     let restored = backup::restore(&arguments.from, &arguments.data_dir);
     let manifest = restored.map_err(Failure::failed)?;
     print(&format!("{} holds {}\n", arguments.data_dir.display(), told(&manifest)))

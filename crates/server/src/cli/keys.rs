@@ -77,6 +77,7 @@ struct New {
 
 /// Runs the command.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
+    super::keep_files_private();
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()

@@ -89,6 +89,12 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// Makes what this process creates readable for its own user alone: the database holds the secrets
+/// of webhooks, the folder everyone's scenes and pictures.
+fn keep_files_private() {
+    rustix::process::umask(rustix::fs::Mode::RWXG | rustix::fs::Mode::RWXO);
+}
+
 /// Why the program ends without success.
 #[derive(Debug)]
 struct Failure {

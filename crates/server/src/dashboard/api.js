@@ -60,6 +60,8 @@ export const cancel = async (id) =>
 
 export const remove = (id) => request(`/v1/jobs/${encodeURIComponent(id)}`, { method: "DELETE" });
 
+export const removeScene = (id) => request(`/v1/scenes/${encodeURIComponent(id)}`, { method: "DELETE" });
+
 export const scenes = async () => (await getJson("/v1/scenes?limit=200")).scenes;
 
 /** Posts a job. The key makes sending the same again safe. */
@@ -94,7 +96,8 @@ export function uploadScene(files, onProgress) {
   }
   return new Promise((resolve, reject) => {
     const upload = new XMLHttpRequest();
-    upload.open("POST", "/v1/scenes");
+    // The name as it is: forms write quotes in file names in another way.
+    upload.open("POST", `/v1/scenes?name=${encodeURIComponent(main.name)}`);
     for (const [name, value] of Object.entries(key.headers())) upload.setRequestHeader(name, value);
     upload.upload.addEventListener("progress", (event) => {
       if (event.lengthComputable && event.total > 0) onProgress(event.loaded / event.total);

@@ -43,9 +43,9 @@ let streamAlive = true;
 let timer = 0;
 let refreshes = 0;
 
-/** A job's title: the label `name`, or the beginning of its scene's hash. */
+/** A job's title: the label `name`, its scene's name, or the beginning of its scene's hash. */
 function nameOf(job) {
-  return job.request.labels.name || `Scene ${shortHash(job.scene)}`;
+  return job.request.labels.name || job.scene_name || `Scene ${shortHash(job.scene)}`;
 }
 
 function setConnection() {

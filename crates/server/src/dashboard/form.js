@@ -5,25 +5,7 @@ import * as api from "./api.js";
 import { announce, copyButton, h, icon, setAttribute, setText, setVariable } from "./dom.js";
 import { bytes, count, shortHash } from "./format.js";
 
-/** Where the names of uploaded files are kept: the server knows scenes by their hash alone. */
-const NAMES_KEY = "hemilux.scene-names";
 const MAX_LABEL_CHARS = 64;
-
-function knownNames() {
-  try {
-    return JSON.parse(localStorage.getItem(NAMES_KEY)) ?? {};
-  } catch {
-    return {};
-  }
-}
-
-function rememberName(id, name) {
-  try {
-    localStorage.setItem(NAMES_KEY, JSON.stringify({ ...knownNames(), [id]: name }));
-  } catch {
-    // Private windows may keep nothing; the hash serves.
-  }
-}
 
 /** Makes repeating a request safe; `randomUUID` is missing on pages without TLS. */
 function newKey() {
@@ -155,9 +137,8 @@ export class JobForm {
   }
 
   listScenes(chosen) {
-    const names = knownNames();
     const stored = this.scenes.map((scene) => {
-      const name = names[scene.id] ?? this.nameOfScene(scene.id) ?? `Scene ${shortHash(scene.id)}`;
+      const name = scene.name ?? this.nameOfScene(scene.id) ?? `Scene ${shortHash(scene.id)}`;
       return h("option", { value: scene.id }, `${name} (${count(scene.triangles)} triangles)`);
     });
     const builtin = (this.about?.builtin_scenes ?? []).map((name) => h("option", { value: name }, name));
@@ -187,7 +168,21 @@ export class JobForm {
     const warnings = scene.warnings.map(({ at, what }) => h("li", {}, h("code", {}, at), " ", what));
     this.sceneFacts.replaceChildren(
       h("p", { class: "hint" }, parts.join(" · ")),
+      h("button", { type: "button", class: "button small quiet", title: "Jobs that use it keep it", on: { click: () => this.letGo(scene) } }, "Remove this scene"),
       ...(warnings.length ? [h("details", { class: "hint" }, h("summary", {}, `${warnings.length} things are approximated or ignored`), h("ul", { class: "warnings" }, warnings))] : []));
+  }
+
+  /** Takes the scene off the list; on the server it stays for the jobs that use it. */
+  async letGo(scene) {
+    try {
+      await api.removeScene(scene.id);
+      if (this.closed) return;
+      this.scenes = this.scenes.filter((known) => known.id !== scene.id);
+      this.listScenes();
+      announce("The scene is removed");
+    } catch (problem) {
+      this.mark("scene", problem.message);
+    }
   }
 
   dragged(event, over) {
@@ -215,7 +210,6 @@ export class JobForm {
     try {
       const scene = await api.uploadScene(files, (share) => setVariable(this.drop, "--share", share));
       if (this.closed) return;
-      rememberName(scene.id, main.name);
       this.scenes = [scene, ...this.scenes.filter((known) => known.id !== scene.id)];
       this.listScenes(scene.id);
       this.key = newKey();

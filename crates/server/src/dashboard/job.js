@@ -108,7 +108,7 @@ export class JobView {
     ].filter(Boolean);
     const camera = request.camera;
     const rows = [
-      ["Scene", h("code", { title: job.scene }, `${job.scene.slice(0, 16)}…`)],
+      ["Scene", h("span", {}, job.scene_name ? `${job.scene_name} ` : "", h("code", { title: job.scene }, `${job.scene.slice(0, 16)}…`))],
       ["Picture", pixels(request.width, request.height)],
       ["Camera", camera === null ? "the scene's first" : typeof camera === "object" ? "its own" : String(camera)],
       ["Stops at", limits.length ? limits.join(" or ") : "10 s (default)"],

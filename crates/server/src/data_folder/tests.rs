@@ -17,6 +17,7 @@ async fn fill(store: &SqliteStore, artifacts: &Artifacts) {
     artifacts.put_scene(&id, "scene".into()).await.unwrap();
     let scene = Scene {
         id,
+        name: None,
         format: SceneFormat::Gltf,
         size: 5,
         created_at: jiff::Timestamp::now(),

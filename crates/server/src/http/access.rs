@@ -155,7 +155,8 @@ async fn hide_foreign(
         return Ok(None);
     }
     let method = request.method().clone();
-    let is_whole_job = path.trim_start_matches("/v1/jobs/").split('/').count() == 1;
+    // "/v1/jobs/{id}" and "/v1/scenes/{id}" have three parts behind the empty first one.
+    let is_whole = path.split('/').count() == 4;
     let params = request.extract_parts::<RawPathParams>().await.ok();
     let id = params.as_ref().and_then(|params| params.iter().find(|(name, _)| *name == "id"));
     // Without an id no route matched; what answers then shows nothing.
@@ -171,8 +172,8 @@ async fn hide_foreign(
     if is_own {
         return Ok(None);
     }
-    if is_job && is_whole_job && method == Method::DELETE {
-        // As for a job that is not there.
+    if is_whole && method == Method::DELETE {
+        // As for what is not there.
         return Ok(Some(StatusCode::NO_CONTENT.into_response()));
     }
     Err(Problem::not_found(if is_job { "there is no such job" } else { "there is no such scene" }))

@@ -3,10 +3,11 @@
 use super::App;
 use super::problem::{Problem, documented};
 use super::read::{self, JobId, MAX_JSON_BYTES, Query, in_range, media_type};
-use super::upload;
+use super::{scenes, upload};
 use crate::access::Caller;
 use crate::api::FieldError;
 use crate::api::jobs::{CameraRequest, Job, JobPage, JobRequest};
+use crate::api::request_hash::RequestHash;
 use crate::api::scenes::{CameraName, Scene};
 use crate::api::webhooks::host_and_port;
 use crate::artifacts::sha256_hex;
@@ -90,7 +91,11 @@ pub async fn create_job(
             };
             check(&app, &job)?;
             let scene = match (parts.has_scene(), &job.scene) {
-                (true, None) => parts.store(&app, &caller).await?.0,
+                (true, None) => {
+                    let name = parts.scene_name.take();
+                    let (scene, _) = parts.store(&app, &caller).await?;
+                    scenes::named(&app, &caller, scene, name).await?
+                }
                 (false, _) => named_scene(&app, &caller, &job).await?,
                 (true, Some(_)) => {
                     let twice = "given both as a part and by id";
@@ -112,14 +117,14 @@ pub async fn create_job(
     job.scene = Some(scene.id.clone());
     let webhook = job.webhook.clone().or_else(|| caller.key().and_then(|key| key.webhook.clone()));
     let unserialisable = |error: serde_json::Error| Problem::internal(error.to_string());
-    let canonical = serde_json::to_vec(&job).map_err(unserialisable)?;
+    let request_hash = RequestHash::of(&job).map_err(unserialisable)?;
     let render_key = render_key(caller.owner(), &job, &scene.cameras).map_err(unserialisable)?;
     let new = NewJob {
         id: Uuid::now_v7(),
         scene_id: scene.id,
         request: job,
         idempotency_key,
-        request_hash: sha256_hex(&canonical),
+        request_hash,
         submitter: Submitter { webhook, ..submitter(&caller, trace_parent) },
         render_key,
     };
@@ -282,8 +287,7 @@ async fn named_scene(app: &App, caller: &Caller, job: &JobRequest) -> Result<Sce
         let id = sha256_hex(bytes);
         return Ok(upload::store_scene(app, caller, id, format, bytes.into(), None).await?.0);
     }
-    let may_see = caller.sees_all() || app.store.holds_scene(name, caller.billed_to()).await?;
-    let found = if may_see { app.store.scene(name).await? } else { None };
+    let found = app.store.shown_scene(name, caller.viewer()).await?;
     found.ok_or_else(|| {
         let detail = format!(
             "no stored scene has this id; POST it to /v1/scenes first, or name one of {:?}",

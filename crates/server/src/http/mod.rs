@@ -47,7 +47,7 @@ pub type App = Arc<Service>;
 fn api() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(openapi::base())
         .routes(routes!(scenes::create_scene, scenes::list_scenes))
-        .routes(routes!(scenes::get_scene))
+        .routes(routes!(scenes::get_scene, scenes::delete_scene))
         .routes(routes!(jobs::create_job, jobs::list_jobs))
         .routes(routes!(jobs::get_job, jobs::delete_job))
         .routes(routes!(jobs::cancel_job))

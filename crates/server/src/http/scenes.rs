@@ -5,7 +5,9 @@ use super::problem::{Problem, documented};
 use super::read::{Query, in_range, media_type};
 use super::upload;
 use crate::access::Caller;
-use crate::api::scenes::{Scene, ScenePage};
+use crate::api::FieldError;
+use crate::api::scenes::{MAX_NAME_CHARS, Scene, ScenePage, name_of_file};
+use crate::store::scenes::ScenePosition;
 use axum::Json;
 use axum::extract::{Path, Request, State};
 use axum::http::{StatusCode, header};
@@ -23,13 +25,24 @@ pub struct SceneFiles {
     scene: Vec<u8>,
 }
 
+/// What a scene is called.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct NameQuery {
+    /// A name for the scene; in a form, the name of its file counts where this is left out.
+    #[param(max_length = 255)]
+    name: Option<String>,
+}
+
 /// Store a scene.
 ///
 /// Send one `.glb` (or a `.gltf` with embedded data) as the body, or a multipart form with the
 /// scene and its resources, 128 parts at most. The id is the hash of the content: sending the same scene again
-/// stores nothing and answers 200. A scene that cannot be imported is not kept.
+/// stores nothing and answers 200; where it is given another name, it has that from then on. A
+/// scene that cannot be imported is not kept.
 #[utoipa::path(
     post, path = "/v1/scenes", tag = "scenes",
+    params(NameQuery),
     request_body(
         description = "The scene.",
         content(
@@ -53,11 +66,15 @@ pub struct SceneFiles {
 pub async fn create_scene(
     State(app): State<App>,
     caller: Caller,
+    Query(query): Query<NameQuery>,
     request: Request,
 ) -> Result<impl IntoResponse, Problem> {
+    let mut name = given_name(query)?;
     let (scene, is_new) = match media_type(request.headers()).as_str() {
         "multipart/form-data" => {
-            upload::parts(&app, request, false).await?.store(&app, &caller).await?
+            let mut parts = upload::parts(&app, request, false).await?;
+            name = name.or_else(|| parts.scene_name.take());
+            parts.store(&app, &caller).await?
         }
         "model/gltf-binary" | "application/octet-stream" | "model/gltf+json" => {
             upload::scene_from_body(&app, &caller, request.into_body()).await?
@@ -69,8 +86,33 @@ pub async fn create_scene(
             return Err(Problem::unsupported_media(detail));
         }
     };
+    let scene = named(&app, &caller, scene, name).await?;
     let status = if is_new { StatusCode::CREATED } else { StatusCode::OK };
     Ok((status, [(header::LOCATION, format!("/v1/scenes/{}", scene.id))], Json(scene)))
+}
+
+fn given_name(query: NameQuery) -> Result<Option<String>, Problem> {
+    let Some(name) = query.name else { return Ok(None) };
+    if name.chars().count() > MAX_NAME_CHARS {
+        let rule = format!("must have at most {MAX_NAME_CHARS} characters");
+        return Err(
+            Problem::unreadable(format!("name {rule}")).with_error(FieldError::new("name", rule))
+        );
+    }
+    Ok(name_of_file(&name))
+}
+
+/// A scene that was just stored as the caller sees it, by its new name if it has one.
+pub async fn named(
+    app: &App,
+    caller: &Caller,
+    scene: Scene,
+    name: Option<String>,
+) -> Result<Scene, Problem> {
+    if let Some(name) = name {
+        app.store.name_scene(&scene.id, caller.billed_to(), &name).await?;
+    }
+    Ok(app.store.shown_scene(&scene.id, caller.viewer()).await?.unwrap_or(scene))
 }
 
 /// Get a scene.
@@ -85,12 +127,42 @@ pub async fn create_scene(
 )]
 pub async fn get_scene(
     State(app): State<App>,
+    caller: Caller,
     Path(id): Path<String>,
 ) -> Result<Json<Scene>, Problem> {
-    match app.store.scene(&id).await? {
+    match app.store.shown_scene(&id, caller.viewer()).await? {
         Some(scene) => Ok(Json(scene)),
         None => Err(Problem::not_found("there is no such scene")),
     }
+}
+
+/// Let go of a scene.
+///
+/// It is not the caller's any more and does not count towards their quota. Others who sent the same
+/// keep it, and jobs that name it go on; its file goes when neither is left. Who sees everyone's
+/// scenes ends it for all. Answers 204 whether or not the scene was there, so that it can be
+/// repeated safely.
+#[utoipa::path(
+    delete, path = "/v1/scenes/{id}", tag = "scenes",
+    params(("id" = String, Path, description = "The scene's id.")),
+    responses(
+        (status = 204, description = "The scene is not the caller's any more."),
+        documented::BadRequest,
+        documented::NotFound,
+    )
+)]
+pub async fn delete_scene(
+    State(app): State<App>,
+    caller: Caller,
+    Path(id): Path<String>,
+) -> Result<StatusCode, Problem> {
+    let holder = (!caller.sees_all()).then(|| caller.billed_to());
+    app.store.let_go_scene(&id, holder).await?;
+    if let Err(error) = app.keeper.collect_let_go().await {
+        // Retention finds it again.
+        tracing::warn!(%error, scene = id, "cannot remove a scene that nobody holds");
+    }
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// A page.
@@ -100,8 +172,9 @@ pub struct PageQuery {
     /// How many, at most.
     #[param(minimum = 1, maximum = 200, default = 50)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    #[param(max_length = 64)]
+    /// `next_cursor` of the page before. It names a place in the list and stays good when the
+    /// scene there goes.
+    #[param(max_length = 128)]
     cursor: Option<String>,
 }
 
@@ -120,17 +193,28 @@ pub async fn list_scenes(
     Query(page): Query<PageQuery>,
 ) -> Result<Json<ScenePage>, Problem> {
     let limit = in_range("limit", page.limit.unwrap_or(50), 1..=200)?;
-    if page.cursor.as_ref().is_some_and(|cursor| cursor.len() > 64) {
-        return Err(Problem::unreadable("cursor must be a next_cursor"));
-    }
-    let cursor = page.cursor.as_deref();
-    let mut scenes = if caller.sees_all() {
-        app.store.scenes(cursor, limit + 1).await?
-    } else {
-        app.store.scenes_of(caller.billed_to(), cursor, limit + 1).await?
-    };
+    let before = page.cursor.as_deref().map(position).transpose()?;
+    let mut scenes = app.store.shown_scenes(caller.viewer(), before.as_ref(), limit + 1).await?;
     let more = scenes.len() > limit as usize;
     scenes.truncate(limit as usize);
-    let next_cursor = scenes.last().filter(|_| more).map(|scene| scene.id.clone());
+    let next_cursor = scenes.last().filter(|_| more).map(cursor);
     Ok(Json(ScenePage { scenes, next_cursor }))
+}
+
+/// The place behind a scene, with nothing in it that its viewer does not see.
+fn cursor(scene: &Scene) -> String {
+    format!("{}.{}", scene.created_at.as_millisecond(), scene.id)
+}
+
+/// The place that a cursor names. Whether there is, or ever was, a scene plays no part in it.
+fn position(cursor: &str) -> Result<ScenePosition, Problem> {
+    let parts = cursor.split_once('.').and_then(|(ms, id)| Some((ms.parse().ok()?, id)));
+    match parts {
+        Some((created_ms, id)) if id.len() == 64 && id.bytes().all(|b| b.is_ascii_hexdigit()) => {
+            Ok(ScenePosition { created_ms, id: id.to_owned() })
+        }
+        _ => Err(Problem::unreadable(
+            "cursor must be a next_cursor of this version; start again without one",
+        )),
+    }
 }

@@ -10,8 +10,8 @@ use super::upload;
 use crate::access::Caller;
 use crate::api::FieldError;
 use crate::api::jobs::{Job, JobRequest};
+use crate::api::request_hash::RequestHash;
 use crate::api::solutions::{Begins, ExtendRequest, Manifest, Solution, ViewRequest};
-use crate::artifacts::sha256_hex;
 use crate::store::solutions::Extended;
 use crate::store::{Accepted, NewJob};
 use crate::trace_context::TraceParent;
@@ -121,13 +121,14 @@ pub async fn create_view(
     check_memory(&app, &request, &scene)?;
     check_stored(&app, &caller).await?;
     request.view_of = Some(id);
-    let canonical = serde_json::to_vec(&request).map_err(|e| Problem::internal(e.to_string()))?;
+    let request_hash =
+        RequestHash::of(&request).map_err(|error| Problem::internal(error.to_string()))?;
     let new = NewJob {
         id: Uuid::now_v7(),
         scene_id: job.scene.clone(),
         request,
         idempotency_key,
-        request_hash: sha256_hex(&canonical),
+        request_hash,
         submitter: submitter(&caller, trace_parent),
         // What it shows depends on what it begins with.
         render_key: None,

@@ -6,7 +6,7 @@ use super::gauge::Gauge;
 use super::problem::Problem;
 use crate::access::Caller;
 use crate::api::FieldError;
-use crate::api::scenes::{Scene, SceneFormat};
+use crate::api::scenes::{Scene, SceneFormat, name_of_file};
 use crate::artifacts::{hex, sha256_hex};
 use crate::bundle;
 use crate::worker::scenes::{SceneRefusal, describe};
@@ -135,8 +135,8 @@ pub async fn scene_from_body(
     if spooled.size == 0 {
         return Err(Problem::bad_scene("the body is empty; send a .glb or .gltf file"));
     }
-    if let Some(scene) = stored_scene(app, caller, &spooled.sha256, true).await? {
-        return Ok((scene, false));
+    if let Some(stored) = stored_scene(app, caller, &spooled.sha256, true).await? {
+        return Ok(stored);
     }
     let id = spooled.sha256.clone();
     let turn = import_turn(app).await?;
@@ -148,6 +148,8 @@ pub async fn scene_from_body(
 pub struct Parts {
     /// The part named `job`, where one is expected.
     pub job: Option<Vec<u8>>,
+    /// The name of the scene's file, if it came with one.
+    pub scene_name: Option<String>,
     scene: Option<Spooled>,
     resources: BTreeMap<String, Spooled>,
 }
@@ -162,7 +164,7 @@ pub async fn parts(app: &App, request: Request, with_job: bool) -> Result<Parts,
         .await
         .map_err(|rejection| Problem::unreadable(rejection.body_text()))?;
     let mut allowance = Allowance::new(app);
-    let mut parts = Parts { job: None, scene: None, resources: BTreeMap::new() };
+    let mut parts = Parts { job: None, scene_name: None, scene: None, resources: BTreeMap::new() };
     let refuse = |error: axum::extract::multipart::MultipartError| {
         if gauge.overflowed() {
             return Problem::too_large("the form has too much between the contents of its parts");
@@ -210,6 +212,8 @@ pub async fn parts(app: &App, request: Request, with_job: bool) -> Result<Parts,
         let is_scene = name == "scene" || is_gltf(&name) || is_gltf(&file_name);
         if is_scene && parts.scene.is_none() {
             parts.scene = Some(spooled);
+            let file_name = if file_name.is_empty() && name != "scene" { name } else { file_name };
+            parts.scene_name = name_of_file(&file_name);
         } else if is_scene {
             return Err(repeated("scene"));
         } else if parts.resources.insert(name.clone(), spooled).is_some() {
@@ -282,7 +286,7 @@ async fn kept(app: &App, id: &str, thorough: bool) -> Result<Option<Scene>, Prob
     Ok(sound.then_some(scene))
 }
 
-/// Checks a scene by importing it, then keeps it; whether it is new. What cannot be imported is
+/// Checks a scene by importing it, then keeps it; whether it is new to the caller. What cannot be imported is
 /// not kept. Without a `turn` it waits for one where there is something to import.
 pub async fn store_scene(
     app: &App,
@@ -293,8 +297,8 @@ pub async fn store_scene(
     turn: Option<OwnedSemaphorePermit>,
 ) -> Result<(Scene, bool), Problem> {
     // Built-in scenes, which come without a turn, are asked for with every job.
-    if let Some(scene) = stored_scene(app, caller, &id, turn.is_some()).await? {
-        return Ok((scene, false));
+    if let Some(stored) = stored_scene(app, caller, &id, turn.is_some()).await? {
+        return Ok(stored);
     }
     check_quota(app, caller, bytes.len() as u64).await?;
     let turn = match turn {
@@ -315,19 +319,21 @@ pub async fn store_scene(
 }
 
 /// The scene of that id, if it is there already and sound; it is the caller's too from now on.
+/// Whether it was not before, as if it had been stored for them.
 async fn stored_scene(
     app: &App,
     caller: &Caller,
     id: &str,
     thorough: bool,
-) -> Result<Option<Scene>, Problem> {
+) -> Result<Option<(Scene, bool)>, Problem> {
     let Some(scene) = kept(app, id, thorough).await? else { return Ok(None) };
-    if !app.store.holds_scene(id, caller.billed_to()).await? {
+    let is_new = !app.store.holds_scene(id, caller.billed_to()).await?;
+    if is_new {
         check_quota(app, caller, scene.size).await?;
         app.store.hold_scene(id, caller.billed_to()).await?;
     }
     // It may have been collected since it was read.
-    Ok(app.store.use_scene(id).await?.then_some(scene))
+    Ok(app.store.use_scene(id).await?.then_some((scene, is_new)))
 }
 
 /// Refuses scenes over the caller's quota. Uploads at the same time may each find room: then it

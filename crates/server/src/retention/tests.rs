@@ -3,15 +3,18 @@
 
 use super::*;
 use crate::api::jobs::{JobRequest, PictureFormat};
+use crate::api::request_hash::RequestHash;
 use crate::api::scenes::SceneFormat;
 use crate::job_state::JobState;
 use crate::store::bytes::Pinned;
+use crate::store::scenes::Viewer;
 use crate::store::sqlite::SqliteStore;
 use crate::store::{Accepted, Asking, JobFilter, NewJob, Outcome, Submitter};
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
 use tempfile::TempDir;
 
+const ALL: Viewer<'static> = Viewer { holder: "", sees_all: true };
 /// Different scenes; few, so that they meet.
 const SCENES: u64 = 4;
 
@@ -36,6 +39,7 @@ impl World {
         let bytes = Bytes::from(format!("scene {number}"));
         let scene = Scene {
             id: crate::artifacts::sha256_hex(&bytes),
+            name: None,
             format: SceneFormat::Gltf,
             size: bytes.len() as u64,
             created_at: Timestamp::now(),
@@ -64,7 +68,7 @@ impl World {
             scene_id: scene.id.clone(),
             request,
             idempotency_key: None,
-            request_hash: String::new(),
+            request_hash: RequestHash::default(),
             submitter: Submitter::default(),
             render_key: None,
         };
@@ -110,7 +114,7 @@ impl World {
                 assert!(bytes.is_ok(), "a picture of job {} is gone", job.id);
             }
         }
-        for scene in self.store.scenes(None, 1_000_000).await.unwrap() {
+        for scene in self.store.shown_scenes(ALL, None, 1_000_000).await.unwrap() {
             assert!(self.artifacts.scene(&scene.id).await.is_ok(), "scene {} is gone", scene.id);
         }
     }
@@ -178,7 +182,7 @@ async fn nothing_that_a_record_names_is_ever_removed() {
     world.keeper.expire(all, Timestamp::now()).await.unwrap();
     world.keeper.tend_quarantine(Some(Timestamp::MAX)).await.unwrap();
     assert_eq!(files(&world.folder.path().join("artifacts")), Vec::<String>::new());
-    assert_eq!(world.store.scenes(None, 10).await.unwrap(), []);
+    assert_eq!(world.store.shown_scenes(ALL, None, 10).await.unwrap(), []);
 }
 
 fn files(folder: &std::path::Path) -> Vec<String> {
@@ -281,7 +285,7 @@ async fn a_sweep_waits_for_files_that_are_about_to_be_recorded() {
         scene_id: scene.id.clone(),
         request: serde_json::from_str("{}").unwrap(),
         idempotency_key: None,
-        request_hash: String::new(),
+        request_hash: crate::api::request_hash::RequestHash::default(),
         submitter: Submitter::default(),
         render_key: None,
     };

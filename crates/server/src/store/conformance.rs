@@ -5,6 +5,7 @@
 mod attempts;
 mod extensions;
 mod outbox;
+mod sharing;
 mod turns;
 
 use super::*;
@@ -12,11 +13,13 @@ use crate::api::events::EventData;
 use crate::api::jobs::{JobRequest, Progress};
 use crate::api::scenes::{Scene, SceneFormat};
 use crate::job_state::{Cause, JobState, MAX_FAILURES};
+use crate::store::scenes::{ScenePosition, Viewer};
 use std::sync::Arc;
 
 pub use attempts::*;
 pub use extensions::*;
 pub use outbox::*;
+pub use sharing::*;
 pub use turns::*;
 
 /// Somewhere that keeps what stores keep. Each call opens what another process would: a store
@@ -59,6 +62,8 @@ macro_rules! suite {
             two_processes_never_hold_the_same_job
             progress_is_thinned_and_its_ends_are_kept
             messages_wait_in_lanes_of_caller_and_receiver
+            each_holder_sees_a_scene_as_their_own
+            who_lets_go_of_a_scene_leaves_it_to_the_others
             messages_that_wait_are_bounded_from_the_fullest_lane
         }
     };
@@ -80,6 +85,7 @@ async fn furnished(place: &dyn Place) -> Arc<dyn Store> {
 fn scene(id: &str, created_s: i64) -> Scene {
     Scene {
         id: id.into(),
+        name: None,
         format: SceneFormat::Gltf,
         size: 1,
         created_at: jiff::Timestamp::from_second(created_s).unwrap(),
@@ -102,7 +108,7 @@ fn wish(priority: i32) -> NewJob {
         scene_id: "scene".into(),
         request,
         idempotency_key: None,
-        request_hash: String::new(),
+        request_hash: RequestHash::default(),
         submitter: Submitter::default(),
         render_key: None,
     }
@@ -152,9 +158,14 @@ pub async fn scenes_are_kept_once_and_listed_newest_first(place: &dyn Place) {
     }
     assert_eq!(store.scene("b").await.unwrap().unwrap(), scene("b", 3));
     assert_eq!(store.scene("d").await.unwrap(), None);
-    let ids = |scenes: Vec<Scene>| scenes.into_iter().map(|s| s.id).collect::<Vec<_>>();
-    assert_eq!(ids(store.scenes(None, 2).await.unwrap()), ["b", "c"]);
-    assert_eq!(ids(store.scenes(Some("c"), 2).await.unwrap()), ["a"]);
+    let list = async |before: Option<&str>| -> Vec<String> {
+        let place = before.map(|id| ScenePosition { created_ms: 2000, id: id.into() });
+        let everyone = Viewer { holder: "", sees_all: true };
+        let found = store.shown_scenes(everyone, place.as_ref(), 2).await.unwrap();
+        found.into_iter().map(|scene| scene.id).collect()
+    };
+    assert_eq!(list(None).await, ["b", "c"]);
+    assert_eq!(list(Some("c")).await, ["a"]);
 }
 
 pub async fn higher_priority_first_then_older(place: &dyn Place) {
@@ -173,7 +184,7 @@ pub async fn a_repeated_key_finds_its_job_and_no_other(place: &dyn Place) {
     let store = furnished(place).await;
     let keyed = |hash: &str| NewJob {
         idempotency_key: Some("key".into()),
-        request_hash: hash.into(),
+        request_hash: RequestHash { now: hash.into(), former: Some("former".into()) },
         ..wish(0)
     };
     let id = queue(&*store, keyed("one")).await;
@@ -183,6 +194,11 @@ pub async fn a_repeated_key_finds_its_job_and_no_other(place: &dyn Place) {
     }
     let other = store.accept(keyed("another"), 100).await.unwrap();
     assert!(matches!(other, Accepted::KeyConflict), "{other:?}");
+    // What an earlier release stored with the same request is the same request.
+    let former = NewJob { idempotency_key: Some("old".into()), ..keyed("former") };
+    let old = queue(&*store, former).await;
+    let again = NewJob { idempotency_key: Some("old".into()), ..keyed("new form") };
+    assert!(matches!(store.accept(again, 100).await.unwrap(), Accepted::Again(j) if j.id == old));
     // A key is free again once its job is deleted.
     assert!(store.delete(id).await.unwrap());
     assert_ne!(queue(&*store, keyed("another")).await, id);

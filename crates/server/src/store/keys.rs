@@ -1,8 +1,7 @@
-//! What a store knows of API keys, of owners, and of quotas.
+//! What a store knows of API keys and of the owners of jobs.
 
 use super::StoreError;
 use crate::api::keys::KeyRecord;
-use crate::api::scenes::Scene;
 use crate::api::webhooks::WebhookTarget;
 use async_trait::async_trait;
 use jiff::Timestamp;
@@ -47,17 +46,4 @@ pub trait Keys: Send + Sync {
     async fn job_owner(&self, job: Uuid) -> Result<Option<String>, StoreError>;
     /// The `traceparent` that a job was sent with.
     async fn trace_parent(&self, job: Uuid) -> Result<Option<String>, StoreError>;
-    /// Notes that `holder` sent or used a scene.
-    async fn hold_scene(&self, scene: &str, holder: &str) -> Result<(), StoreError>;
-    /// Whether `holder` sent or used that scene.
-    async fn holds_scene(&self, scene: &str, holder: &str) -> Result<bool, StoreError>;
-    /// Scenes of `holder`, newest first, as [`super::Store::scenes`].
-    async fn scenes_of(
-        &self,
-        holder: &str,
-        before: Option<&str>,
-        limit: u32,
-    ) -> Result<Vec<Scene>, StoreError>;
-    /// Bytes of the scenes of `holder`.
-    async fn scene_bytes_of(&self, holder: &str) -> Result<u64, StoreError>;
 }

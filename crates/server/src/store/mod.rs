@@ -8,12 +8,14 @@ pub mod keys;
 pub mod meta;
 pub mod outbox;
 pub mod retention;
+pub mod scenes;
 pub mod solutions;
 pub mod sqlite;
 
 use crate::api::Warning;
 use crate::api::events::{Event, EventData, NoticeEvent};
 use crate::api::jobs::{Job, JobError, JobRequest, Picture, PictureFormat, Plan, Progress, Stats};
+use crate::api::request_hash::RequestHash;
 use crate::api::scenes::Scene;
 use crate::job_state::{Cause, JobState, Refusal};
 use async_trait::async_trait;
@@ -24,6 +26,7 @@ pub use keys::{Keys, Submitter};
 pub use meta::Meta;
 pub use outbox::Outbox;
 pub use retention::{Recorded, Retention};
+pub use scenes::Holdings;
 /// Progress events that a job may keep; beyond it every second one of the older half goes.
 pub const MAX_PROGRESS_EVENTS: i64 = 2048;
 
@@ -120,7 +123,7 @@ pub struct NewJob {
     /// The client's `Idempotency-Key`.
     pub idempotency_key: Option<String>,
     /// Hash of the request, to tell a repetition from another request under the same key.
-    pub request_hash: String,
+    pub request_hash: RequestHash,
     /// On whose behalf.
     pub submitter: Submitter,
     /// Hash of everything that the picture depends on, where that determines it: jobs of the
@@ -250,13 +253,13 @@ pub struct JobCounts {
 
 /// The store of one service.
 #[async_trait]
-pub trait Store: Bytes + Keys + Meta + Outbox + Retention + solutions::Solutions {
+pub trait Store:
+    Bytes + Keys + Meta + Outbox + Retention + Holdings + solutions::Solutions
+{
     /// Stores a scene; false where it was there already.
     async fn put_scene(&self, scene: &Scene) -> Result<bool, StoreError>;
-    /// The scene of that id.
+    /// The scene of that id, whoever holds it; [`Holdings::shown_scene`] is for showing it.
     async fn scene(&self, id: &str) -> Result<Option<Scene>, StoreError>;
-    /// Scenes, newest first; `before` is the id of the last one of the page before.
-    async fn scenes(&self, before: Option<&str>, limit: u32) -> Result<Vec<Scene>, StoreError>;
 
     /// Queues a job unless `max_queued` are waiting. Durable on return.
     async fn accept(&self, job: NewJob, max_queued: u64) -> Result<Accepted, StoreError>;

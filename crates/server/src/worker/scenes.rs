@@ -104,6 +104,7 @@ pub fn describe(
     let bounds = scene.bounds();
     Ok(Scene {
         id,
+        name: None,
         format,
         size: bytes.len() as u64,
         created_at: jiff::Timestamp::now(),

@@ -1,6 +1,6 @@
 //! The life of jobs in SQLite. Callers hold the transaction; nothing here commits.
 
-use super::{claims, events, now_ms, outbox, rows};
+use super::{claims, events, now_ms, outbox, rows, scenes};
 use crate::api::events::{EventData, ProgressEvent, SnapshotEvent, StateEvent};
 use crate::api::jobs::{Job, JobError, JobRequest, Picture};
 use crate::job_state::{Event, JobState, Life, Refusal};
@@ -44,7 +44,7 @@ pub async fn accept(
         .fetch_optional(&mut *connection)
         .await?;
         if let Some(row) = before {
-            if row.get::<&str, _>("request_hash") != job.request_hash {
+            if !job.request_hash.matches(row.get("request_hash")) {
                 return Ok(Accepted::KeyConflict);
             }
             let id = rows::parse_id(row.get("id"))?;
@@ -69,8 +69,8 @@ pub async fn accept(
     sqlx::query(
         "INSERT INTO jobs (id, scene_id, state, priority, created_ms, idempotency_key,
                            request_hash, request, owner, billed_to, max_running, trace_parent,
-                           render_key, max_stored, place)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?,
+                           render_key, max_stored, scene_name, place)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?,
                  (SELECT coalesce(max(place), 0) + 1 FROM jobs))",
     )
     .bind(job.id.to_string())
@@ -79,7 +79,7 @@ pub async fn accept(
     .bind(job.request.priority)
     .bind(now_ms())
     .bind(&job.idempotency_key)
-    .bind(&job.request_hash)
+    .bind(&job.request_hash.now)
     .bind(rows::to_json(&job.request))
     .bind(&job.submitter.owner)
     .bind(&job.submitter.billed_to)
@@ -87,6 +87,7 @@ pub async fn accept(
     .bind(&job.submitter.trace_parent)
     .bind(&job.render_key)
     .bind(quota(job.submitter.max_stored))
+    .bind(scenes::name_for(connection, &job.scene_id, &job.submitter.billed_to).await?)
     .execute(&mut *connection)
     .await?;
     if let Some(webhook) = &job.submitter.webhook {

@@ -1,8 +1,7 @@
-//! Keys, owners and quotas in SQLite.
+//! Keys and owners in SQLite.
 
 use super::{SqliteStore, now_ms, rows};
 use crate::api::keys::KeyRecord;
-use crate::api::scenes::Scene;
 use crate::api::webhooks::WebhookTarget;
 use crate::store::StoreError;
 use crate::store::keys::Keys;
@@ -113,59 +112,5 @@ impl Keys for SqliteStore {
             .fetch_optional(&self.reader)
             .await?;
         Ok(row.and_then(|row| row.get("trace_parent")))
-    }
-
-    async fn hold_scene(&self, scene: &str, holder: &str) -> Result<(), StoreError> {
-        // A scene that was collected meanwhile is nobody's.
-        sqlx::query(
-            "INSERT INTO scene_holders (scene_id, holder) SELECT id, ?2 FROM scenes WHERE id = ?1
-             ON CONFLICT DO NOTHING",
-        )
-        .bind(scene)
-        .bind(holder)
-        .execute(&self.writer)
-        .await?;
-        Ok(())
-    }
-
-    async fn holds_scene(&self, scene: &str, holder: &str) -> Result<bool, StoreError> {
-        let row = sqlx::query(
-            "SELECT EXISTS (SELECT 1 FROM scene_holders WHERE scene_id = ? AND holder = ?) AS held",
-        )
-        .bind(scene)
-        .bind(holder)
-        .fetch_one(&self.reader)
-        .await?;
-        Ok(row.get("held"))
-    }
-
-    async fn scenes_of(
-        &self,
-        holder: &str,
-        before: Option<&str>,
-        limit: u32,
-    ) -> Result<Vec<Scene>, StoreError> {
-        let found = sqlx::query(
-            "SELECT record FROM scenes JOIN scene_holders ON scene_id = id AND holder = ?3
-             WHERE ?1 IS NULL OR (created_ms, id) < (SELECT created_ms, id FROM scenes WHERE id = ?1)
-             ORDER BY created_ms DESC, id DESC LIMIT ?2",
-        )
-        .bind(before)
-        .bind(limit)
-        .bind(holder)
-        .fetch_all(&self.reader)
-        .await?;
-        found.iter().map(|row| rows::from_json("scene", row.get("record"))).collect()
-    }
-
-    async fn scene_bytes_of(&self, holder: &str) -> Result<u64, StoreError> {
-        let row = sqlx::query(
-            "SELECT coalesce(sum(json_extract(record, '$.size')), 0) AS bytes
-             FROM scenes JOIN scene_holders ON scene_id = id AND holder = ?",
-        )
-        .bind(holder)
-        .fetch_one(&self.reader)
-        .await?;
-        Ok(row.get::<i64, _>("bytes").unsigned_abs())
     }
 }

@@ -13,6 +13,7 @@ pub mod meta;
 mod outbox;
 mod retention;
 mod rows;
+mod scenes;
 pub mod snapshot;
 mod solutions;
 #[cfg(test)]
@@ -172,19 +173,6 @@ impl Store for SqliteStore {
             .fetch_optional(&self.reader)
             .await?;
         row.map(|row| rows::from_json("scene", row.get("record"))).transpose()
-    }
-
-    async fn scenes(&self, before: Option<&str>, limit: u32) -> Result<Vec<Scene>, StoreError> {
-        let found = sqlx::query(
-            "SELECT record FROM scenes
-             WHERE ?1 IS NULL OR (created_ms, id) < (SELECT created_ms, id FROM scenes WHERE id = ?1)
-             ORDER BY created_ms DESC, id DESC LIMIT ?2",
-        )
-        .bind(before)
-        .bind(limit)
-        .fetch_all(&self.reader)
-        .await?;
-        found.iter().map(|row| rows::from_json("scene", row.get("record"))).collect()
     }
 
     async fn accept(&self, job: NewJob, max_queued: u64) -> Result<Accepted, StoreError> {

@@ -68,6 +68,7 @@ pub fn job(row: &SqliteRow) -> Result<Job, StoreError> {
         id: parse_id(row.get("id"))?,
         state,
         scene: row.get("scene_id"),
+        scene_name: row.get("scene_name"),
         request: from_json("request", row.get("request"))?,
         created_at: time(created_ms)?,
         started_at: started_ms.map(time).transpose()?,

@@ -15,6 +15,7 @@ async fn store(folder: &TempDir) -> SqliteStore {
     let store = SqliteStore::open(&folder.path().join("db")).await.unwrap();
     let scene = Scene {
         id: "scene".into(),
+        name: None,
         format: SceneFormat::Gltf,
         size: 1000,
         created_at: jiff::Timestamp::UNIX_EPOCH,
@@ -38,7 +39,7 @@ async fn submit(store: &SqliteStore, payer: &str, max_stored: Option<u64>) -> Uu
         scene_id: "scene".into(),
         request: serde_json::from_str("{}").unwrap(),
         idempotency_key: None,
-        request_hash: String::new(),
+        request_hash: crate::api::request_hash::RequestHash::default(),
         submitter: Submitter { billed_to: payer.into(), max_stored, ..Submitter::default() },
         render_key: None,
     };
