@@ -3,6 +3,7 @@
 pub mod comparison;
 pub mod devices;
 pub mod iterations;
+pub mod keys;
 pub mod kill_loop;
 pub mod load;
 pub mod malformed;

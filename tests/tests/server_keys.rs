@@ -1,55 +1,9 @@
 //! API keys: who gets in, who sees what, and what the limits of a caller do.
 
-use hemilux_tests::server::{Answer, Server, program, scene, serve_and_fail};
+use hemilux_tests::keys::{With, keys};
+use hemilux_tests::server::{Answer, Server, scene, serve_and_fail};
 use serde_json::{Value, json};
-use std::path::Path;
-use std::process::Command;
 use tempfile::TempDir;
-
-/// Runs `hemilux keys` and gives what it printed.
-fn keys(folder: &Path, arguments: &[&str]) -> String {
-    let done = Command::new(program())
-        .arg("keys")
-        .arg("--data-dir")
-        .arg(folder)
-        .args(arguments)
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&done.stderr);
-    assert!(done.status.success(), "{arguments:?}: {said}");
-    String::from_utf8(done.stdout).unwrap().trim().to_owned()
-}
-
-/// Sends requests with a key.
-struct With<'a>(&'a Server, &'a str);
-
-impl With<'_> {
-    fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> Answer {
-        let bearer = format!("Bearer {}", self.1);
-        let mut all = vec![("authorization", bearer.as_str())];
-        all.extend(headers);
-        self.0.send(method, path, &all, body)
-    }
-
-    fn get(&self, path: &str) -> Answer {
-        self.send("GET", path, &[], b"")
-    }
-
-    fn post(&self, path: &str, body: &Value) -> Answer {
-        let json = [("content-type", "application/json")];
-        self.send("POST", path, &json, body.to_string().as_bytes())
-    }
-
-    fn submit(&self, job: &Value) -> String {
-        let answer = self.post("/v1/jobs", job);
-        assert_eq!(answer.status, 202, "{}", answer.text());
-        answer.json()["id"].as_str().unwrap().to_owned()
-    }
-
-    fn count(&self, path: &str, list: &str) -> usize {
-        self.get(path).json()[list].as_array().unwrap().len()
-    }
-}
 
 fn quick() -> Value {
     json!({"scene": "cornell", "width": 16, "height": 16, "max_iterations": 2,
@@ -189,114 +143,6 @@ fn everyone_sees_only_their_own() {
     ann.get(&format!("/v1/jobs/{job}")).problem(404);
 }
 
-#[test]
-fn scenes_that_others_sent_too_are_each_ones_own() {
-    let folder = TempDir::new().unwrap();
-    let (ann, bob, admin) = (
-        keys(folder.path(), &["add", "ann"]),
-        keys(folder.path(), &["add", "bob", "--max-scenes-mb", "1"]),
-        keys(folder.path(), &["add", "boss", "--scope", "admin"]),
-    );
-    let server = Server::start_in(folder.path(), &[]);
-    let [ann, bob, admin] = [&ann, &bob, &admin].map(|key| With(&server, key));
-    let upload = |who: &With<'_>, file: &str, name: &str| {
-        let path = format!("/v1/scenes?name={name}");
-        who.send("POST", &path, &[("content-type", "model/gltf-binary")], &scene(file))
-    };
-    let first = upload(&ann, "cornell_phong.glb", "Secret%20Villa%1b.glb");
-    assert_eq!(first.status, 201, "{}", first.text());
-    assert_eq!(first.json()["name"], "Secret Villa.glb");
-    let id = first.json()["id"].as_str().unwrap().to_owned();
-    let path = format!("/v1/scenes/{id}");
-    let before = ann.get(&path).json()["created_at"].as_str().unwrap().to_owned();
-    std::thread::sleep(std::time::Duration::from_millis(20));
-
-    // The same bytes from another: a first upload, under their own time and name.
-    let second = upload(&bob, "cornell_phong.glb", "");
-    assert_eq!(second.status, 201, "{}", second.text());
-    assert!(second.json()["created_at"].as_str().unwrap() > before.as_str(), "{}", second.text());
-    let name = second.json()["name"].clone();
-    assert_ne!(name, "Secret Villa.glb");
-    assert_eq!(bob.get(&path).json()["name"], name);
-    assert_eq!(ann.get(&path).json()["created_at"], before.as_str());
-    assert_eq!(ann.get(&path).json()["name"], "Secret Villa.glb");
-
-    // A place in one's own list; the place of a scene that is another's, or nobody's, is a place
-    // like any other, and what is none is an error and not an end.
-    upload(&ann, "corridor.glb", "hall.glb");
-    let page = ann.get("/v1/scenes?limit=1").json();
-    assert_eq!(page["scenes"][0]["name"], "hall.glb", "{page}");
-    let cursor = page["next_cursor"].as_str().unwrap().to_owned();
-    let newest = page["scenes"][0]["id"].as_str().unwrap().to_owned();
-    let next = |who: &With<'_>, cursor: &str| {
-        let list = who.get(&format!("/v1/scenes?cursor={cursor}")).json()["scenes"].clone();
-        list.as_array().unwrap().iter().map(|one| one["id"].clone()).collect::<Vec<_>>()
-    };
-    assert_eq!(next(&ann, &cursor), [json!(id)]);
-    let made_up = cursor.replace(&newest, &"0".repeat(64));
-    assert_eq!(next(&bob, &cursor), next(&bob, &made_up));
-    assert_eq!(ann.send("DELETE", &format!("/v1/scenes/{newest}"), &[], b"").status, 204);
-    assert_eq!(next(&ann, &cursor), [json!(id)], "its scene is gone, the place is not");
-    for wrong in [id.as_str(), "", ".", "1.2", "x"] {
-        let problem = ann.get(&format!("/v1/scenes?cursor={wrong}")).problem(400);
-        assert!(problem["detail"].as_str().unwrap().contains("start again"), "{problem}");
-    }
-
-    // Who lets go of a scene leaves it to the others and to the jobs that name it.
-    let mut wish = quick();
-    wish["scene"] = json!(id);
-    let job = ann.post("/v1/jobs", &wish).json();
-    assert_eq!(job["scene_name"], "Secret Villa.glb", "{job}");
-    let job = job["id"].as_str().unwrap().to_owned();
-    let end = |who: &With<'_>| who.send("DELETE", &path, &[], b"").status;
-    assert_eq!([end(&ann), end(&ann)], [204, 204]);
-    ann.get(&path).problem(404);
-    ann.post("/v1/jobs", &wish).problem(404);
-    assert_eq!(bob.get(&path).status, 200);
-    assert_eq!(ann.get(&format!("/v1/jobs/{job}?wait=60")).json()["state"], "succeeded");
-    assert_eq!(end(&bob), 204);
-    admin.get(&path).problem(404);
-    let file = folder.path().join(format!("artifacts/scenes/{id}"));
-    let is_kept = || {
-        std::fs::read_dir(file.parent().unwrap())
-            .unwrap()
-            .any(|entry| entry.unwrap().file_name().to_string_lossy().starts_with(&id))
-    };
-    assert!(is_kept(), "the job names it");
-    // One that no job names goes at once, with what it counted.
-    let third = upload(&bob, "ring.glb", "ring.glb").json();
-    let ring = third["id"].as_str().unwrap();
-    assert_eq!(bob.send("DELETE", &format!("/v1/scenes/{ring}"), &[], b"").status, 204);
-    let files = std::fs::read_dir(file.parent().unwrap()).unwrap();
-    let names: Vec<_> = files.map(|f| f.unwrap().file_name().into_string().unwrap()).collect();
-    assert!(!names.iter().any(|name| name.starts_with(ring)), "{names:?}");
-    assert_eq!(bob.count("/v1/scenes", "scenes"), 0);
-}
-
-#[test]
-fn what_the_server_writes_is_for_its_own_user() {
-    use std::os::unix::fs::PermissionsExt;
-    let folder = TempDir::new().unwrap();
-    let data = folder.path().join("data");
-    let key = keys(&data, &["add", "k"]);
-    let server = Server::start_in(&data, &[]);
-    let who = With(&server, &key);
-    let job = who.submit(&quick());
-    assert_eq!(who.get(&format!("/v1/jobs/{job}?wait=60")).json()["state"], "succeeded");
-    let mut paths = vec![data];
-    let mut seen = 0;
-    while let Some(path) = paths.pop() {
-        let Ok(about) = std::fs::metadata(&path) else { continue };
-        let mode = about.permissions().mode();
-        assert_eq!(mode & 0o077, 0, "{}: {mode:o}", path.display());
-        seen += 1;
-        if about.is_dir() {
-            paths.extend(std::fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()));
-        }
-    }
-    assert!(seen > 8, "database, lock, scene, pictures; only {seen} were there");
-}
-
 /// Another id of the same shape.
 fn uuid_like(id: &str) -> String {
     let last = if id.ends_with('0') { "1" } else { "0" };
@@ -403,6 +249,87 @@ fn queued_and_running_jobs_are_counted_by_caller() {
     // A full queue of one is not another's.
     other.submit(&quick());
     assert_eq!(busy.send("POST", &format!("/v1/jobs/{first}/cancel"), &[], b"").status, 200);
+}
+
+#[test]
+fn a_priority_above_0_needs_its_scope() {
+    let folder = TempDir::new().unwrap();
+    let (plain, vip, admin) = (
+        keys(folder.path(), &["add", "plain"]),
+        keys(folder.path(), &["add", "vip", "--scope", "read,submit,priority"]),
+        keys(folder.path(), &["add", "boss", "--scope", "admin"]),
+    );
+    let server = Server::start_in(folder.path(), &[]);
+    let [plain, vip, admin] = [&plain, &vip, &admin].map(|key| With(&server, key));
+    let with_priority = |priority: i32| {
+        let mut job = quick();
+        job["priority"] = json!(priority);
+        job
+    };
+    let refused = plain.post("/v1/jobs", &with_priority(1)).problem(403);
+    assert!(refused["detail"].as_str().unwrap().contains("\"priority\""), "{refused}");
+    for (who, priority) in [(&plain, 0), (&plain, -5), (&vip, 1), (&admin, 100)] {
+        who.submit(&with_priority(priority));
+    }
+    // Nor by way of a view.
+    let job = plain.submit(&quick());
+    let done = plain.get(&format!("/v1/jobs/{job}?wait=60")).json();
+    assert_eq!(done["state"], "succeeded", "{done}");
+    let view = json!({"max_iterations": 1, "priority": 3});
+    plain.post(&format!("/v1/jobs/{job}/views"), &view).problem(403);
+    assert!(keys(folder.path(), &["list"]).contains("read,submit,priority"));
+}
+
+#[test]
+fn an_extension_counts_as_a_job_that_waits() {
+    let folder = TempDir::new().unwrap();
+    let (busy, other) = (
+        keys(folder.path(), &["add", "busy", "--max-queued", "1"]),
+        keys(folder.path(), &["add", "other"]),
+    );
+    let server = Server::start_in(folder.path(), &[]);
+    let (busy, other) = (With(&server, &busy), With(&server, &other));
+    let job = busy.submit(&quick());
+    let done = busy.get(&format!("/v1/jobs/{job}?wait=60")).json();
+    assert_eq!(done["state"], "succeeded", "{done}");
+    let running = other.submit(&endless());
+    server_wait(&other, &running, "running");
+    let waiting = busy.submit(&quick());
+    let extend = || busy.post(&format!("/v1/jobs/{job}/extend"), &json!({"max_iterations": 9}));
+    assert_eq!(extend().problem(429)["limit"], "jobs_queued");
+    assert_eq!(busy.get(&format!("/v1/jobs/{job}")).json()["state"], "succeeded");
+    assert_eq!(busy.send("DELETE", &format!("/v1/jobs/{waiting}"), &[], b"").status, 204);
+    let extended = extend();
+    assert_eq!(extended.status, 202, "{}", extended.text());
+}
+
+#[test]
+fn what_goes_on_under_a_key_ends_with_it() {
+    let folder = TempDir::new().unwrap();
+    let (ended, kept) =
+        (keys(folder.path(), &["add", "ended"]), keys(folder.path(), &["add", "kept"]));
+    let server = Server::start_in(folder.path(), &[]);
+    let bearer = format!("Bearer {ended}");
+    let (ended, kept) = (With(&server, &ended), With(&server, &kept));
+    let (job, other) = (ended.submit(&endless()), kept.submit(&endless()));
+    server_wait(&ended, &job, "running");
+    let begun = std::time::Instant::now();
+    std::thread::scope(|scope| {
+        let path = format!("/v1/jobs/{job}/events");
+        let stream = server.events(&path, &[("authorization", &bearer)]);
+        let followed = scope.spawn(|| stream.last().unwrap());
+        let waited = scope.spawn(|| ended.get(&format!("/v1/jobs/{job}?wait=60")));
+        let waited_on = scope.spawn(|| kept.get(&format!("/v1/jobs/{other}?wait=8")));
+        // Both are open, and the key is good until another process ends it.
+        std::thread::sleep(std::time::Duration::from_millis(1500));
+        assert!(!followed.is_finished() && !waited.is_finished());
+        keys(folder.path(), &["revoke", "ended"]);
+        let last = followed.join().unwrap();
+        assert!(!["succeeded", "failed", "cancelled"].contains(&last.name.as_str()), "{last:?}");
+        waited.join().unwrap().problem(401);
+        assert!(begun.elapsed() < std::time::Duration::from_secs(40), "{:?}", begun.elapsed());
+        assert_eq!(waited_on.join().unwrap().status, 200, "another key is not concerned");
+    });
 }
 
 #[test]

@@ -11,7 +11,7 @@ use crate::artifacts::sha256_hex;
 use crate::store::scenes::Viewer;
 use base64::Engine;
 use std::collections::HashMap;
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv6Addr};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -86,7 +86,7 @@ impl Caller {
     pub fn without_key(address: Option<IpAddr>, limits: KeyLimits) -> Self {
         let counted = limits != KeyLimits::default();
         let billed_to = match address {
-            Some(address) if counted => format!("address {}", address.to_canonical()),
+            Some(address) if counted => format!("address {}", counted_as(address)),
             _ => String::new(),
         };
         Self { key: None, billed_to, limits }
@@ -123,6 +123,18 @@ impl Caller {
     }
 }
 
+/// Under which name requests from an address are counted. Of IPv6 it is the network of 64 bits,
+/// which is the least that anyone is given: each address in it would otherwise be another caller.
+pub fn counted_as(address: IpAddr) -> String {
+    match address.to_canonical() {
+        IpAddr::V4(address) => address.to_string(),
+        IpAddr::V6(address) => {
+            let network = Ipv6Addr::from_bits(address.to_bits() >> 64 << 64);
+            format!("{network}/64")
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -147,6 +159,13 @@ mod tests {
         let limits = KeyLimits { jobs_queued: Some(1), ..KeyLimits::default() };
         let caller = Caller::without_key(address, limits);
         assert_eq!(caller.billed_to(), "address 10.0.0.1");
+        let network = |address: &str| {
+            Caller::without_key(address.parse().ok(), limits).billed_to().to_owned()
+        };
+        // Who has one IPv6 address has 2^64 of them.
+        assert_eq!(network("2001:db8:1:2::1"), "address 2001:db8:1:2::/64");
+        assert_eq!(network("2001:db8:1:2:ffff::9"), network("2001:db8:1:2::1"));
+        assert_ne!(network("2001:db8:1:3::1"), network("2001:db8:1:2::1"));
         assert!(caller.sees_all() && caller.may(Scope::Submit) && caller.owner().is_empty());
     }
 }

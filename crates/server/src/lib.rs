@@ -19,6 +19,7 @@ pub mod events;
 pub mod failpoints;
 pub mod http;
 pub mod job_state;
+pub mod key_watch;
 pub mod leases;
 pub mod memory;
 pub mod metrics;

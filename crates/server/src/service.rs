@@ -10,6 +10,7 @@ use crate::disk::Disk;
 use crate::events::Bell;
 use crate::http;
 use crate::http::rate::RateLimiter;
+use crate::key_watch::{self, KeyWatch};
 use crate::leases::{self, Leases};
 use crate::memory;
 use crate::metrics::Metrics;
@@ -62,6 +63,8 @@ pub struct Service {
     pub rates: RateLimiter,
     /// Which keys were used.
     pub key_uses: KeyUses,
+    /// Which keys have ended, for what goes on under them.
+    pub key_watch: KeyWatch,
     /// How full the disk is.
     pub disk: Disk,
     /// Most bytes that a job may need by estimate; `None` where the system does not say.
@@ -150,6 +153,7 @@ pub async fn serve(
         probes: http::Probes::default(),
         rates: RateLimiter::default(),
         key_uses: KeyUses::default(),
+        key_watch: KeyWatch::default(),
         disk: Disk::new(config.data_dir.clone(), config.guard.min_free_mb),
         max_job_bytes: config.guard.max_job_memory_mb.map(|mb| mb << 20).or_else(memory::total),
         shutdown: stop.clone(),
@@ -164,6 +168,7 @@ pub async fn serve(
     let purge = tokio::spawn(retention::keep_order(service.clone()));
     let sweep = tokio::spawn(retention::sweep::keep_sweeping(service.clone()));
     let webhooks = tokio::spawn(webhooks::deliver(service.clone()));
+    let keys = tokio::spawn(key_watch::look_after(service.clone()));
     if is_closed && !any_keys {
         tracing::warn!(
             "keys are required and there is none: make the first with `hemilux keys --data-dir {} add NAME` (in a container: docker exec CONTAINER hemilux keys --data-dir {0} add NAME)",
@@ -188,6 +193,7 @@ pub async fn serve(
     purge.abort();
     sweep.abort();
     webhooks.abort();
+    keys.abort();
     let released = service.store.release_all().await?;
     if released > 0 {
         tracing::info!(released, "running jobs went back to the queue");

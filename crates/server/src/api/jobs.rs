@@ -62,7 +62,7 @@ pub struct JobRequest {
     /// Settings of the method by name.
     #[serde(default)]
     pub options: BTreeMap<String, OptionValue>,
-    /// Jobs of higher priority start first.
+    /// Jobs of higher priority start first. With an API key, above 0 needs the scope `priority`.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100, default = 0)]
     pub priority: i32,

@@ -12,6 +12,8 @@ pub enum Scope {
     Read,
     /// Send scenes and jobs; cancel, pin and delete its own.
     Submit,
+    /// Send jobs of a priority above 0, which start before those of others.
+    Priority,
     /// All of that, with the jobs and scenes of everyone.
     Admin,
 }
@@ -22,6 +24,7 @@ impl Scope {
         match self {
             Self::Read => "read",
             Self::Submit => "submit",
+            Self::Priority => "priority",
             Self::Admin => "admin",
         }
     }
@@ -115,7 +118,7 @@ mod tests {
 
     #[test]
     fn admin_is_all_and_the_others_are_themselves() {
-        let all = [Scope::Read, Scope::Submit, Scope::Admin];
+        let all = [Scope::Read, Scope::Submit, Scope::Priority, Scope::Admin];
         for scope in all {
             assert!(key(&[Scope::Admin]).may(scope));
             for other in all.into_iter().filter(|other| *other != scope) {

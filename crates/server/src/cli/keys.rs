@@ -42,8 +42,8 @@ enum Command {
 struct New {
     /// What to call it.
     name: String,
-    /// What it may do: read (its own things), submit (send, cancel, delete), admin (all of it, of
-    /// everyone).
+    /// What it may do: read (its own things), submit (send, cancel, delete), priority (send
+    /// jobs of a priority above 0), admin (all of it, of everyone).
     #[arg(long, value_delimiter = ',', default_value = "read,submit")]
     scope: Vec<Scope>,
     /// Days until it ends by itself.

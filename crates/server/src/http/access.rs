@@ -90,7 +90,7 @@ async fn admit(app: &App, door: Door, request: &mut Request) -> Result<Option<Re
     {
         let name = match caller.key() {
             Some(key) => key.id.clone(),
-            None => address.map(|address| address.to_string()).unwrap_or_default(),
+            None => address.map(access::counted_as).unwrap_or_default(),
         };
         app.rates.take(&name, rate, Instant::now()).map_err(|wait| {
             app.metrics.count_refusal("requests_per_second");

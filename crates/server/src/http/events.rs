@@ -4,9 +4,11 @@ use super::App;
 use super::jobs::find;
 use super::problem::{Problem, documented};
 use super::read::{JobId, Query};
+use crate::access::Caller;
 use crate::api::events::{Event, EventData};
 use crate::api::jobs::{Picture, PictureFormat};
 use crate::events::Listener;
+use crate::key_watch::KeyEnd;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::IntoResponse;
@@ -71,6 +73,7 @@ pub struct EventsQuery {
 )]
 pub async fn stream_events(
     State(app): State<App>,
+    caller: Caller,
     JobId(id): JobId,
     Query(query): Query<EventsQuery>,
     headers: HeaderMap,
@@ -85,6 +88,7 @@ pub async fn stream_events(
     };
     let follower = Follower {
         listener: app.bell.listen(),
+        key_end: app.key_watch.of(&caller),
         after: last_seen.or(query.after).unwrap_or(0),
         inline: query.inline,
         waiting: VecDeque::new(),
@@ -112,6 +116,7 @@ struct Follower {
     after: u64,
     inline: Option<PictureFormat>,
     listener: Listener,
+    key_end: KeyEnd,
     waiting: VecDeque<Event>,
     /// What the event that was written last takes of the bytes on their way. The next one is asked
     /// for once the connection has taken that.
@@ -121,11 +126,14 @@ struct Follower {
 }
 
 impl Follower {
-    /// The next event; `None` after the terminal one, on shutdown, and where the store fails (the
-    /// client reconnects and continues where it was).
+    /// The next event; `None` after the terminal one, on shutdown, when the caller's key ends, and
+    /// where the store fails (the client reconnects and continues where it was).
     async fn next(&mut self) -> Option<sse::Event> {
         self.share = None;
         loop {
+            if self.key_end.has_come() {
+                return None;
+            }
             if let Some(event) = self.waiting.pop_front() {
                 self.after = event.seq;
                 self.ended = event.data.is_terminal();
@@ -150,6 +158,7 @@ impl Follower {
                 tokio::select! {
                     () = self.listener.news_of(self.job) => {}
                     () = tokio::time::sleep(RECHECK) => {}
+                    () = self.key_end.comes() => return None,
                     () = self.app.shutdown.cancelled() => return None,
                 }
             }

@@ -7,6 +7,7 @@ use super::{scenes, upload};
 use crate::access::Caller;
 use crate::api::FieldError;
 use crate::api::jobs::{CameraRequest, Job, JobPage, JobRequest};
+use crate::api::keys::Scope;
 use crate::api::request_hash::RequestHash;
 use crate::api::scenes::{CameraName, Scene};
 use crate::api::webhooks::host_and_port;
@@ -114,6 +115,7 @@ pub async fn create_job(
     }
     check_memory(&app, &job, &scene)?;
     check_stored(&app, &caller).await?;
+    check_priority(&caller, &job)?;
     job.scene = Some(scene.id.clone());
     let webhook = job.webhook.clone().or_else(|| caller.key().and_then(|key| key.webhook.clone()));
     let unserialisable = |error: serde_json::Error| Problem::internal(error.to_string());
@@ -160,14 +162,17 @@ pub fn answer(app: &App, caller: &Caller, accepted_as: Accepted) -> Result<Respo
             app.metrics.count_refusal("queue");
             Err(Problem::queue_full(5))
         }
-        Accepted::OwnQueueFull => {
-            app.metrics.count_refusal("jobs_queued");
-            let most = caller.limits.jobs_queued.unwrap_or(0);
-            let detail = format!("{most} jobs of this caller wait already, which is its limit");
-            Err(Problem::over_limit("jobs_queued", detail, 5.0))
-        }
+        Accepted::OwnQueueFull => Err(own_queue_full(app, caller)),
         Accepted::SceneGone => Err(Problem::not_found("the scene was removed; send it again")),
     }
+}
+
+/// The answer to who has as many jobs waiting as they may.
+pub fn own_queue_full(app: &App, caller: &Caller) -> Problem {
+    app.metrics.count_refusal("jobs_queued");
+    let most = caller.limits.jobs_queued.unwrap_or(0);
+    let detail = format!("{most} jobs of this caller wait already, which is its limit");
+    Problem::over_limit("jobs_queued", detail, 5.0)
 }
 
 /// Hash of all that a job's picture depends on, where that determines it: only jobs that end by
@@ -222,6 +227,18 @@ pub fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
             .with_error(FieldError::new("Idempotency-Key", rule)));
     }
     Ok(Some(key.to_owned()))
+}
+
+/// Refuses a place before the jobs of others to who may not have one.
+pub fn check_priority(caller: &Caller, job: &JobRequest) -> Result<(), Problem> {
+    if job.priority <= 0 || caller.may(Scope::Priority) {
+        return Ok(());
+    }
+    let detail = format!(
+        "the key lacks the scope {:?}, which a priority above 0 needs; leave the priority out",
+        Scope::Priority.as_str()
+    );
+    Err(Problem::insufficient_scope(detail).with_error(FieldError::new("priority", "at most 0")))
 }
 
 /// Refuses what the server or the engine would not do.
@@ -381,6 +398,7 @@ pub enum Until {
 )]
 pub async fn get_job(
     State(app): State<App>,
+    caller: Caller,
     JobId(id): JobId,
     Query(query): Query<WaitQuery>,
 ) -> Result<Json<Job>, Problem> {
@@ -388,6 +406,7 @@ pub async fn get_job(
     let deadline = tokio::time::Instant::now() + Duration::from_secs_f64(wait);
     let until = query.until.unwrap_or_default();
     let mut listener = app.bell.listen();
+    let mut key_end = app.key_watch.of(&caller);
     let mut first = None;
     loop {
         let job = find(&app, id).await?;
@@ -401,6 +420,9 @@ pub async fn get_job(
             () = tokio::time::sleep_until(deadline) => {}
             // What changed the state may have forgotten to ring.
             () = tokio::time::sleep(RECHECK) => {}
+            () = key_end.comes() => {
+                return Err(Problem::unauthenticated("the API key has ended meanwhile", true));
+            }
             () = app.shutdown.cancelled() => return Ok(Json(job)),
         }
     }

@@ -3,7 +3,10 @@
 
 use super::App;
 use super::file::{self, Content};
-use super::jobs::{answer, check, check_memory, check_stored, find, idempotency_key, submitter};
+use super::jobs::{
+    answer, check, check_memory, check_priority, check_stored, find, idempotency_key,
+    own_queue_full, submitter,
+};
 use super::problem::{Problem, documented};
 use super::read::{self, JobId, MAX_JSON_BYTES, media_type};
 use super::upload;
@@ -63,7 +66,9 @@ pub async fn extend_job(
     check(&app, &JobRequest { view_of: None, webhook: None, ..request.clone() })?;
     refuse_less(&extension, &solution, job.estimated_error)?;
     check_stored(&app, &caller).await?;
-    match app.store.extend(id, &request, app.config.max_queued).await? {
+    check_priority(&caller, &request)?;
+    let own = caller.limits.jobs_queued;
+    match app.store.extend(id, &request, app.config.max_queued, own).await? {
         Extended::Queued(job) => {
             app.queue.wake();
             app.bell.ring(id);
@@ -75,6 +80,7 @@ pub async fn extend_job(
             job.state.as_str()
         ))),
         Extended::QueueFull => Err(Problem::queue_full(5)),
+        Extended::OwnQueueFull => Err(own_queue_full(&app, &caller)),
     }
 }
 
@@ -120,6 +126,7 @@ pub async fn create_view(
     }
     check_memory(&app, &request, &scene)?;
     check_stored(&app, &caller).await?;
+    check_priority(&caller, &request)?;
     request.view_of = Some(id);
     let request_hash =
         RequestHash::of(&request).map_err(|error| Problem::internal(error.to_string()))?;

@@ -17,6 +17,8 @@ pub enum Extended {
     NotNow(Box<Job>),
     /// The queue is full.
     QueueFull,
+    /// As many jobs of whoever pays for it wait as may.
+    OwnQueueFull,
 }
 
 /// The part of a store that knows of solutions.
@@ -40,11 +42,13 @@ pub trait Solutions: Send + Sync {
         max_queued: u64,
     ) -> Result<Accepted, StoreError>;
     /// Queues a job again that succeeded, was cancelled, or has a result of before it failed, with
-    /// new limits. The result stays until there is another.
+    /// new limits, unless `max_queued` are waiting, or `max_own` of those that whoever pays for it
+    /// sent. The result stays until there is another.
     async fn extend(
         &self,
         job: Uuid,
         request: &JobRequest,
         max_queued: u64,
+        max_own: Option<u64>,
     ) -> Result<Extended, StoreError>;
 }

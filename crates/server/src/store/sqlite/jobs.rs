@@ -54,7 +54,8 @@ pub async fn accept(
     if waiting(connection).await? >= max_queued {
         return Ok(Accepted::QueueFull);
     }
-    if own_queue_is_full(connection, &job.submitter).await? {
+    let Submitter { billed_to, max_queued: most, .. } = &job.submitter;
+    if own_queue_is_full(connection, billed_to, *most).await? {
         return Ok(Accepted::OwnQueueFull);
     }
     let scene = sqlx::query("UPDATE scenes SET used_ms = max(used_ms, ?) WHERE id = ?")
@@ -115,17 +116,31 @@ pub async fn waiting(connection: &mut SqliteConnection) -> Result<u64, StoreErro
     Ok(row.get::<i64, _>("waiting").unsigned_abs())
 }
 
-/// Whether as many jobs of the submitter wait as may.
+/// Whether as many jobs of whoever pays for that job wait as may.
+pub async fn payers_queue_is_full(
+    connection: &mut SqliteConnection,
+    job: Uuid,
+    most: Option<u64>,
+) -> Result<bool, StoreError> {
+    let row = sqlx::query("SELECT billed_to FROM jobs WHERE id = ?")
+        .bind(job.to_string())
+        .fetch_one(&mut *connection)
+        .await?;
+    own_queue_is_full(connection, row.get("billed_to"), most).await
+}
+
+/// Whether as many jobs under that name wait as may.
 async fn own_queue_is_full(
     connection: &mut SqliteConnection,
-    submitter: &Submitter,
+    billed_to: &str,
+    most: Option<u64>,
 ) -> Result<bool, StoreError> {
-    let Some(most) = submitter.max_queued else { return Ok(false) };
+    let Some(most) = most else { return Ok(false) };
     let row = sqlx::query(
         "SELECT count(*) AS waiting FROM jobs
          WHERE billed_to = ? AND state = 'queued' AND deleted_ms IS NULL",
     )
-    .bind(&submitter.billed_to)
+    .bind(billed_to)
     .fetch_one(connection)
     .await?;
     Ok(row.get::<i64, _>("waiting").unsigned_abs() >= most)

@@ -68,6 +68,7 @@ impl Solutions for SqliteStore {
         id: Uuid,
         request: &JobRequest,
         max_queued: u64,
+        max_own: Option<u64>,
     ) -> Result<Extended, StoreError> {
         let mut transaction = self.begin().await?;
         let Some(job) = jobs::get(&mut transaction, id).await? else {
@@ -84,6 +85,9 @@ impl Solutions for SqliteStore {
         }
         if jobs::waiting(&mut transaction).await? >= max_queued {
             return Ok(Extended::QueueFull);
+        }
+        if jobs::payers_queue_is_full(&mut transaction, id, max_own).await? {
+            return Ok(Extended::OwnQueueFull);
         }
         match jobs::extend(&mut transaction, id, request).await? {
             Some(true) => {}
