@@ -1,5 +1,6 @@
 //! What the server refuses before it hurts, how waiting and streams behave, what can be traced.
 
+use hemilux_tests::keys::{With, keys};
 use hemilux_tests::server::{PATIENCE, Server, program, repository, scene};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -308,6 +309,118 @@ fn the_grafana_dashboard_and_the_server_know_the_same_metrics() {
     }
     // The comparison itself finds a name that is not there.
     assert!(!exported.is_superset(&named("rate(hemilux_nonsense_total[5m])")));
+}
+
+#[test]
+fn the_audit_log_says_who_did_what() {
+    let folder = TempDir::new().unwrap();
+    let (ann, bob) = (
+        keys(folder.path(), &["add", "ann"]),
+        keys(folder.path(), &["add", "bob\"} {", "--scope", "read"]),
+    );
+    let file = folder.path().join("audit.log");
+    let server = Server::start_in(folder.path(), &["--audit-file", file.to_str().unwrap()]);
+    let secrets = [ann.clone(), bob.clone(), "0123456789abcdef".to_owned()];
+    let (ann, bob) = (With(&server, &ann), With(&server, &bob));
+    let lines = || -> Vec<Value> {
+        let text = std::fs::read_to_string(&file).unwrap();
+        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    };
+    let last = |action: &str| -> Value {
+        let line = lines().pop().unwrap();
+        assert_eq!(line["action"], action, "{line}");
+        assert_eq!(line["target"], "audit");
+        line
+    };
+    let mut wish = quick();
+    wish["labels"] = json!({"a\nb": "{\"action\": \"job.delete\"}\n"});
+    wish["webhook"] = json!({"url": "https://example.invalid/", "secret": secrets[2]});
+    let headers = [("content-type", "application/json"), ("x-request-id", "the-first-one")];
+    let answer = ann.send("POST", "/v1/jobs", &headers, wish.to_string().as_bytes());
+    let job = answer.json()["id"].as_str().unwrap().to_owned();
+    let made = last("job.create");
+    assert_eq!((&made["status"], &made["key_name"]), (&json!(202), &json!("ann")), "{made}");
+    assert_eq!(made["made"], format!("/v1/jobs/{job}"));
+    assert_eq!(
+        (&made["request_id"], &made["address"]),
+        (&json!("the-first-one"), &json!("127.0.0.1"))
+    );
+    assert_eq!(made["bytes_sent"], wish.to_string().len());
+    let ann_id = made["key"].clone();
+    assert!(ann_id.as_str().unwrap().starts_with("key-"), "{made}");
+
+    let done = ann.get(&format!("/v1/jobs/{job}?wait=60")).json();
+    assert_eq!(done["state"], "succeeded", "{done}");
+    let picture = ann.get(&format!("/v1/jobs/{job}/image.png"));
+    let taken = last("picture.download");
+    assert_eq!((&taken["job"], &taken["key"]), (&json!(job), &ann_id));
+    assert_eq!(taken["bytes_asked"], picture.body.len(), "{taken}");
+    // What is refused is in it with its status, and whose key it was.
+    bob.post("/v1/jobs", &wish).problem(403);
+    let refused = last("job.create");
+    assert_eq!((&refused["status"], &refused["key_name"]), (&json!(403), &json!("bob\"} {")));
+    assert_ne!(refused["key"], ann_id);
+    server.post("/v1/jobs", &wish).problem(401);
+    let unknown = last("job.create");
+    assert_eq!((&unknown["status"], &unknown["key"]), (&json!(401), &Value::Null));
+    for (method, tail, action) in [
+        ("POST", "/pin", "job.pin"),
+        ("DELETE", "/pin", "job.unpin"),
+        ("POST", "/cancel", "job.cancel"),
+        ("DELETE", "", "job.delete"),
+    ] {
+        ann.send(method, &format!("/v1/jobs/{job}{tail}"), &[], b"");
+        assert_eq!(last(action)["job"], job.as_str());
+    }
+    let glb = scene("furnace.glb");
+    let named = "/v1/scenes?name=x%0A%7B%22action%22";
+    let sent = ann.send("POST", named, &[("content-type", "model/gltf-binary")], &glb).json();
+    let id = sent["id"].as_str().unwrap();
+    let stored = last("scene.create");
+    assert_eq!(stored["made"], format!("/v1/scenes/{id}"));
+    assert_eq!(stored["bytes_sent"], glb.len());
+    ann.send("DELETE", &format!("/v1/scenes/{id}"), &[], b"");
+    assert_eq!(last("scene.delete")["scene"], id);
+    let before = lines().len();
+    assert_eq!(ann.get("/v1/jobs").status, 200);
+    assert_eq!(lines().len(), before, "reading lists is no deed");
+    let text = std::fs::read_to_string(&file).unwrap();
+    for secret in &secrets {
+        assert!(!text.contains(secret), "a secret is in the audit log");
+    }
+    // The file may be moved away at any time.
+    std::fs::rename(&file, folder.path().join("audit.log.1")).unwrap();
+    ann.send("DELETE", &format!("/v1/jobs/{job}"), &[], b"");
+    assert_eq!(lines().len(), 1);
+    drop(server);
+    let off = ["--audit", "off", "--audit-file", file.to_str().unwrap()];
+    let server = Server::start_in(folder.path(), &off);
+    With(&server, &secrets[0]).send("DELETE", &format!("/v1/jobs/{job}"), &[], b"");
+    assert_eq!(lines().len(), 1);
+}
+
+#[test]
+fn what_the_server_writes_is_for_its_own_user() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = TempDir::new().unwrap();
+    let data = folder.path().join("data");
+    let key = keys(&data, &["add", "k"]);
+    let server = Server::start_in(&data, &[]);
+    let who = With(&server, &key);
+    let job = who.submit(&quick());
+    assert_eq!(who.get(&format!("/v1/jobs/{job}?wait=60")).json()["state"], "succeeded");
+    let mut paths = vec![data];
+    let mut seen = 0;
+    while let Some(path) = paths.pop() {
+        let Ok(about) = std::fs::metadata(&path) else { continue };
+        let mode = about.permissions().mode();
+        assert_eq!(mode & 0o077, 0, "{}: {mode:o}", path.display());
+        seen += 1;
+        if about.is_dir() {
+            paths.extend(std::fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()));
+        }
+    }
+    assert!(seen > 8, "database, lock, scene, pictures; only {seen} were there");
 }
 
 #[test]

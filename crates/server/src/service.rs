@@ -9,6 +9,7 @@ use crate::data_folder::{self, FolderError};
 use crate::disk::Disk;
 use crate::events::Bell;
 use crate::http;
+use crate::http::audit::Audit;
 use crate::http::rate::RateLimiter;
 use crate::key_watch::{self, KeyWatch};
 use crate::leases::{self, Leases};
@@ -65,6 +66,8 @@ pub struct Service {
     pub key_uses: KeyUses,
     /// Which keys have ended, for what goes on under them.
     pub key_watch: KeyWatch,
+    /// Where it is written down who did what.
+    pub audit: Audit,
     /// How full the disk is.
     pub disk: Disk,
     /// Most bytes that a job may need by estimate; `None` where the system does not say.
@@ -91,6 +94,9 @@ pub enum ServeError {
     /// The data folder cannot be used.
     #[error("{0}")]
     Folder(#[from] FolderError),
+    /// The audit log cannot be written.
+    #[error("cannot write the file of --audit-file: {0}")]
+    Audit(std::io::Error),
     /// The store failed at the end.
     #[error("{0}")]
     Store(#[from] StoreError),
@@ -128,6 +134,7 @@ pub async fn serve(
     for job in store.recover().await.map_err(trouble)? {
         tracing::warn!(%job, "an earlier process left this job running");
     }
+    let audit = Audit::new(&config.guard).map_err(ServeError::Audit)?;
     let listener = TcpListener::bind(config.listen)
         .await
         .map_err(|error| ServeError::Listen(config.listen, error))?;
@@ -154,6 +161,7 @@ pub async fn serve(
         rates: RateLimiter::default(),
         key_uses: KeyUses::default(),
         key_watch: KeyWatch::default(),
+        audit,
         disk: Disk::new(config.data_dir.clone(), config.guard.min_free_mb),
         max_job_bytes: config.guard.max_job_memory_mb.map(|mb| mb << 20).or_else(memory::total),
         shutdown: stop.clone(),

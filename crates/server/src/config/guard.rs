@@ -3,11 +3,28 @@
 use crate::api::keys::KeyLimits;
 use crate::webhooks::address::Network;
 use axum::http::HeaderValue;
-use clap::Args;
 use clap::builder::BoolishValueParser;
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
 
 /// Requests a second of one key or address on a service that other machines reach.
 const REMOTE_REQUESTS_PER_S: f64 = 100.0;
+
+/// Whether there is an audit log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum AuditLog {
+    /// A line for each request that makes, changes, removes or downloads something.
+    On,
+    /// None.
+    Off,
+}
+
+impl AuditLog {
+    /// Whether there is one.
+    pub fn is_on(self) -> bool {
+        self == Self::On
+    }
+}
 
 /// Settings of `hemilux serve`: access, quotas, admission, webhooks, retention.
 #[derive(Args, Clone, Debug)]
@@ -66,6 +83,13 @@ pub struct GuardConfig {
     /// the oldest for the receiver that most wait for are given up. 10,000 by default.
     #[arg(long, env = "HEMILUX_MAX_WEBHOOKS_PENDING_EACH", default_value_t = 10_000, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     pub max_webhooks_pending_each: u64,
+    /// Whether who made, changed, removed or downloaded what is written down, one JSON object a
+    /// line; where RUST_LOG is set, it must let the target `audit` through.
+    #[arg(long, env = "HEMILUX_AUDIT", value_enum, default_value_t = AuditLog::On)]
+    pub audit: AuditLog,
+    /// File that the audit log is added to; standard error by default.
+    #[arg(long, env = "HEMILUX_AUDIT_FILE")]
+    pub audit_file: Option<PathBuf>,
     /// Days that ended jobs are kept, and scenes that no job uses; for ever by default.
     #[arg(long, env = "HEMILUX_KEEP_DAYS", value_parser = parse_amount)]
     pub keep_days: Option<f64>,

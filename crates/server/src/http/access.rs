@@ -3,6 +3,7 @@
 //! It goes by the path, not by the handler, so that a new route is closed until it is opened here.
 
 use super::App;
+use super::audit::Who;
 use super::problem::Problem;
 use crate::access::{self, Caller};
 use crate::api::keys::Scope;
@@ -77,6 +78,9 @@ async fn admit(app: &App, door: Door, request: &mut Request) -> Result<Option<Re
     } else {
         Caller::without_key(address, limits)
     };
+    if let Some(who) = request.extensions().get::<Who>() {
+        who.is(&caller);
+    }
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
     if door == Door::Api {
         let scope = if method.is_safe() { Scope::Read } else { Scope::Submit };

@@ -1,6 +1,7 @@
 //! The HTTP side of the service.
 
 mod access;
+pub mod audit;
 mod cors;
 mod dashboard;
 mod docs;
@@ -89,7 +90,8 @@ pub fn router(app: App) -> Router {
         .layer(from_fn_with_state(app.clone(), access::check))
         .layer(CatchPanicLayer::custom(problem::from_panic))
         .layer(from_fn_with_state(app.clone(), guard::refuse_foreign_pages))
-        .layer(from_fn(problem::write_problems));
+        .layer(from_fn(problem::write_problems))
+        .layer(from_fn_with_state(app.clone(), audit::write_down));
     let origins = &app.config.guard.cors_origin;
     let api = if origins.is_empty() { api } else { api.layer(cors::layer(origins)) };
     api

@@ -1,0 +1,245 @@
+//! The audit log: who made, changed, removed or took what, one line for each such request.
+//!
+//! It is written in one place, by method and path, so that no handler can forget it: whatever
+//! changes something under `/v1` is in it, routes that nobody thought of here included. A line is one
+//! JSON object, whatever the format of the rest of the log; what clients send stands in it as JSON
+//! strings, cut where they are long, so nobody can write lines of their own. Keys, secrets and
+//! queries are never in it.
+
+use super::App;
+use crate::access::Caller;
+use crate::config::GuardConfig;
+use crate::trace_context::RequestId;
+use axum::body::HttpBody;
+use axum::extract::{ConnectInfo, Request, State};
+use axum::http::{HeaderMap, Method, header};
+use axum::middleware::Next;
+use axum::response::Response;
+use jiff::Timestamp;
+use serde::Serialize;
+use std::borrow::Cow;
+use std::fs::File;
+use std::io::Write;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::{Arc, OnceLock};
+
+/// Longest part of a path that is written.
+const MAX_CHARS: usize = 128;
+
+/// Where lines go.
+pub struct Audit {
+    is_on: bool,
+    file: Option<PathBuf>,
+}
+
+impl Audit {
+    /// As the operator has set it.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn new(config: &GuardConfig) -> std::io::Result<Self> {
+        let audit = Self { is_on: config.audit.is_on(), file: config.audit_file.clone() };
+        if audit.is_on {
+            audit.write(b"")?;
+        }
+        Ok(audit)
+    }
+
+    fn is_wanted(&self) -> bool {
+        self.is_on && tracing::enabled!(target: "audit", tracing::Level::INFO)
+    }
+
+    /// Writes a whole line at once. The file is opened for each, so that it may be moved away at
+    /// any time.
+    fn write(&self, line: &[u8]) -> std::io::Result<()> {
+        match &self.file {
+            Some(path) => File::options().create(true).append(true).open(path)?.write_all(line),
+            None => std::io::stderr().lock().write_all(line),
+        }
+    }
+}
+
+/// Carried by a request to where it is let in, which notes the caller here.
+#[derive(Clone, Default)]
+pub struct Who(Arc<OnceLock<Caller>>);
+
+impl Who {
+    /// Notes who it is.
+    pub fn is(&self, caller: &Caller) {
+        // A request is let in once.
+        let _ = self.0.set(caller.clone());
+    }
+}
+
+/// What a request is about, by its method and path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Deed<'a> {
+    action: &'static str,
+    job: Option<&'a str>,
+    scene: Option<&'a str>,
+}
+
+fn deed<'a>(method: &Method, path: &'a str, query: &str) -> Option<Deed<'a>> {
+    let rest = path.strip_prefix("/v1/")?;
+    let parts: Vec<&str> = rest.split('/').collect();
+    let (read, post, delete) =
+        (method == Method::GET, method == Method::POST, method == Method::DELETE);
+    let inlines = || query.split('&').any(|pair| pair.starts_with("inline="));
+    let (action, job, scene) = match parts[..] {
+        ["jobs"] if post => ("job.create", None, None),
+        ["jobs", id] if delete => ("job.delete", Some(id), None),
+        ["jobs", id, "cancel"] if post => ("job.cancel", Some(id), None),
+        ["jobs", id, "extend"] if post => ("job.extend", Some(id), None),
+        ["jobs", id, "views"] if post => ("job.view", Some(id), None),
+        ["jobs", id, "pin"] if post => ("job.pin", Some(id), None),
+        ["jobs", id, "pin"] if delete => ("job.unpin", Some(id), None),
+        ["jobs", id, "image" | "image.png" | "image.exr"] if read => {
+            ("picture.download", Some(id), None)
+        }
+        ["jobs", id, "snapshots", _] if read => ("picture.download", Some(id), None),
+        ["jobs", id, "events"] if read && inlines() => ("picture.download", Some(id), None),
+        ["jobs", id, "solution.glb"] if read => ("solution.download", Some(id), None),
+        ["scenes"] if post => ("scene.create", None, None),
+        ["scenes", id] if delete => ("scene.delete", None, Some(id)),
+        ["jobs", id, ..] if !method.is_safe() => ("other", Some(id), None),
+        ["scenes", id, ..] if !method.is_safe() => ("other", None, Some(id)),
+        _ if !method.is_safe() => ("other", None, None),
+        _ => return None,
+    };
+    Some(Deed { action, job, scene })
+}
+
+/// One line.
+#[derive(Serialize)]
+struct Line<'a> {
+    time: String,
+    target: &'static str,
+    level: &'static str,
+    action: &'static str,
+    method: &'a str,
+    status: u16,
+    /// The key's id and name; without keys, nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    key: Option<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    key_name: Option<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    address: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    job: Option<Cow<'a, str>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scene: Option<Cow<'a, str>>,
+    /// Where the answer says that what was made lies.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    made: Option<Cow<'a, str>>,
+    request_id: &'a str,
+    /// Bytes that the request announced to send.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bytes_sent: Option<u64>,
+    /// Bytes of the answer, where it says so beforehand.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bytes_asked: Option<u64>,
+}
+
+/// Middleware: writes a line for each request that is worth one, once its answer begins.
+pub async fn write_down(State(app): State<App>, mut request: Request, next: Next) -> Response {
+    let uri = request.uri().clone();
+    let method = request.method().clone();
+    let deed = deed(&method, uri.path(), uri.query().unwrap_or(""));
+    let Some(deed) = deed.filter(|_| app.audit.is_wanted()) else {
+        return next.run(request).await;
+    };
+    let address = request.extensions().get::<ConnectInfo<SocketAddr>>().map(|info| info.0.ip());
+    let id = request.extensions().get::<RequestId>().map(|id| id.0.clone()).unwrap_or_default();
+    let bytes_sent = length(request.headers()).filter(|_| !method.is_safe());
+    let who = Who::default();
+    request.extensions_mut().insert(who.clone());
+    let response = next.run(request).await;
+    let key = who.0.get().and_then(Caller::key);
+    let is_good = response.status().is_success();
+    let location = response.headers().get(header::LOCATION).and_then(|value| value.to_str().ok());
+    let asked = length(response.headers()).or_else(|| response.body().size_hint().exact());
+    let line = Line {
+        time: Timestamp::now().to_string(),
+        target: "audit",
+        level: "INFO",
+        action: deed.action,
+        method: method.as_str(),
+        status: response.status().as_u16(),
+        key: key.map(|key| key.id.as_str()),
+        key_name: key.map(|key| key.name.as_str()),
+        address: address.map(|address| address.to_canonical().to_string()),
+        job: deed.job.map(cut),
+        scene: deed.scene.map(cut),
+        made: location.filter(|_| is_good).map(cut),
+        request_id: &id,
+        bytes_sent,
+        bytes_asked: asked.filter(|_| deed.action.ends_with(".download") && is_good),
+    };
+    match serde_json::to_vec(&line) {
+        Ok(mut text) => {
+            text.push(b'\n');
+            if let Err(error) = app.audit.write(&text) {
+                tracing::error!(%error, "cannot write the audit log");
+            }
+        }
+        Err(error) => tracing::error!(%error, "an audit line does not serialise"),
+    }
+    response
+}
+
+fn length(headers: &HeaderMap) -> Option<u64> {
+    headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
+}
+
+fn cut(text: &str) -> Cow<'_, str> {
+    match text.char_indices().nth(MAX_CHARS) {
+        None => text.into(),
+        Some((end, _)) => format!("{}…", &text[..end]).into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_change_is_in_it_and_of_what_is_read_the_pictures() {
+        let action = |method: Method, path: &str| deed(&method, path, "").map(|deed| deed.action);
+        for (path, expected) in [
+            ("/v1/jobs", "job.create"),
+            ("/v1/jobs/x/cancel", "job.cancel"),
+            ("/v1/jobs/x/extend", "job.extend"),
+            ("/v1/jobs/x/views", "job.view"),
+            ("/v1/jobs/x/pin", "job.pin"),
+            ("/v1/scenes", "scene.create"),
+            // What nobody thought of is in it all the same.
+            ("/v1/jobs/x/sell", "other"),
+            ("/v1/anything", "other"),
+        ] {
+            assert_eq!(action(Method::POST, path), Some(expected), "{path}");
+        }
+        assert_eq!(action(Method::DELETE, "/v1/jobs/x"), Some("job.delete"));
+        assert_eq!(action(Method::DELETE, "/v1/jobs/x/pin"), Some("job.unpin"));
+        assert_eq!(action(Method::DELETE, "/v1/scenes/x"), Some("scene.delete"));
+        assert_eq!(action(Method::PUT, "/v1/jobs/x"), Some("other"));
+        for path in ["image", "image.png", "image.exr", "snapshots/0.png"] {
+            let path = format!("/v1/jobs/x/{path}");
+            assert_eq!(action(Method::GET, &path), Some("picture.download"), "{path}");
+        }
+        assert_eq!(action(Method::GET, "/v1/jobs/x/solution.glb"), Some("solution.download"));
+        for path in ["/v1/jobs", "/v1/jobs/x", "/v1/jobs/x/events", "/v1/scenes/x", "/metrics"] {
+            assert_eq!(action(Method::GET, path), None, "{path}");
+        }
+        let inline = deed(&Method::GET, "/v1/jobs/x/events", "after=3&inline=exr").unwrap();
+        assert_eq!((inline.action, inline.job), ("picture.download", Some("x")));
+        assert_eq!(action(Method::POST, "/docs"), None);
+    }
+
+    #[test]
+    fn long_words_are_cut() {
+        assert_eq!(cut("short"), "short");
+        assert_eq!(cut(&"ä".repeat(500)).chars().count(), MAX_CHARS + 1);
+    }
+}
