@@ -31,7 +31,7 @@ fn end(state: JobState, sha256: &str, iterations: u64) -> Outcome {
 }
 
 async fn extend(store: &dyn Store, id: Uuid) {
-    let extended = store.extend(id, &wish(0).request, 100).await.unwrap();
+    let extended = store.extend(id, &wish(0).request, 100, None).await.unwrap();
     assert!(matches!(extended, Extended::Queued(_)), "{extended:?}");
 }
 
@@ -91,7 +91,7 @@ pub async fn an_extension_keeps_the_result_until_there_is_a_better_one(place: &d
     // What never had a result cannot be extended.
     let other = queue(&*store, wish(0)).await;
     store.finish(claim(&*store).await, Outcome::of(JobState::Failed)).await.unwrap();
-    let extended = store.extend(other, &wish(0).request, 100).await.unwrap();
+    let extended = store.extend(other, &wish(0).request, 100, None).await.unwrap();
     assert!(matches!(extended, Extended::NotNow(_)), "{extended:?}");
     // An extension that shows nothing at its good end has no result.
     extend(&*store, id).await;
