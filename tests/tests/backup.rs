@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// Jobs, each with a seed of its own.
-const JOBS: u64 = 10;
+const JOBS: u64 = 8;
 /// Kills of the server.
-const KILLS: usize = 6;
+const KILLS: usize = 5;
 /// Backups that are restored.
 const RESTORED: usize = 3;
 /// Checkpoints as often as can be: they are what changes while a backup is taken.
@@ -22,7 +22,7 @@ const SERVE: [&str; 2] = ["--checkpoint-every-s", "0.05"];
 fn wish(seed: u64) -> Value {
     json!({
         "scene": "cornell", "method": "stochastic", "width": 24, "height": 24,
-        "max_iterations": 400, "seed": seed, "options": {"patches": 500, "hemicube_resolution": 32}
+        "max_iterations": 300, "seed": seed, "options": {"patches": 500, "hemicube_resolution": 32}
     })
 }
 

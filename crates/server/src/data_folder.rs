@@ -158,7 +158,7 @@ async fn unite(
         Some(id) => {
             Some(format!("the database is that of store {own}, the files are of store {id}"))
         }
-        None if was_united && !(is_blank && !any_files) => {
+        None if was_united && (any_files || !is_blank) => {
             let hint = "is a disk missing?";
             Some(format!("the folder of files does not bear the id {own} that it had; {hint}"))
         }

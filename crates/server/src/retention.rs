@@ -256,7 +256,7 @@ pub async fn clock(store: &dyn Store, grace: Duration) -> Result<Clock, StoreErr
     let memory = match memory {
         Some(memory) => Some(memory),
         // An earlier release kept none; its records say when it ran.
-        None => store.newest_record().await?.map(|newest| Memory::of(newest)),
+        None => store.newest_record().await?.map(Memory::of),
     };
     Ok(Clock::new(grace, memory))
 }

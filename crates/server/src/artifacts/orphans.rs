@@ -215,14 +215,14 @@ mod tests {
         let png = PictureFormat::Png;
         let kept = artifacts.put_picture(job, png, (2, 1), b"png".to_vec()).await.unwrap();
         let name = super::super::picture_file(&kept.sha256, png);
-        assert_eq!(artifacts.files_of(job).await.unwrap(), [name.clone()]);
+        assert_eq!(artifacts.files_of(job).await.unwrap(), std::slice::from_ref(&name));
         let at = Timestamp::from_second(1_700_000_000).unwrap();
         let file = SetAside { at, place: Place::Job(job, name) };
         artifacts.set_aside(&file).await.unwrap();
         assert!(!artifacts.any_files().await.unwrap());
         assert!(artifacts.jobs_with_files().await.unwrap().is_empty());
         let reopened = Artifacts::local(folder.path()).unwrap();
-        assert_eq!(reopened.all_set_aside().await.unwrap(), [file.clone()]);
+        assert_eq!(reopened.all_set_aside().await.unwrap(), std::slice::from_ref(&file));
         assert!(reopened.put_back(&file).await.unwrap());
         artifacts.picture(job, &kept.sha256, png).await.unwrap();
         assert_eq!(reopened.all_set_aside().await.unwrap(), []);

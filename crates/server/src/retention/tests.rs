@@ -274,7 +274,9 @@ async fn a_sweep_waits_for_files_that_are_about_to_be_recorded() {
     let sweeping = world.clone();
     let sweep = tokio::spawn(async move { sweeping.keeper.sweep(Timestamp::now(), true).await });
     // It has seen the file as soon as it waits for the lock: nobody else can be given it then.
+    let deadline = std::time::Instant::now() + Duration::from_secs(60);
     while world.keeper.collecting.try_read().is_ok() {
+        assert!(std::time::Instant::now() < deadline, "the sweep does not wait");
         tokio::time::sleep(Duration::from_millis(1)).await;
     }
     let (scene, bytes) = World::scene(0);
