@@ -75,9 +75,8 @@ impl SmallDisk {
     pub fn fill_but(&self, left: u64) {
         let mut file = File::create(self.ballast()).expect("a file on the small disk");
         let full = loop {
-            match file.write(&[0; STEP]) {
-                Ok(_) => {}
-                Err(error) => break error,
+            if let Err(error) = file.write_all(&[0; STEP]) {
+                break error;
             }
         };
         assert_eq!(full.kind(), ErrorKind::StorageFull, "{full}");
