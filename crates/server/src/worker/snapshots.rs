@@ -165,7 +165,8 @@ fn every_second(stored: &[(u64, u64)]) -> (Vec<u64>, u64) {
     (gone, from_newest().step_by(2).map(|(_, bytes)| bytes).sum())
 }
 
-/// Encodes a picture in each of the formats and stores the files.
+/// Encodes a picture in each of the formats and stores the files, one after the other: a file of a
+/// large picture takes as much memory as the picture.
 ///
 /// # Errors
 /// Where it cannot be encoded or stored; in the latter case an
@@ -174,10 +175,17 @@ pub async fn keep_picture(
     service: &Service,
     claim: Claim,
     picture: Arc<image::Picture>,
-    formats: Vec<PictureFormat>,
+    mut formats: Vec<PictureFormat>,
 ) -> Result<Vec<Picture>, Trouble> {
+    formats.sort_unstable();
+    formats.dedup();
     let size = (picture.width, picture.height);
-    put(service, claim, size, encode(picture, formats).await?).await
+    let mut pictures = Vec::new();
+    for format in formats {
+        let file = encode(picture.clone(), vec![format]).await?;
+        pictures.extend(put(service, claim, size, file).await?);
+    }
+    Ok(pictures)
 }
 
 /// A picture's files, one a format.
