@@ -1,8 +1,11 @@
 //! API keys: who gets in, who sees what, and what the limits of a caller do.
 
 use hemilux_tests::keys::{With, keys};
-use hemilux_tests::server::{Answer, Server, scene, serve_and_fail};
+use hemilux_tests::server::{Answer, Server, scene, serve_and_fail, serve_command};
 use serde_json::{Value, json};
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::Stdio;
 use tempfile::TempDir;
 
 fn quick() -> Value {
@@ -392,4 +395,30 @@ fn metrics_can_be_closed_too() {
     let server = Server::start_in(folder.path(), &["--metrics-need-key"]);
     server.get("/metrics").problem(401);
     assert_eq!(With(&server, &key).get("/metrics").status, 200);
+}
+
+#[test]
+fn a_server_without_its_first_key_says_how_to_make_it() {
+    let folder = TempDir::new().unwrap();
+    let begins = |folder: &Path| {
+        let log = folder.join("log");
+        let errors = std::fs::File::create(&log).unwrap();
+        let mut child = serve_command(folder, &["--require-keys"])
+            .stdout(Stdio::piped())
+            .stderr(errors)
+            .spawn()
+            .unwrap();
+        // It listens once it says where.
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        child.kill().unwrap();
+        child.wait().unwrap();
+        std::fs::read_to_string(&log).unwrap()
+    };
+    let told = format!("hemilux keys --data-dir {} add NAME", folder.path().display());
+    let log = begins(folder.path());
+    assert_eq!(log.lines().filter(|line| line.contains(&told)).count(), 1, "{log}");
+    keys(folder.path(), &["add", "k"]);
+    let log = begins(folder.path());
+    assert!(!log.contains(&told), "{log}");
 }

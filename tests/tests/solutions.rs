@@ -259,6 +259,18 @@ fn other_views_begin_with_a_solution_and_outlive_it() {
     let camera =
         json!({ "eye": [0.2, 0.3, 0.7], "target": [0.3, 0.25, -0.5], "yfov_degrees": 50.0 });
     server.post(&views, &json!({ "camera": "nobody" })).problem(422);
+    // Views are checked as other jobs are.
+    for (change, field) in [
+        (json!({ "up": [0.1, -0.05, -1.2] }), "camera.up"),
+        (json!({ "yfov_degrees": 0.0001 }), "camera.yfov_degrees"),
+        (json!({ "target": [0.2, 0.3, 0.7] }), "camera.target"),
+        (json!({ "fov": 50 }), "camera.fov"),
+    ] {
+        let mut wrong = camera.clone();
+        wrong.as_object_mut().expect("an object").extend(change.as_object().unwrap().clone());
+        let problem = server.post(&views, &json!({ "camera": wrong })).problem(422);
+        assert_eq!(problem["errors"][0]["field"], field, "{problem}");
+    }
     server.post(&views, &json!({ "seed": 1 })).problem(422);
     server.post("/v1/jobs", &json!({ "scene": "cornell", "view_of": id })).problem(422);
     let view = json!({ "camera": camera, "width": 40, "height": 30, "max_iterations": 1 });
