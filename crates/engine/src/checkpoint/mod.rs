@@ -19,8 +19,8 @@ pub use bytes::{Reader, Writer};
 
 /// First bytes of a checkpoint.
 const MAGIC: [u8; 8] = *b"HMLXCKPT";
-/// Changes whenever the bytes of any method mean something else than before. Machines of the
-/// other byte order have their own.
+/// Changes whenever the frame around the methods' parts is another one; what is in them has a number
+/// of each method's own ([`Header::format`]). Machines of the other byte order have their own.
 const FORMAT: u32 = 5 | if cfg!(target_endian = "big") { 1 << 31 } else { 0 };
 /// Bytes before the header: magic, format, three lengths, three sums, and the sum of all that.
 const PREAMBLE: usize = 8 + 4 + 4 + 8 + 8 + 3 * 4 + 4;
@@ -36,12 +36,12 @@ pub enum CheckpointError {
         /// What is wrong with them.
         what: String,
     },
-    /// Another version of the program wrote it.
-    #[error("the checkpoint was written by version {found}, this is {here}")]
+    /// It is in another format than the program reads, because another version wrote it.
+    #[error("the checkpoint is in {found}; this program reads {here}")]
     Version {
-        /// Who wrote it.
+        /// What it is in.
         found: String,
-        /// Who reads it.
+        /// What is read here.
         here: String,
     },
     /// It is of another job.
@@ -90,10 +90,13 @@ impl ViewKey {
 /// What a checkpoint belongs to, and how far it is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
-    /// Version of the engine.
+    /// Version of the engine that wrote it, for people.
     pub engine: String,
     /// The method.
     pub method: String,
+    /// The method's own format. Checkpoints from before there was one are in the first.
+    #[serde(default = "first_format")]
+    pub format: u32,
     /// Hash of the scene, hexadecimal.
     pub scene: String,
     /// All settings in force.
@@ -114,6 +117,10 @@ pub struct Header {
     pub seconds: f64,
     /// Estimated rRMSE of the picture at that moment.
     pub estimated_error: Option<f64>,
+}
+
+fn first_format() -> u32 {
+    1
 }
 
 /// All that a method knows at one moment.

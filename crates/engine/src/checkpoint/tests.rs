@@ -4,6 +4,7 @@ fn checkpoint() -> Checkpoint {
     let header = Header {
         engine: env!("CARGO_PKG_VERSION").into(),
         method: "stochastic".into(),
+        format: 1,
         scene: "00".into(),
         settings: BTreeMap::from([("resolution".into(), "256".into())]),
         seed: u64::MAX,

@@ -25,6 +25,12 @@ pub trait Method: Sync {
     /// The name that requests use.
     fn name(&self) -> &'static str;
 
+    /// The format of its checkpoints. One more whenever what it keeps is laid out otherwise or means
+    /// something else, and whenever it would go on from it to other bits than before: with other
+    /// random numbers, another order of sums, another default. Versions of the program with the
+    /// same number read each other's checkpoints.
+    fn checkpoint_format(&self) -> u32;
+
     /// One sentence on what it is.
     fn summary(&self) -> &'static str;
 

@@ -40,6 +40,10 @@ impl Method for Stochastic {
         "stochastic"
     }
 
+    fn checkpoint_format(&self) -> u32 {
+        1
+    }
+
     fn summary(&self) -> &'static str {
         "stochastic hemicube iteration on patches, diffuse and Phong"
     }

@@ -91,6 +91,10 @@ impl Method for Hemilux {
         "hemilux"
     }
 
+    fn checkpoint_format(&self) -> u32 {
+        1
+    }
+
     fn summary(&self) -> &'static str {
         "coarse hemicube shooting, smooth final gathering, exact direct light"
     }

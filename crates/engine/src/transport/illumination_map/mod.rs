@@ -90,6 +90,10 @@ impl Method for IlluminationMap {
         "illumination-map"
     }
 
+    fn checkpoint_format(&self) -> u32 {
+        1
+    }
+
     fn summary(&self) -> &'static str {
         "light rays through mirrors and glass into maps on diffuse surfaces, and path tracing from the camera that reads them: caustics"
     }

@@ -1,7 +1,8 @@
 //! What methods keep in checkpoints, and what they find there: whose it is, how far it was, what
 //! was decided.
 
-use super::options::Settings;
+use super::REGISTRY;
+use super::options::{OPTIONS, Settings};
 use crate::checkpoint::{CheckpointError, Header, Reader, ViewKey, Writer, scene_hash};
 use crate::render::{Begin, Progress, RenderError, RenderRequest, choose_camera};
 use crate::scene::{Camera, Scene};
@@ -34,24 +35,22 @@ impl<'a> Past<'a> {
             Begin::View(checkpoint) => (checkpoint, false),
         };
         let header = checkpoint.header();
-        let here = env!("CARGO_PKG_VERSION");
-        if header.engine != here {
-            let (found, here) = (header.engine.clone(), here.into());
-            return Err(CheckpointError::Version { found, here }.into());
-        }
         let foreign = |what: String| Err(CheckpointError::foreign(what).into());
         if header.method != method {
             return foreign(format!("the method {:?}, not to {method:?}", header.method));
         }
+        let reads = format_of(method);
+        if header.format != reads {
+            let Header { engine, format, .. } = header;
+            let found = format!("format {format} of the method {method}, by version {engine}");
+            let here = format!("format {reads}");
+            return Err(CheckpointError::Version { found, here }.into());
+        }
         if header.seed != request.seed {
             return foreign(format!("seed {}, not to {}", header.seed, request.seed));
         }
-        if header.settings != *settings.values() {
-            let mut differing = settings.values().iter().filter_map(|(name, value)| {
-                let other = header.settings.get(name)?;
-                (other != value).then(|| format!("{name}={other}, not to {name}={value}"))
-            });
-            return foreign(differing.next().unwrap_or("other settings".into()));
+        if let Some(what) = other_settings(&header.settings, settings.values()) {
+            return foreign(what);
         }
         if same_view {
             let (camera, _) = choose_camera(&request.scene, &request.camera)?;
@@ -74,6 +73,29 @@ impl<'a> Past<'a> {
         let value = self.header.decided.get(name).and_then(|value| value.parse().ok());
         value.ok_or_else(|| CheckpointError::damaged(format!("it does not say {name}")))
     }
+}
+
+/// The format of a method's checkpoints; 0 for no method.
+fn format_of(method: &str) -> u32 {
+    let method = REGISTRY.iter().find(|known| known.name() == method);
+    method.map_or(0, |method| method.checkpoint_format())
+}
+
+/// What differs between the settings of a checkpoint and those of a job, if anything. A setting
+/// that there was not when the checkpoint was written had its default: whoever adds one whose
+/// default does something else than before raises the method's format.
+fn other_settings(
+    then: &BTreeMap<String, String>,
+    now: &BTreeMap<String, String>,
+) -> Option<String> {
+    let default = |name: &str| OPTIONS.iter().find(|o| o.name == name).map(|o| o.default);
+    if let Some(unknown) = then.keys().find(|name| !now.contains_key(*name)) {
+        return Some(format!("the setting {unknown:?}, which there is no more"));
+    }
+    now.iter().find_map(|(name, value)| {
+        let other = then.get(name).map(String::as_str).or_else(|| default(name))?;
+        (other != value).then(|| format!("{name}={other}, not to {name}={value}"))
+    })
 }
 
 /// The two parts of a checkpoint in the making.
@@ -126,6 +148,7 @@ impl Owner {
         Header {
             engine: env!("CARGO_PKG_VERSION").into(),
             method: self.method.clone(),
+            format: format_of(&self.method),
             scene: scene.clone(),
             settings: self.settings.clone(),
             seed: self.seed,

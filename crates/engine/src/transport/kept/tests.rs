@@ -51,6 +51,54 @@ fn request(method: &str, iterations: u64) -> RenderRequest {
     }
 }
 
+/// A checkpoint of a short run of the method, as another version of the program wrote it: `change`
+/// makes of its header, in JSON, what that version would have written.
+fn by_another_version(method: &str, change: impl FnOnce(&mut serde_json::Value)) -> Checkpoint {
+    let mut device = CpuDevice::new(Some(1)).expect("threads");
+    let mut taker = Taker::default();
+    render(&mut device, &request(method, 3), &mut taker).expect("renders");
+    let (header, shared, bound) = taker.0.expect("a solution").into_parts();
+    let mut header = serde_json::to_value(header).expect("plain data");
+    header["engine"] = "0.0.7".into();
+    change(&mut header);
+    Checkpoint::new(serde_json::from_value(header).expect("a header"), shared, bound)
+}
+
+fn go_on(method: &str, checkpoint: Checkpoint) -> Result<crate::image::Picture, RenderError> {
+    let mut device = CpuDevice::new(Some(1)).expect("threads");
+    let begin = Begin::Continue(Arc::new(checkpoint));
+    let request = RenderRequest { begin, ..request(method, 6) };
+    render(&mut device, &request, &mut Taker(None)).map(|rendered| rendered.picture)
+}
+
+/// The version of the program is no reason to refuse a checkpoint; the method's format is.
+#[test]
+fn checkpoints_outlive_versions_and_other_formats_are_refused_by_name() {
+    for method in super::super::METHODS.iter().filter(|method| **method != "auto") {
+        let mut device = CpuDevice::new(Some(1)).expect("threads");
+        let whole = render(&mut device, &request(method, 6), &mut Taker(None)).expect("renders");
+        // The first release wrote no format, and knew fewer settings.
+        let old = by_another_version(method, |header| {
+            let header = header.as_object_mut().expect("an object");
+            header.remove("format").expect("a format");
+            let settings = header["settings"].as_object_mut().expect("settings");
+            settings.remove("path_strata").expect("it was there");
+        });
+        let picture = go_on(method, old).expect("it goes on");
+        assert!(picture == whole.picture, "{method}: not the same bits");
+        let later = by_another_version(method, |header| header["format"] = 99.into());
+        let told = go_on(method, later).err().expect("refused").to_string();
+        for part in ["format 99", method, "0.0.7", "reads format 1"] {
+            assert!(told.contains(part), "{told}");
+        }
+        let strange = by_another_version(method, |header| {
+            header["settings"]["flux_capacitor"] = "on".into();
+        });
+        let told = go_on(method, strange).err().expect("refused").to_string();
+        assert!(told.contains("flux_capacitor"), "{told}");
+    }
+}
+
 /// A job that begins with anything whatever ends with a picture or an error: no panic, no endless
 /// loop, no memory beyond that of an honest one.
 #[test]

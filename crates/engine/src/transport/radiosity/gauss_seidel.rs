@@ -32,6 +32,10 @@ impl Method for GaussSeidel {
         "gauss-seidel"
     }
 
+    fn checkpoint_format(&self) -> u32 {
+        1
+    }
+
     fn summary(&self) -> &'static str {
         "full-matrix radiosity by Gauss–Seidel iteration, diffuse"
     }

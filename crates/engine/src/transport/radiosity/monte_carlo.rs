@@ -31,6 +31,10 @@ impl Method for MonteCarlo {
         "monte-carlo"
     }
 
+    fn checkpoint_format(&self) -> u32 {
+        1
+    }
+
     fn summary(&self) -> &'static str {
         "Monte-Carlo radiosity, bounce by bounce, diffuse"
     }

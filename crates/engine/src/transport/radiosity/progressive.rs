@@ -24,6 +24,10 @@ impl Method for Progressive {
         "progressive"
     }
 
+    fn checkpoint_format(&self) -> u32 {
+        1
+    }
+
     fn summary(&self) -> &'static str {
         "progressive refinement radiosity with an ambient term, diffuse"
     }

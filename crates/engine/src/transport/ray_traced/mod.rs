@@ -53,6 +53,10 @@ impl Method for RayTraced {
         "ray-traced"
     }
 
+    fn checkpoint_format(&self) -> u32 {
+        1
+    }
+
     fn summary(&self) -> &'static str {
         "path tracing from the camera, diffuse and Phong; unbiased unless a setting says otherwise"
     }
