@@ -148,8 +148,17 @@ pub fn run(server: Server, max_queued: usize, load: Load) -> Report {
 
 /// Resident memory of a process, MiB.
 pub fn resident_mib(process: u32) -> f64 {
+    status_mib(process, "VmRSS:")
+}
+
+/// The most memory that a process has had resident, MiB.
+pub fn peak_mib(process: u32) -> f64 {
+    status_mib(process, "VmHWM:")
+}
+
+fn status_mib(process: u32, name: &str) -> f64 {
     let text = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
-    let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap_or("");
+    let line = text.lines().find_map(|line| line.strip_prefix(name)).unwrap_or("");
     line.trim().trim_end_matches(" kB").parse::<f64>().unwrap_or(0.0) / 1024.0
 }
 

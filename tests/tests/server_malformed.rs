@@ -1,8 +1,12 @@
 //! Broken, hostile and odd scenes, sent to a running server.
 
-use hemilux_tests::malformed::{Expect, cases};
-use hemilux_tests::server::Server;
-use serde_json::json;
+use hemilux_engine::scene::made::assemble;
+use hemilux_tests::bombs;
+use hemilux_tests::load::peak_mib;
+use hemilux_tests::malformed::{Expect, cases, triangle};
+use hemilux_tests::server::{Server, scene};
+use serde_json::{Value, json};
+use tempfile::TempDir;
 
 #[test]
 fn every_malformed_scene_gets_a_clear_answer_or_a_picture() {
@@ -31,4 +35,97 @@ fn every_malformed_scene_gets_a_clear_answer_or_a_picture() {
         assert!(server.is_alive(), "{name} ended the server");
     }
     assert_eq!(server.get("/readyz").status, 200);
+}
+
+/// A job whose bits are determined.
+fn determined(iterations: u64) -> Value {
+    json!({"scene": "cornell", "method": "stochastic", "width": 32, "height": 32, "seed": 5,
+           "max_iterations": iterations, "fresh": true, "options": {"patches": 2000}})
+}
+
+fn picture(server: &Server, job: &Value) -> Vec<u8> {
+    let path = format!("/v1/jobs/{}/image.exr", job["id"].as_str().unwrap());
+    let answer = server.get(&path);
+    assert_eq!(answer.status, 200, "{}", answer.text());
+    answer.body
+}
+
+#[test]
+fn bombs_are_refused_and_neither_the_server_nor_a_running_job_notices() {
+    let mut server = Server::start();
+    let running = server.submit(&determined(1000));
+    server.wait_until(&running, |job| job["state"] == "running");
+    let bombs = [
+        ("four pictures of 64 M texels", bombs::textures(4)),
+        ("nested 200,000 deep", bombs::nesting(200_000)),
+        ("a list of 100 MB", bombs::list(100_000_000)),
+    ];
+    for (name, bomb) in &bombs {
+        let answer = server.post_scene(bomb);
+        assert!(matches!(answer.status, 413 | 422), "{name}: {}", answer.text());
+        let problem = answer.problem(answer.status);
+        assert!(problem["detail"].as_str().unwrap().len() > 40, "{name}: {problem}");
+        println!("{name}: {problem}");
+        assert!(server.is_alive(), "{name} ended the server");
+    }
+    let peak = peak_mib(server.pid());
+    assert!(peak < 200.0, "the server took {peak} MiB");
+    let disturbed = server.wait(&running);
+    assert_eq!(
+        (&disturbed["state"], &disturbed["attempts"]),
+        (&json!("succeeded"), &json!(1)),
+        "{disturbed}"
+    );
+    let undisturbed = server.wait(&server.submit(&determined(1000)));
+    assert!(picture(&server, &disturbed) == picture(&server, &undisturbed));
+}
+
+#[test]
+fn an_import_that_dies_hangs_or_takes_all_memory_refuses_its_scene_only() {
+    let ends = [
+        ("abort", "signal 6", "validator"),
+        ("overflow", "signal 6", "validator"),
+        ("exhaust", "512 MiB", "--import-memory-mb"),
+        ("sleep:60000", "2 seconds", "--import-seconds"),
+    ];
+    for (action, told, to_do) in ends {
+        let folder = TempDir::new().unwrap();
+        let environment = [("HEMILUX_FAILPOINTS", &*format!("import={action}"))];
+        let seconds = if action.starts_with("sleep") { "2" } else { "60" };
+        let bounds = ["--import-seconds", seconds, "--import-memory-mb", "512"];
+        let server = Server::start_with_environment(folder.path(), &bounds, &environment);
+        let problem = server.post_scene(&scene("furnace.glb")).problem(422);
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(detail.contains(told) && detail.contains(to_do), "{action}: {detail}");
+        assert_eq!(server.get("/v1/scenes").json()["scenes"], json!([]), "{action}");
+        // Scenes of the program's own are not imported there.
+        server.wait(&server.submit(&determined(1)));
+    }
+}
+
+#[test]
+fn large_uploads_are_never_in_the_servers_memory() {
+    let server = Server::start().until_ready();
+    let before = peak_mib(server.pid());
+    let (mut root, mut binary) = triangle();
+    binary.resize(150 << 20, 0);
+    root["buffers"][0]["byteLength"] = json!(binary.len());
+    let file = assemble(&root, &binary);
+    let answer = server.post_scene(&file);
+    assert_eq!(answer.status, 201, "{}", answer.text());
+    // The second time its file is checked.
+    assert_eq!(server.post_scene(&file).status, 200);
+    let name = "content-disposition: form-data; name=";
+    let mut form = format!("--x\r\n{name}\"scene\"\r\n\r\n").into_bytes();
+    root["buffers"][0]["uri"] = json!("big.bin");
+    form.extend(root.to_string().bytes());
+    form.extend(format!("\r\n--x\r\n{name}\"big.bin\"\r\n\r\n").bytes());
+    form.extend(&binary);
+    form.extend(b"\r\n--x--\r\n");
+    let kind = [("content-type", "multipart/form-data; boundary=x")];
+    let answer = server.send("POST", "/v1/scenes", &kind, &form);
+    assert_eq!(answer.status, 201, "{}", answer.text());
+    assert_eq!(answer.json()["format"], "bundle");
+    let growth = peak_mib(server.pid()) - before;
+    assert!(growth < 60.0, "the server grew by {growth} MiB");
 }

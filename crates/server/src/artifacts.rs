@@ -4,8 +4,10 @@
 mod kept;
 mod orphans;
 mod stream;
+mod streamed;
 
 pub use stream::Opened;
+pub use streamed::SceneContent;
 
 use crate::api::jobs::{Picture, PictureFormat};
 use crate::failpoints;
@@ -84,11 +86,6 @@ impl Artifacts {
         let store = Arc::new(store.with_fsync(true).with_automatic_cleanup(true));
         let since = SystemTime::now();
         Ok(Self { store, folder: folder.to_owned(), since, sound: Arc::default() })
-    }
-
-    /// Keeps a scene's bytes under its id.
-    pub async fn put_scene(&self, id: &str, bytes: Bytes) -> Result<(), ArtifactError> {
-        self.put(&scene_key(id), bytes).await
     }
 
     /// A scene's bytes, checked against its id.

@@ -1,8 +1,10 @@
 //! What an operator can set.
 
 mod guard;
+mod intake;
 
 pub use guard::GuardConfig;
+pub use intake::IntakeConfig;
 
 use crate::api::limits::{HARD_MAX_PIXELS, HARD_MAX_SIDE, JobLimits};
 use crate::telemetry::LogFormat;
@@ -70,6 +72,9 @@ pub struct Config {
     /// Access, quotas, admission, webhooks, retention.
     #[command(flatten)]
     pub guard: GuardConfig,
+    /// Connections, uploads, imports.
+    #[command(flatten)]
+    pub intake: IntakeConfig,
     /// Where jobs run: in a process per device, so that nothing that a job does can end the
     /// server, or in threads of the server.
     #[arg(long, env = "HEMILUX_ISOLATION", value_enum, default_value_t = Isolation::Process)]

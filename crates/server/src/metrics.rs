@@ -160,9 +160,15 @@ impl Metrics {
     /// Makes series that are there from the start: the rate of one that appears with its first
     /// count leaves that count out.
     fn begin_at_zero(&self) {
-        for limit in
-            ["requests_per_second", "jobs_queued", "scene_bytes", "queue", "disk", "memory"]
-        {
+        for limit in [
+            "requests_per_second",
+            "jobs_queued",
+            "scene_bytes",
+            "queue",
+            "disk",
+            "memory",
+            "uploads",
+        ] {
             let _ = self.refusals.get_or_create(&LimitLabel { limit });
         }
         for outcome in ["delivered", "failed", "given_up"] {

@@ -9,13 +9,12 @@
 pub mod sweep;
 
 use crate::api::scenes::Scene;
-use crate::artifacts::{ArtifactError, Artifacts};
+use crate::artifacts::{ArtifactError, Artifacts, SceneContent};
 use crate::clock::{Clock, Memory, Reading};
 use crate::config::GuardConfig;
 use crate::events::Bell;
 use crate::service::Service;
 use crate::store::{Store, StoreError};
-use bytes::Bytes;
 use jiff::{SignedDuration, Timestamp};
 use std::sync::Arc;
 use std::time::Duration;
@@ -92,11 +91,11 @@ impl Keeper {
     pub async fn keep_scene(
         &self,
         scene: &Scene,
-        bytes: Bytes,
+        content: impl Into<SceneContent>,
         holder: &str,
     ) -> Result<bool, RetentionError> {
         let _nothing_goes = self.collecting.read().await;
-        self.artifacts.put_scene(&scene.id, bytes).await?;
+        self.artifacts.put_scene(&scene.id, content).await?;
         self.store.put_scene(scene).await?;
         // It may have been there and about to expire.
         self.store.use_scene(&scene.id).await?;

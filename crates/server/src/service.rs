@@ -11,6 +11,7 @@ use crate::events::Bell;
 use crate::http;
 use crate::http::audit::Audit;
 use crate::http::rate::RateLimiter;
+use crate::http::turns::Turns;
 use crate::key_watch::{self, KeyWatch};
 use crate::leases::{self, Leases};
 use crate::memory;
@@ -27,7 +28,7 @@ use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
-/// Scenes that may be imported at once: imports hold whole files in memory.
+/// Scenes that may be imported at once: each import is a process with memory of its own.
 const IMPORTS_AT_ONCE: usize = 2;
 /// How long open requests and running jobs get to end.
 const GRACE: Duration = Duration::from_secs(8);
@@ -54,6 +55,8 @@ pub struct Service {
     pub pool: Pool,
     /// What the engine can be asked for.
     pub vocabulary: Vocabulary,
+    /// Turns at uploading.
+    pub uploads: Turns,
     /// Turns at importing scenes.
     pub imports: Arc<Semaphore>,
     /// Bytes of pictures that events may carry at the same time.
@@ -155,6 +158,7 @@ pub async fn serve(
         metrics: Metrics::default(),
         pool: Pool::new(&devices, config.threads),
         vocabulary: worker::vocabulary(),
+        uploads: Turns::new(config.intake.max_uploads, config.intake.max_uploads_each),
         imports: Arc::new(Semaphore::new(IMPORTS_AT_ONCE)),
         inline_room: Arc::new(Semaphore::new(http::INLINE_BYTES_AT_ONCE)),
         probes: http::Probes::default(),

@@ -8,8 +8,10 @@ mod keys;
 mod render;
 mod serve;
 
+use crate::api::scenes::SceneFormat;
 use crate::config::Config;
 use crate::telemetry::{self, LogFormat};
+use crate::worker::import::{self, ImportBounds};
 use clap::{Parser, Subcommand};
 use std::io::Write;
 use std::process::ExitCode;
@@ -54,6 +56,16 @@ enum Command {
         #[arg(long, value_enum, default_value_t)]
         log_format: LogFormat,
     },
+    /// Import the scene on standard input for the server that started this.
+    #[command(hide = true)]
+    ImportWorker {
+        /// The scene is a bundle of several files.
+        #[arg(long)]
+        bundle: bool,
+        /// Bounds.
+        #[command(flatten)]
+        bounds: ImportBounds,
+    },
 }
 
 /// Runs the program. Exit codes: 0 done, 1 failed, 2 wrong usage.
@@ -78,6 +90,10 @@ pub fn main() -> ExitCode {
         Command::Openapi => print(&crate::http::openapi::yaml()),
         Command::DeviceWorker { device, memory_mb, .. } => {
             crate::worker::child::run(&device, memory_mb).map_err(Failure::failed)
+        }
+        Command::ImportWorker { bundle, bounds } => {
+            let format = if bundle { SceneFormat::Bundle } else { SceneFormat::Gltf };
+            import::run(format, bounds).map_err(Failure::failed)
         }
     };
     match done {

@@ -85,7 +85,7 @@ pub async fn create_job(
             (job, scene)
         }
         "multipart/form-data" => {
-            let mut parts = upload::parts(&app, request, true).await?;
+            let mut parts = upload::parts(&app, &caller, request, true).await?;
             let job: JobRequest = match parts.job.take() {
                 Some(json) => read::json_part("job", &json)?,
                 None => read::json(b"{}")?,
@@ -300,9 +300,7 @@ async fn named_scene(app: &App, caller: &Caller, job: &JobRequest) -> Result<Sce
         return Err(Problem::invalid(vec![FieldError::new("scene", rule)]));
     };
     if let Some(bytes) = builtin::scene(name) {
-        let format = crate::api::scenes::SceneFormat::Gltf;
-        let id = sha256_hex(bytes);
-        return Ok(upload::store_scene(app, caller, id, format, bytes.into(), None).await?.0);
+        return upload::store_builtin(app, caller, sha256_hex(bytes), bytes).await;
     }
     let found = app.store.shown_scene(name, caller.viewer()).await?;
     found.ok_or_else(|| {

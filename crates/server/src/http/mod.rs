@@ -21,8 +21,10 @@ pub mod rate;
 mod read;
 mod scenes;
 mod solutions;
+mod spool;
 mod trace;
 mod traces;
+pub mod turns;
 mod upload;
 mod webhooks;
 

@@ -36,7 +36,7 @@ pub struct ProblemDocument {
     #[serde(default)]
     pub request_id: String,
     /// Which limit was met, for programs: `requests_per_second`, `jobs_queued`, `scene_bytes`,
-    /// `stored_bytes`, `pinned_bytes`, `queue`, `disk`, `memory`.
+    /// `stored_bytes`, `pinned_bytes`, `queue`, `disk`, `memory`, `uploads`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(nullable = false)]
     pub limit: Option<String>,
@@ -210,6 +210,11 @@ impl Problem {
         let status = StatusCode::UNPROCESSABLE_ENTITY;
         let title = "The job does not fit into this server's memory";
         Self { limit: Some("memory"), ..Self::new(status, "too-much-memory", title, detail) }
+    }
+
+    /// 503: as many uploads are open as may be.
+    pub fn uploads_full(detail: impl Into<String>) -> Self {
+        Self { limit: Some("uploads"), ..Self::unavailable(detail) }
     }
 
     /// 503: the disk is nearly full; nothing new is taken.

@@ -72,7 +72,7 @@ pub async fn create_scene(
     let mut name = given_name(query)?;
     let (scene, is_new) = match media_type(request.headers()).as_str() {
         "multipart/form-data" => {
-            let mut parts = upload::parts(&app, request, false).await?;
+            let mut parts = upload::parts(&app, &caller, request, false).await?;
             name = name.or_else(|| parts.scene_name.take());
             parts.store(&app, &caller).await?
         }

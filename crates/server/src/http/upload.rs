@@ -1,80 +1,37 @@
-//! Taking uploads in: bytes go to an unnamed temporary file while they are counted and hashed, so
-//! a sender that never ends costs disk up to the limit and no memory.
+//! Taking uploads in: bytes go to an unnamed temporary file while they are counted and hashed, a
+//! process of its own imports them from there, and what it accepts is kept. None of it is ever in
+//! the server's memory as a whole.
 
 use super::App;
 use super::gauge::Gauge;
 use super::problem::Problem;
+use super::spool::{Allowance, Hashing, Pace, Piece, Spool, disk_trouble, unnamed_file};
+use super::turns::{self, Turn};
 use crate::access::Caller;
 use crate::api::FieldError;
 use crate::api::scenes::{Scene, SceneFormat, name_of_file};
-use crate::artifacts::{hex, sha256_hex};
+use crate::artifacts::SceneContent;
 use crate::bundle;
-use crate::worker::scenes::{SceneRefusal, describe};
+use crate::worker::import::{ImportBounds, ImportError, describe_apart};
+use crate::worker::scenes::{self, SceneRefusal};
 use axum::body::Body;
+use axum::extract::multipart::{Field, MultipartError};
 use axum::extract::{FromRequest, Multipart, Request};
 use bytes::Bytes;
-use futures_util::{Stream, StreamExt, TryStreamExt};
-use sha2::{Digest, Sha256};
+use futures_util::{StreamExt, TryStreamExt};
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::io::{AsyncReadExt, AsyncSeekExt, AsyncWriteExt};
 use tokio::sync::OwnedSemaphorePermit;
 
-/// Longest silence in the middle of an upload.
-const IDLE: Duration = Duration::from_secs(30);
-/// Most parts of a multipart upload; each holds a file open.
+/// Longest time that a small body may take to arrive.
+const SMALL_BODY_TIME: Duration = Duration::from_secs(60);
+/// Most parts of a multipart upload.
 const MAX_PARTS: usize = 128;
 /// Longest name of a part.
 const MAX_NAME_BYTES: usize = 1024;
-
-/// Bytes on disk.
-struct Spooled {
-    file: tokio::fs::File,
-    size: u64,
-    sha256: String,
-}
-
-impl Spooled {
-    async fn read(mut self) -> Result<Vec<u8>, Problem> {
-        let mut bytes = Vec::with_capacity(usize::try_from(self.size).unwrap_or(0));
-        self.file.rewind().await.map_err(disk_trouble)?;
-        self.file.read_to_end(&mut bytes).await.map_err(disk_trouble)?;
-        Ok(bytes)
-    }
-}
-
-fn disk_trouble(error: std::io::Error) -> Problem {
-    tracing::error!(%error, "cannot keep an upload");
-    Problem::unavailable("the upload could not be kept; the disk may be full")
-}
-
-/// Counts the bytes of a request against the server's limit.
-struct Allowance {
-    left: u64,
-    limit_mb: u64,
-}
-
-impl Allowance {
-    fn new(app: &App) -> Self {
-        Self { left: app.config.max_upload_bytes(), limit_mb: app.config.max_upload_mb }
-    }
-
-    fn take(&mut self, bytes: usize) -> Result<(), Problem> {
-        match self.left.checked_sub(bytes as u64) {
-            Some(left) => self.left = left,
-            None => {
-                let limit = self.limit_mb;
-                return Err(Problem::too_large(format!("uploads may have at most {limit} MiB")));
-            }
-        }
-        Ok(())
-    }
-}
-
-fn silence() -> Problem {
-    Problem::too_slow(format!("nothing arrived for {} seconds", IDLE.as_secs()))
-}
 
 /// A small body, whole. `too_large` is what to answer where it has more than `limit` bytes.
 pub async fn small_body(
@@ -83,45 +40,26 @@ pub async fn small_body(
     too_large: impl Fn() -> Problem,
 ) -> Result<Vec<u8>, Problem> {
     let mut chunks = body.into_data_stream();
+    let mut pace = Pace::new(SMALL_BODY_TIME);
     let mut bytes = Vec::new();
-    loop {
-        let next = tokio::time::timeout(IDLE, chunks.next()).await;
-        let Some(chunk) = next.map_err(|_| silence())? else { return Ok(bytes) };
+    while let Some(chunk) = pace.next(chunks.next()).await? {
         let chunk = chunk
             .map_err(|error| Problem::unreadable(format!("the request broke off: {error}")))?;
+        pace.arrived(chunk.len())?;
         if bytes.len() + chunk.len() > limit {
             return Err(too_large());
         }
         bytes.extend_from_slice(&chunk);
     }
+    Ok(bytes)
 }
 
-async fn spool<E>(
-    app: &App,
-    mut chunks: impl Stream<Item = Result<Bytes, E>> + Unpin,
-    allowance: &mut Allowance,
-    refuse: impl Fn(E) -> Problem,
-) -> Result<Spooled, Problem> {
-    let folder = app.config.data_dir.join("tmp");
-    let file = tokio::task::spawn_blocking(move || tempfile::tempfile_in(folder))
-        .await
-        .map_err(|error| Problem::internal(error.to_string()))?
-        .map_err(disk_trouble)?;
-    let mut spooled =
-        Spooled { file: tokio::fs::File::from_std(file), size: 0, sha256: String::new() };
-    let mut hash = Sha256::new();
-    loop {
-        let next = tokio::time::timeout(IDLE, chunks.next()).await;
-        let Some(chunk) = next.map_err(|_| silence())? else { break };
-        let chunk = chunk.map_err(&refuse)?;
-        allowance.take(chunk.len())?;
-        spooled.size += chunk.len() as u64;
-        hash.update(&chunk);
-        spooled.file.write_all(&chunk).await.map_err(disk_trouble)?;
-    }
-    spooled.file.flush().await.map_err(disk_trouble)?;
-    spooled.sha256 = hex(&hash.finalize());
-    Ok(spooled)
+/// A scene as it will be kept, whole on disk.
+struct Received {
+    file: File,
+    sha256: String,
+    size: u64,
+    format: SceneFormat,
 }
 
 /// Stores a scene that is the whole body.
@@ -130,18 +68,17 @@ pub async fn scene_from_body(
     caller: &Caller,
     body: Body,
 ) -> Result<(Scene, bool), Problem> {
+    let _turn = turns::begin(app, caller)?;
     let cut = |error: axum::Error| Problem::unreadable(format!("the upload broke off: {error}"));
-    let spooled = spool(app, body.into_data_stream(), &mut Allowance::new(app), cut).await?;
-    if spooled.size == 0 {
+    let mut limits = (Allowance::new(app), Pace::new(app.config.intake.upload_time()));
+    let mut spool = Spool::new(app).await?;
+    let Piece { size, sha256, .. } =
+        spool.take(body.into_data_stream(), (&mut limits.0, &mut limits.1), cut).await?;
+    if size == 0 {
         return Err(Problem::bad_scene("the body is empty; send a .glb or .gltf file"));
     }
-    if let Some(stored) = stored_scene(app, caller, &spooled.sha256, true).await? {
-        return Ok(stored);
-    }
-    let id = spooled.sha256.clone();
-    let turn = import_turn(app).await?;
-    let bytes = Bytes::from(spooled.read().await?);
-    store_scene(app, caller, id, SceneFormat::Gltf, bytes, Some(turn)).await
+    let file = spool.into_file().await;
+    store_received(app, caller, Received { file, sha256, size, format: SceneFormat::Gltf }).await
 }
 
 /// A multipart request, taken apart.
@@ -150,77 +87,170 @@ pub struct Parts {
     pub job: Option<Vec<u8>>,
     /// The name of the scene's file, if it came with one.
     pub scene_name: Option<String>,
-    scene: Option<Spooled>,
-    resources: BTreeMap<String, Spooled>,
+    scene: Option<Piece>,
+    resources: BTreeMap<String, Piece>,
+    /// Holds scene and resources.
+    spool: Spool,
+    _turn: Turn,
+}
+
+/// What a multipart request is measured against while it arrives.
+struct Arrival {
+    gauge: Arc<Gauge>,
+    allowance: Allowance,
+    pace: Pace,
+}
+
+impl Arrival {
+    /// What to answer where the form cannot be read.
+    fn refuse(gauge: &Gauge, error: &MultipartError) -> Problem {
+        if gauge.overflowed() {
+            return Problem::too_large("the form has too much between the contents of its parts");
+        }
+        Problem::unreadable(format!("broken multipart body: {}", error.body_text()))
+    }
+
+    /// A part that is JSON, whole.
+    async fn json(&mut self, mut field: Field<'_>) -> Result<Vec<u8>, Problem> {
+        let mut json = Vec::new();
+        while let Some(chunk) = self
+            .pace
+            .next(field.chunk())
+            .await?
+            .map_err(|error| Self::refuse(&self.gauge, &error))?
+        {
+            self.gauge.content(chunk.len());
+            self.pace.arrived(chunk.len())?;
+            self.allowance.take(chunk.len())?;
+            json.extend_from_slice(&chunk);
+            if json.len() > super::read::MAX_JSON_BYTES {
+                return Err(Problem::too_large("the part `job` is too long"));
+            }
+        }
+        Ok(json)
+    }
+
+    /// A part that is a file, into the spool.
+    async fn file(&mut self, mut field: Field<'_>, spool: &mut Spool) -> Result<Piece, Problem> {
+        let Self { gauge, allowance, pace } = self;
+        let contents = (&mut field).inspect_ok(|chunk| gauge.content(chunk.len()));
+        spool.take(contents, (allowance, pace), |error| Self::refuse(gauge, &error)).await
+    }
 }
 
 /// Takes a multipart request in. The scene is the part named `scene`, or the one whose name or
 /// file name ends in .gltf or .glb; other parts are resources, their names the relative URIs that
 /// the scene uses.
-pub async fn parts(app: &App, request: Request, with_job: bool) -> Result<Parts, Problem> {
+pub async fn parts(
+    app: &App,
+    caller: &Caller,
+    request: Request,
+    with_job: bool,
+) -> Result<Parts, Problem> {
+    let turn = turns::begin(app, caller)?;
     let gauge = Arc::new(Gauge::default());
     let request = request.map(|body| gauge.clone().watch(body));
     let mut multipart = Multipart::from_request(request, &())
         .await
         .map_err(|rejection| Problem::unreadable(rejection.body_text()))?;
-    let mut allowance = Allowance::new(app);
-    let mut parts = Parts { job: None, scene_name: None, scene: None, resources: BTreeMap::new() };
-    let refuse = |error: axum::extract::multipart::MultipartError| {
-        if gauge.overflowed() {
-            return Problem::too_large("the form has too much between the contents of its parts");
-        }
-        Problem::unreadable(format!("broken multipart body: {}", error.body_text()))
-    };
+    let (allowance, pace) = (Allowance::new(app), Pace::new(app.config.intake.upload_time()));
+    let mut arrival = Arrival { gauge, allowance, pace };
+    let spool = Spool::new(app).await?;
+    let mut parts =
+        Parts { job: None, scene_name: None, scene: None, resources: BTreeMap::new(), spool, _turn: turn };
     let mut count = 0;
-    loop {
-        let next = tokio::time::timeout(IDLE, multipart.next_field()).await;
-        let next = next.map_err(|_| silence())?;
-        let Some(mut field) = next.map_err(refuse)? else { break };
-        gauge.part();
+    while let Some(field) = arrival
+        .pace
+        .next(multipart.next_field())
+        .await?
+        .map_err(|error| Arrival::refuse(&arrival.gauge, &error))?
+    {
+        arrival.gauge.part();
+        arrival.pace.arrived(0)?;
         count += 1;
-        let name = field.name().unwrap_or("").to_owned();
-        let file_name = field.file_name().unwrap_or("").to_owned();
         if count > MAX_PARTS {
             return Err(Problem::too_large(format!(
                 "a form may have at most {MAX_PARTS} parts; pack the scene into one .glb"
             )));
         }
+        parts.take(field, &mut arrival, with_job).await?;
+    }
+    Ok(parts)
+}
+
+impl Parts {
+    /// Takes one part.
+    async fn take(
+        &mut self,
+        field: Field<'_>,
+        arrival: &mut Arrival,
+        with_job: bool,
+    ) -> Result<(), Problem> {
+        let name = field.name().unwrap_or("").to_owned();
+        let file_name = field.file_name().unwrap_or("").to_owned();
         if name.is_empty() || name.len() > MAX_NAME_BYTES {
             let rule = format!("every part needs a name of at most {MAX_NAME_BYTES} bytes");
             return Err(Problem::unreadable(rule));
         }
         if with_job && name == "job" {
-            let mut json = Vec::new();
-            loop {
-                let next = tokio::time::timeout(IDLE, field.chunk()).await;
-                let chunk = next.map_err(|_| silence())?.map_err(refuse)?;
-                let Some(chunk) = chunk else { break };
-                gauge.content(chunk.len());
-                allowance.take(chunk.len())?;
-                json.extend_from_slice(&chunk);
-                if json.len() > super::read::MAX_JSON_BYTES {
-                    return Err(Problem::too_large("the part `job` is too long"));
-                }
-            }
-            if parts.job.replace(json).is_some() {
-                return Err(repeated("job"));
-            }
-            continue;
+            let json = arrival.json(field).await?;
+            return if self.job.replace(json).is_some() { Err(repeated("job")) } else { Ok(()) };
         }
-        let contents = (&mut field).inspect_ok(|chunk| gauge.content(chunk.len()));
-        let spooled = spool(app, contents, &mut allowance, refuse).await?;
+        let piece = arrival.file(field, &mut self.spool).await?;
         let is_scene = name == "scene" || is_gltf(&name) || is_gltf(&file_name);
-        if is_scene && parts.scene.is_none() {
-            parts.scene = Some(spooled);
+        if is_scene && self.scene.is_none() {
+            self.scene = Some(piece);
             let file_name = if file_name.is_empty() && name != "scene" { name } else { file_name };
-            parts.scene_name = name_of_file(&file_name);
+            self.scene_name = name_of_file(&file_name);
         } else if is_scene {
             return Err(repeated("scene"));
-        } else if parts.resources.insert(name.clone(), spooled).is_some() {
+        } else if self.resources.insert(name.clone(), piece).is_some() {
             return Err(repeated(&name));
         }
+        Ok(())
     }
-    Ok(parts)
+
+    /// Whether there is a scene among them.
+    pub fn has_scene(&self) -> bool {
+        self.scene.is_some()
+    }
+
+    /// Stores the scene with its resources.
+    pub async fn store(self, app: &App, caller: &Caller) -> Result<(Scene, bool), Problem> {
+        let Self { scene, resources, spool, _turn, .. } = self;
+        let Some(scene) = scene else {
+            let rule = "send the scene as a part named scene, or ending in .gltf or .glb";
+            return Err(Problem::invalid(vec![FieldError::new("scene", rule)]));
+        };
+        let file = spool.into_file().await;
+        let received = if resources.is_empty() {
+            // Then there is nothing else in the file.
+            Received { file, sha256: scene.sha256, size: scene.size, format: SceneFormat::Gltf }
+        } else {
+            pack(app, file, scene, resources).await?
+        };
+        store_received(app, caller, received).await
+    }
+}
+
+/// Packs a scene and its resources, all pieces of `file`, into a file of their own.
+async fn pack(
+    app: &App,
+    file: File,
+    scene: Piece,
+    resources: BTreeMap<String, Piece>,
+) -> Result<Received, Problem> {
+    let out = unnamed_file(app).await?;
+    let packed = tokio::task::spawn_blocking(move || {
+        let packable = |piece: &Piece| (piece.size, piece.reader(&file));
+        let resources = resources.iter().map(|(uri, piece)| (uri.clone(), packable(piece)));
+        let mut out = BufWriter::new(Hashing::new(out));
+        bundle::pack(&mut out, packable(&scene), resources.collect())?;
+        out.into_inner().map_err(std::io::IntoInnerError::into_error)
+    });
+    let packed = packed.await.map_err(|error| Problem::internal(error.to_string()))?;
+    let (file, size, sha256) = packed.map_err(disk_trouble)?.finish();
+    Ok(Received { file, sha256, size, format: SceneFormat::Bundle })
 }
 
 fn repeated(name: &str) -> Problem {
@@ -230,35 +260,6 @@ fn repeated(name: &str) -> Problem {
 fn is_gltf(name: &str) -> bool {
     let name = name.to_ascii_lowercase();
     name.ends_with(".gltf") || name.ends_with(".glb")
-}
-
-impl Parts {
-    /// Whether there is a scene among them.
-    pub fn has_scene(&self) -> bool {
-        self.scene.is_some()
-    }
-
-    /// Stores the scene with its resources.
-    pub async fn store(self, app: &App, caller: &Caller) -> Result<(Scene, bool), Problem> {
-        let Some(scene) = self.scene else {
-            let rule = "send the scene as a part named scene, or ending in .gltf or .glb";
-            return Err(Problem::invalid(vec![FieldError::new("scene", rule)]));
-        };
-        let turn = import_turn(app).await?;
-        if self.resources.is_empty() {
-            let id = scene.sha256.clone();
-            let bytes = scene.read().await?.into();
-            return store_scene(app, caller, id, SceneFormat::Gltf, bytes, Some(turn)).await;
-        }
-        let main = scene.read().await?;
-        let mut resources = BTreeMap::new();
-        for (uri, file) in self.resources {
-            resources.insert(uri, file.read().await?);
-        }
-        let packed = bundle::pack(&main, &resources);
-        let id = sha256_hex(&packed);
-        store_scene(app, caller, id, SceneFormat::Bundle, packed.into(), Some(turn)).await
-    }
 }
 
 /// Waits for a turn at importing.
@@ -272,11 +273,7 @@ async fn import_turn(app: &App) -> Result<OwnedSemaphorePermit, Problem> {
 async fn kept(app: &App, id: &str, thorough: bool) -> Result<Option<Scene>, Problem> {
     let Some(scene) = app.store.scene(id).await? else { return Ok(None) };
     let sound = if thorough {
-        match app.artifacts.scene(id).await {
-            Ok(_) => true,
-            Err(error) if error.is_lasting() => false,
-            Err(error) => return Err(error.into()),
-        }
+        app.artifacts.scene_is_sound(id).await?
     } else {
         app.artifacts.has_scene(id, scene.size).await?
     };
@@ -286,35 +283,67 @@ async fn kept(app: &App, id: &str, thorough: bool) -> Result<Option<Scene>, Prob
     Ok(sound.then_some(scene))
 }
 
-/// Checks a scene by importing it, then keeps it; whether it is new to the caller. What cannot be imported is
-/// not kept. Without a `turn` it waits for one where there is something to import.
-pub async fn store_scene(
+/// Checks an uploaded scene by importing it in a process of its own, then keeps it; whether it is
+/// new to the caller. What cannot be imported is not kept.
+async fn store_received(
     app: &App,
     caller: &Caller,
-    id: String,
-    format: SceneFormat,
-    bytes: Bytes,
-    turn: Option<OwnedSemaphorePermit>,
+    received: Received,
 ) -> Result<(Scene, bool), Problem> {
-    // Built-in scenes, which come without a turn, are asked for with every job.
-    if let Some(stored) = stored_scene(app, caller, &id, turn.is_some()).await? {
+    let Received { file, sha256: id, size, format } = received;
+    if let Some(stored) = stored_scene(app, caller, &id, true).await? {
         return Ok(stored);
     }
-    check_quota(app, caller, bytes.len() as u64).await?;
-    let turn = match turn {
-        Some(turn) => turn,
-        None => import_turn(app).await?,
+    check_quota(app, caller, size).await?;
+    let turn = import_turn(app).await?;
+    // Somebody may have sent it at the same time.
+    if let Some(stored) = stored_scene(app, caller, &id, true).await? {
+        return Ok(stored);
+    }
+    let bounds = ImportBounds {
+        max_triangles: app.config.max_triangles,
+        memory_mb: app.config.intake.import_memory_mb,
+        seconds: app.config.intake.import_seconds,
     };
-    let max_triangles = app.config.max_triangles;
-    let (import_id, import_bytes) = (id.clone(), bytes.clone());
     // The import goes on where the client hangs up meanwhile, and keeps its turn until it ends.
-    let (described, _turn) = tokio::task::spawn_blocking(move || {
-        (describe(import_id, format, &import_bytes, max_triangles), turn)
+    let (described, file, _turn) = tokio::task::spawn_blocking(move || {
+        (describe_apart(&file, id, format, bounds), file, turn)
     })
     .await
     .map_err(|error| Problem::internal(error.to_string()))?;
+    keep(app, caller, described.map_err(import_problem)?, file).await
+}
+
+/// Keeps a scene of the program's own, which nobody needs protection from and every job may ask
+/// for.
+pub async fn store_builtin(
+    app: &App,
+    caller: &Caller,
+    id: String,
+    bytes: &'static [u8],
+) -> Result<Scene, Problem> {
+    if let Some((scene, _)) = stored_scene(app, caller, &id, false).await? {
+        return Ok(scene);
+    }
+    check_quota(app, caller, bytes.len() as u64).await?;
+    let _turn = import_turn(app).await?;
+    let max_triangles = app.config.max_triangles;
+    let described = tokio::task::spawn_blocking(move || {
+        let scene = scenes::load(SceneFormat::Gltf, bytes, max_triangles)?;
+        Ok(scenes::describe(id, SceneFormat::Gltf, bytes.len() as u64, &scene))
+    });
+    let described = described.await.map_err(|error| Problem::internal(error.to_string()))?;
     let scene = described.map_err(scene_problem)?;
-    let is_new = app.keeper.keep_scene(&scene, bytes, caller.billed_to()).await?;
+    Ok(keep(app, caller, scene, Bytes::from_static(bytes)).await?.0)
+}
+
+async fn keep(
+    app: &App,
+    caller: &Caller,
+    scene: Scene,
+    content: impl Into<SceneContent>,
+) -> Result<(Scene, bool), Problem> {
+    let is_new = app.keeper.keep_scene(&scene, content, caller.billed_to()).await?;
     Ok((scene, is_new))
 }
 
@@ -349,6 +378,16 @@ async fn check_quota(app: &App, caller: &Caller, size: u64) -> Result<(), Proble
         "this caller has {held} bytes of scenes and may have {most}; this one has {size}, and what no job uses expires"
     );
     Err(Problem::over_limit("scene_bytes", detail, 600.0))
+}
+
+fn import_problem(error: ImportError) -> Problem {
+    match error {
+        ImportError::Refused(refusal) => scene_problem(refusal),
+        ImportError::Trouble(error) => {
+            tracing::error!(%error, "cannot import a scene");
+            Problem::unavailable("the scene cannot be imported now")
+        }
+    }
 }
 
 fn scene_problem(refusal: SceneRefusal) -> Problem {

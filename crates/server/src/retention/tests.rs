@@ -10,6 +10,7 @@ use crate::store::bytes::Pinned;
 use crate::store::scenes::Viewer;
 use crate::store::sqlite::SqliteStore;
 use crate::store::{Accepted, Asking, JobFilter, NewJob, Outcome, Submitter};
+use bytes::Bytes;
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
 use tempfile::TempDir;

@@ -4,6 +4,7 @@
 
 use super::perform::{ROOM, Switches, perform};
 use super::wire::{self, Order};
+use crate::memory;
 use rustix::process::{Resource, Rlimit, setrlimit};
 use std::fs::File;
 use std::io::{self, BufReader};
@@ -20,6 +21,7 @@ pub fn run(device: &str, memory_mb: Option<u64>) -> io::Result<()> {
         let bytes = Some(limit << 20);
         setrlimit(Resource::As, Rlimit { current: bytes, maximum: bytes })?;
     }
+    memory::offer_to_the_kernel(memory::DEVICE_GOES_EARLY);
     // Whatever else writes to standard output must not get between messages.
     let mut pipe = File::from(rustix::io::dup(io::stdout())?);
     rustix::stdio::dup2_stdout(io::stderr())?;

@@ -148,12 +148,13 @@ fn pass_on(pipe: ChildStdin, orders: &std_mpsc::Receiver<Message<Order>>) {
 }
 
 /// This program, also where its file was replaced while it runs.
-fn own_program() -> io::Result<PathBuf> {
+pub(super) fn own_program() -> io::Result<PathBuf> {
     let running = PathBuf::from("/proc/self/exe");
     if running.exists() { Ok(running) } else { std::env::current_exe() }
 }
 
-fn in_words(status: ExitStatus) -> String {
+/// How a process ended.
+pub(super) fn in_words(status: ExitStatus) -> String {
     match status.signal() {
         Some(6) => "signal 6 (abort: out of memory, a stack overflow or an internal fault)".into(),
         Some(9) => "signal 9 (killed, perhaps by the system for want of memory)".into(),

@@ -5,10 +5,12 @@ use crate::api::scenes::{Bounds, CameraName, Scene, SceneFormat};
 use crate::bundle;
 use hemilux_engine::scene;
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
+use serde::{Deserialize, Serialize};
+use std::io::{self, Read};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Why a scene cannot be used.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SceneRefusal {
     /// Where in the file.
     pub at: String,
@@ -68,9 +70,37 @@ pub fn load(
         SceneFormat::Gltf => import(bytes, &Resources::new(), &limits).map_err(refusal),
         SceneFormat::Bundle => match bundle::unpack(bytes) {
             Some((main, resources)) => import(main, &resources, &limits).map_err(refusal),
-            None => Err(SceneRefusal::damaged("the stored bundle is damaged", "send it again")),
+            None => Err(damaged_bundle()),
         },
     })
+}
+
+/// As [`load`], of a scene that is read rather than held; each of its files is in memory once.
+///
+/// # Errors
+/// Where it cannot be read; inside, as [`load`].
+pub fn load_from(
+    from: &mut impl Read,
+    format: SceneFormat,
+    max_triangles: usize,
+) -> io::Result<Result<scene::Scene, SceneRefusal>> {
+    let limits = ImportLimits { max_triangles, ..ImportLimits::default() };
+    let (main, resources) = match format {
+        SceneFormat::Gltf => {
+            let mut main = Vec::new();
+            from.read_to_end(&mut main)?;
+            (main, Resources::new())
+        }
+        SceneFormat::Bundle => match bundle::read(from)? {
+            Some(parts) => parts,
+            None => return Ok(Err(damaged_bundle())),
+        },
+    };
+    Ok(guarded(|| import(&main, &resources, &limits).map_err(refusal)))
+}
+
+fn damaged_bundle() -> SceneRefusal {
+    SceneRefusal::damaged("the stored bundle is damaged", "send it again")
 }
 
 fn guarded(
@@ -89,24 +119,15 @@ fn refusal(error: scene::SceneError) -> SceneRefusal {
     SceneRefusal { at, what, fix, too_large }
 }
 
-/// Imports a scene and says what it holds.
-///
-/// # Errors
-/// As [`load`].
-pub fn describe(
-    id: String,
-    format: SceneFormat,
-    bytes: &[u8],
-    max_triangles: usize,
-) -> Result<Scene, SceneRefusal> {
-    let scene = load(format, bytes, max_triangles)?;
+/// What a scene of so many stored bytes holds.
+pub fn describe(id: String, format: SceneFormat, size: u64, scene: &scene::Scene) -> Scene {
     let cameras = scene.cameras.iter().zip(0..);
     let bounds = scene.bounds();
-    Ok(Scene {
+    Scene {
         id,
         name: None,
         format,
-        size: bytes.len() as u64,
+        size,
         created_at: jiff::Timestamp::now(),
         triangles: scene.triangles.len() as u64,
         vertices: scene.vertices.len() as u64,
@@ -118,7 +139,7 @@ pub fn describe(
             .map(|(camera, index)| CameraName { index, name: camera.name.clone() })
             .collect(),
         warnings: scene.warnings.iter().map(warning).collect(),
-    })
+    }
 }
 
 /// An engine's warning in the API's words.

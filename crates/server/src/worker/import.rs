@@ -1,0 +1,261 @@
+//! Imports of uploaded scenes, each in a process of its own. What is in a scene is hostile: a small
+//! file may decode to gigabytes, and an allocation that fails ends the process. So the server
+//! starts `hemilux import-worker`, which bounds its own memory and time, reads the scene from its
+//! standard input and writes what it found to its standard output; however it ends, the server
+//! goes on and says what became of the scene.
+
+use super::process::{in_words, own_program};
+use super::scenes::{SceneRefusal, describe, load_from};
+use crate::api::scenes::{Scene, SceneFormat};
+use crate::failpoints;
+use crate::memory;
+use rustix::process::{Resource, Rlimit, setrlimit};
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::{self, Read, Seek, Write};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Longest record of a scene, bytes: names of cameras and warnings.
+const MAX_RECORD_BYTES: u64 = 1 << 20;
+/// What is read of the process's last words, bytes.
+const MAX_WORDS_BYTES: u64 = 4 << 10;
+/// Pauses between looks at whether the process has ended; each twice as long as the last.
+const LOOK_EVERY: (Duration, Duration) = (Duration::from_millis(1), Duration::from_millis(20));
+/// Processor seconds beyond the deadline: the server ends the process first, if it still runs.
+const SPARE_CPU_S: u64 = 5;
+/// What a sender can do about a scene that no importer should end over.
+const FIX_FILE: &str = "the file is probably damaged; check it with a glTF validator";
+
+/// Bounds on one import.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct ImportBounds {
+    /// Most triangles.
+    #[arg(long)]
+    pub max_triangles: usize,
+    /// Most memory, MiB of address space.
+    #[arg(long)]
+    pub memory_mb: u64,
+    /// Longest time, seconds.
+    #[arg(long)]
+    pub seconds: u64,
+}
+
+/// Why there is no description of a scene.
+#[derive(Debug)]
+pub enum ImportError {
+    /// The scene cannot be used.
+    Refused(SceneRefusal),
+    /// The server could not look at it.
+    Trouble(io::Error),
+}
+
+impl From<io::Error> for ImportError {
+    fn from(error: io::Error) -> Self {
+        Self::Trouble(error)
+    }
+}
+
+/// What the process found out.
+#[derive(Serialize, Deserialize)]
+enum Finding {
+    Scene(Scene),
+    Refused(SceneRefusal),
+    /// Its input could not be read.
+    Unread(String),
+}
+
+/// Imports the scene that is the content of `file` and says what it holds. Blocks until the
+/// process that does it has ended, at most for the bounds' time.
+///
+/// # Errors
+/// [`ImportError`]: the scene is refused, or the system gave no process.
+pub fn describe_apart(
+    file: &File,
+    id: String,
+    format: SceneFormat,
+    bounds: ImportBounds,
+) -> Result<Scene, ImportError> {
+    let size = file.metadata()?.len();
+    let mut child = start(file, format, bounds)?;
+    let output = listen(child.stdout.take(), MAX_RECORD_BYTES);
+    let words = listen(child.stderr.take(), MAX_WORDS_BYTES);
+    let status = wait(&mut child, Duration::from_secs(bounds.seconds))?;
+    let heard = |bytes: JoinHandle<Vec<u8>>| bytes.join().unwrap_or_default();
+    let (output, words) = (heard(output), heard(words));
+    let words = String::from_utf8_lossy(&words);
+    if !words.trim().is_empty() {
+        tracing::warn!(scene = id, said = words.trim(), "from the import of a scene");
+    }
+    let finding = serde_json::from_slice(&output).ok();
+    match (status, finding) {
+        (Some(status), Some(finding)) if status.success() => match finding {
+            Finding::Scene(scene) => {
+                Ok(Scene { id, format, size, created_at: jiff::Timestamp::now(), ..scene })
+            }
+            Finding::Refused(refusal) => Err(ImportError::Refused(refusal)),
+            Finding::Unread(error) => Err(ImportError::Trouble(io::Error::other(error))),
+        },
+        (status, _) => {
+            let refusal = why_it_ended(status, &words, bounds);
+            tracing::warn!(scene = id, %refusal, "the import of a scene was ended");
+            Err(ImportError::Refused(refusal))
+        }
+    }
+}
+
+fn start(mut file: &File, format: SceneFormat, bounds: ImportBounds) -> io::Result<Child> {
+    // Both descriptors share one position.
+    file.rewind()?;
+    let mut command = Command::new(own_program()?);
+    command.arg("import-worker");
+    if format == SceneFormat::Bundle {
+        command.arg("--bundle");
+    }
+    let ImportBounds { max_triangles, memory_mb, seconds } = bounds;
+    command.args(["--max-triangles", &max_triangles.to_string()]);
+    command.args(["--memory-mb", &memory_mb.to_string(), "--seconds", &seconds.to_string()]);
+    // A group of its own: Ctrl-C in a terminal is for the server, which then ends in order.
+    command.stdin(file.try_clone()?).stdout(Stdio::piped()).stderr(Stdio::piped()).process_group(0);
+    command.spawn()
+}
+
+/// Reads a pipe of the process up to `most` bytes and then lets go of it, so that a process that
+/// says more fails to.
+fn listen(pipe: Option<impl Read + Send + 'static>, most: u64) -> JoinHandle<Vec<u8>> {
+    std::thread::spawn(move || {
+        let mut bytes = Vec::new();
+        // What was read before an error is what there is.
+        let _ = pipe.map(|pipe| pipe.take(most).read_to_end(&mut bytes));
+        bytes
+    })
+}
+
+/// How the process ended; `None` where it had to be ended for its time.
+fn wait(child: &mut Child, most: Duration) -> io::Result<Option<ExitStatus>> {
+    let deadline = Instant::now() + most;
+    let mut pause = LOOK_EVERY.0;
+    loop {
+        if let Some(status) = child.try_wait()? {
+            return Ok(Some(status));
+        }
+        if Instant::now() >= deadline {
+            child.kill()?;
+            child.wait()?;
+            return Ok(None);
+        }
+        std::thread::sleep(pause);
+        pause = (2 * pause).min(LOOK_EVERY.1);
+    }
+}
+
+/// What the sender is told about a process that ended without an answer.
+fn why_it_ended(status: Option<ExitStatus>, words: &str, bounds: ImportBounds) -> SceneRefusal {
+    let ImportBounds { memory_mb, seconds, .. } = bounds;
+    let cpu_time_is_up = |status: ExitStatus| status.signal() == Some(24);
+    let (what, fix) = match status {
+        Some(status) if words.contains("memory allocation of") => (
+            format!(
+                "importing it takes more than the {memory_mb} MiB of memory that it may have ({})",
+                in_words(status)
+            ),
+            "send smaller images and fewer objects; who runs the server can allow more with --import-memory-mb",
+        ),
+        Some(status) if !cpu_time_is_up(status) => {
+            (format!("the importer ended with {}", in_words(status)), FIX_FILE)
+        }
+        _ => (
+            format!("importing it takes more than the {seconds} seconds that it may have"),
+            "send a simpler scene; who runs the server can allow more with --import-seconds",
+        ),
+    };
+    SceneRefusal { at: "file".into(), what, fix: fix.into(), too_large: false }
+}
+
+/// The inside of the process: imports what comes by standard input and says what it is.
+///
+/// # Errors
+/// Where the process cannot be bounded or heard.
+pub fn run(format: SceneFormat, bounds: ImportBounds) -> io::Result<()> {
+    bound_myself(bounds)?;
+    let finding = match look(format, bounds.max_triangles) {
+        Ok(Ok(scene)) => Finding::Scene(scene),
+        Ok(Err(refusal)) => Finding::Refused(refusal),
+        Err(error) => Finding::Unread(error.to_string()),
+    };
+    let mut record = serde_json::to_vec(&finding)?;
+    if record.len() as u64 > MAX_RECORD_BYTES {
+        record = serde_json::to_vec(&Finding::Refused(SceneRefusal {
+            at: "nodes".into(),
+            what: format!("names of cameras take more than {MAX_RECORD_BYTES} bytes"),
+            fix: "send fewer cameras, with shorter names".into(),
+            too_large: true,
+        }))?;
+    }
+    io::stdout().write_all(&record)?;
+    io::stdout().flush()
+}
+
+fn look(format: SceneFormat, max_triangles: usize) -> io::Result<Result<Scene, SceneRefusal>> {
+    let mut file = File::from(rustix::io::dup(io::stdin())?);
+    let size = file.metadata()?.len();
+    failpoints::pass("import", || format!("{size} bytes")).map_err(io::Error::other)?;
+    let scene = load_from(&mut file, format, max_triangles)?;
+    Ok(scene.map(|scene| describe(String::new(), format, size, &scene)))
+}
+
+/// Bounds memory and time, lets the kernel end this process before any other, and ties it to the
+/// thread of the server that waits for it.
+fn bound_myself(bounds: ImportBounds) -> io::Result<()> {
+    let set =
+        |resource, most| setrlimit(resource, Rlimit { current: Some(most), maximum: Some(most) });
+    set(Resource::As, bounds.memory_mb << 20)?;
+    set(Resource::Cpu, bounds.seconds + SPARE_CPU_S)?;
+    set(Resource::Core, 0)?;
+    memory::offer_to_the_kernel(memory::IMPORT_GOES_FIRST);
+    #[cfg(target_os = "linux")]
+    {
+        use rustix::process::{Signal, set_parent_process_death_signal};
+        set_parent_process_death_signal(Some(Signal::KILL))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BOUNDS: ImportBounds = ImportBounds { max_triangles: 1, memory_mb: 768, seconds: 60 };
+
+    #[test]
+    fn every_end_is_said_with_what_to_do() {
+        let status = |raw| Some(ExitStatus::from_raw(raw));
+        let cases = [
+            (
+                status(6),
+                "memory allocation of 12884901888 bytes failed",
+                "768 MiB",
+                "--import-memory-mb",
+            ),
+            (status(6), "fatal runtime error: stack overflow", "signal 6", "validator"),
+            (status(9), "", "signal 9", "validator"),
+            (status(24), "", "60 seconds", "--import-seconds"),
+            (None, "", "60 seconds", "--import-seconds"),
+            (status(1 << 8), "", "exit status: 1", "validator"),
+        ];
+        for (status, words, what, fix) in cases {
+            let refusal = why_it_ended(status, words, BOUNDS);
+            assert!(refusal.what.contains(what), "{refusal}");
+            assert!(refusal.fix.contains(fix), "{refusal}");
+        }
+    }
+
+    #[test]
+    fn no_more_is_heard_than_may_be_said() {
+        let said = listen(Some(io::repeat(b'x')), 100).join().unwrap();
+        assert_eq!(said.len(), 100);
+        assert!(listen(None::<File>, 100).join().unwrap().is_empty());
+    }
+}
