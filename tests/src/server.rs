@@ -82,6 +82,19 @@ impl Server {
         Self::spawn(serve_command(folder, arguments).envs(environment.iter().copied()))
     }
 
+    /// A server on a folder of its own whose soft limit on open files is `limit` when it starts, as
+    /// on most systems, whatever that of this process is.
+    pub fn start_with_soft_limit(limit: u32, arguments: &[&str]) -> Self {
+        let folder = TempDir::new().expect("a temporary folder");
+        let inner = serve_command(folder.path(), arguments);
+        let mut command = Command::new("sh");
+        command.arg("-c").arg(format!("ulimit -Sn {limit}; exec \"$0\" \"$@\""));
+        command.arg(inner.get_program()).args(inner.get_args());
+        let mut server = Self::spawn(&mut command);
+        server._folder = Some(folder);
+        server
+    }
+
     /// A server that `command` starts; it must print where it listens, as `hemilux serve` does.
     pub fn spawn(command: &mut Command) -> Self {
         Self::try_spawn(command).expect("the server says where it listens")

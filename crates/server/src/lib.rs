@@ -14,6 +14,7 @@ pub mod cli;
 pub mod clock;
 pub mod config;
 pub mod data_folder;
+pub mod descriptors;
 pub mod disk;
 pub mod events;
 pub mod failpoints;

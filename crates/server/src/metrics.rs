@@ -72,6 +72,8 @@ pub struct Metrics {
     jobs: Family<StateLabel, Gauge>,
     queue_depth: Gauge,
     streams: Gauge,
+    connections: Gauge,
+    refused_connections: Family<LimitLabel, Counter>,
     iterations: Counter,
     shots: Counter,
     job_wait_seconds: Histogram,
@@ -97,6 +99,8 @@ impl Default for Metrics {
             jobs: Family::default(),
             queue_depth: Gauge::default(),
             streams: Gauge::default(),
+            connections: Gauge::default(),
+            refused_connections: Family::default(),
             iterations: Counter::default(),
             shots: Counter::default(),
             job_wait_seconds: long_times(),
@@ -127,6 +131,9 @@ impl Metrics {
         to.register("jobs", "Jobs by state", self.jobs.clone());
         to.register("queue_depth", "Jobs that wait", self.queue_depth.clone());
         to.register("event_streams", "Open event streams", self.streams.clone());
+        to.register("connections", "Open connections", self.connections.clone());
+        let help = "Connections closed at once because there were too many, by limit";
+        to.register("refused_connections", help, self.refused_connections.clone());
         to.register("iterations", "Iterations of ended jobs", self.iterations.clone());
         to.register("shots", "Hemicube shots of ended jobs", self.shots.clone());
         let help = "Seconds that jobs waited for a device";
@@ -171,6 +178,9 @@ impl Metrics {
         ] {
             let _ = self.refusals.get_or_create(&LimitLabel { limit });
         }
+        for limit in ["all", "address"] {
+            let _ = self.refused_connections.get_or_create(&LimitLabel { limit });
+        }
         for outcome in ["delivered", "failed", "given_up"] {
             let _ = self.webhooks.get_or_create(&OutcomeLabel { outcome });
         }
@@ -183,10 +193,10 @@ impl Metrics {
     }
 }
 
-/// Counts an open stream until dropped.
-pub struct StreamCount(Gauge);
+/// Counts something open, a stream or a connection, until dropped.
+pub struct OpenCount(Gauge);
 
-impl Drop for StreamCount {
+impl Drop for OpenCount {
     fn drop(&mut self) {
         self.0.dec();
     }
@@ -225,9 +235,20 @@ impl Metrics {
     }
 
     /// Counts an event stream that opens.
-    pub fn count_stream(&self) -> StreamCount {
+    pub fn count_stream(&self) -> OpenCount {
         self.streams.inc();
-        StreamCount(self.streams.clone())
+        OpenCount(self.streams.clone())
+    }
+
+    /// Counts a connection that opens.
+    pub fn count_connection(&self) -> OpenCount {
+        self.connections.inc();
+        OpenCount(self.connections.clone())
+    }
+
+    /// Counts a connection that was closed at once for a limit.
+    pub fn count_refused_connection(&self, limit: &'static str) {
+        self.refused_connections.get_or_create(&LimitLabel { limit }).inc();
     }
 
     /// Counts a job that starts after so many seconds of waiting.

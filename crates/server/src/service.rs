@@ -6,10 +6,12 @@ use crate::artifacts::Artifacts;
 use crate::clock::Clock;
 use crate::config::Config;
 use crate::data_folder::{self, FolderError};
+use crate::descriptors;
 use crate::disk::Disk;
 use crate::events::Bell;
 use crate::http;
 use crate::http::audit::Audit;
+use crate::http::places::Places;
 use crate::http::rate::RateLimiter;
 use crate::http::turns::Turns;
 use crate::key_watch::{self, KeyWatch};
@@ -120,6 +122,7 @@ pub async fn serve(
     stop: CancellationToken,
     ready: impl FnOnce(SocketAddr),
 ) -> Result<(), ServeError> {
+    let files = descriptors::raise_limit();
     let devices = worker::devices::choose(&config.devices).map_err(ServeError::Devices)?;
     let _lock = data_folder::lock(&config.data_dir)?;
     std::fs::create_dir_all(config.data_dir.join("tmp"))
@@ -190,8 +193,10 @@ pub async fn serve(
     tracing::info!(%address, data = %service.config.data_dir.display(), "listening");
     ready(address);
 
-    let app = http::router(service.clone());
-    let server = tokio::spawn(http::listen::serve(listener, app, stop.clone(), REQUEST_GRACE));
+    let router = http::router(service.clone());
+    let places = places(&service.config, files);
+    let server =
+        tokio::spawn(http::listen::serve(listener, router, service.clone(), places, REQUEST_GRACE));
     stop.cancelled().await;
     tracing::info!("shutting down");
     // Event streams and workers hear of it through the same token.
@@ -212,4 +217,20 @@ pub async fn serve(
     }
     service.store.close().await;
     Ok(())
+}
+
+/// Places for connections where so many files may be open.
+fn places(config: &Config, files: u64) -> Places {
+    let intake = &config.intake;
+    let possible = descriptors::connections(files, intake.max_uploads);
+    let (all, each) = intake.connections(possible, !config.listen.ip().is_loopback());
+    if intake.max_connections.is_some_and(|wanted| wanted > possible) {
+        tracing::warn!(
+            files,
+            connections = all,
+            "the limit on open files allows fewer connections than --max-connections"
+        );
+    }
+    tracing::info!(files, connections = all, of_one_address = each, "limits");
+    Places::new(all, each)
 }

@@ -36,7 +36,20 @@ pub struct IntakeConfig {
     pub import_seconds: u64,
 }
 
+/// One address may have this share of all connections: half of them where only this machine
+/// reaches the service, or else an eighth.
+const SHARE_OF_AN_ADDRESS: (u64, u64) = (2, 8);
+
 impl IntakeConfig {
+    /// Connections in all and of one address, where so many are possible and other machines reach
+    /// the service or not.
+    pub fn connections(&self, possible: u64, is_remote: bool) -> (u64, u64) {
+        let all = self.max_connections.map_or(possible, |most| most.min(possible));
+        let (local, remote) = SHARE_OF_AN_ADDRESS;
+        let share = all / if is_remote { remote } else { local };
+        (all, self.max_connections_each.unwrap_or(share).clamp(1, all))
+    }
+
     /// How long an upload may take to arrive.
     pub fn upload_time(&self) -> Duration {
         Duration::from_secs(self.upload_seconds)

@@ -122,7 +122,7 @@ struct Follower {
     /// for once the connection has taken that.
     share: Option<OwnedSemaphorePermit>,
     ended: bool,
-    _count: crate::metrics::StreamCount,
+    _count: crate::metrics::OpenCount,
 }
 
 impl Follower {

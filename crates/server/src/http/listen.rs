@@ -1,5 +1,7 @@
 //! Connections (HTTP/1.1): how many, how long a client may take over a request's head, how they end.
 
+use super::App;
+use super::places::Places;
 use axum::Router;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
@@ -7,16 +9,10 @@ use hyper_util::server::graceful::GracefulShutdown;
 use hyper_util::service::TowerToHyperService;
 use rustix::net::sockopt;
 use std::net::SocketAddr;
-use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::Semaphore;
-use tokio_util::sync::CancellationToken;
 use tower_service::Service;
 
-/// Connections at the same time; further ones wait to be accepted. Each costs a file and some
-/// kilobytes.
-const MAX_CONNECTIONS: usize = 8192;
 /// Longest wait for the whole head of a request; an idle connection is closed after it too.
 const HEAD_PATIENCE: Duration = Duration::from_secs(60);
 /// How long the system waits for a client that takes nothing of what it is sent.
@@ -24,25 +20,26 @@ const UNREAD_TIMEOUT_MS: u32 = 60_000;
 /// Pause where no connection can be accepted, for want of files perhaps.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 
-/// Answers requests until `stop` is cancelled, then lets open ones end for as long as `grace`;
-/// whether they all did.
+/// Answers requests until the service is to end, then lets open ones end for as long as `grace`;
+/// whether they all did. A connection for which there is no place is closed at once: it must not
+/// keep others from being accepted.
 pub async fn serve(
     listener: TcpListener,
-    app: Router,
-    stop: CancellationToken,
+    router: Router,
+    app: App,
+    places: Places,
     grace: Duration,
 ) -> bool {
     let mut connections = http1::Builder::new();
     connections.timer(TokioTimer::new()).header_read_timeout(HEAD_PATIENCE);
-    let mut apps = app.into_make_service_with_connect_info::<SocketAddr>();
-    let room = Arc::new(Semaphore::new(MAX_CONNECTIONS));
+    let mut routers = router.into_make_service_with_connect_info::<SocketAddr>();
     let ending = GracefulShutdown::new();
     loop {
         let accepted = tokio::select! {
-            accepted = accept(&listener, &room) => accepted,
-            () = stop.cancelled() => break,
+            accepted = listener.accept() => accepted,
+            () = app.shutdown.cancelled() => break,
         };
-        let (stream, peer, place) = match accepted {
+        let (stream, peer) = match accepted {
             Ok(accepted) => accepted,
             Err(error) => {
                 tracing::warn!(%error, "cannot accept a connection");
@@ -50,31 +47,30 @@ pub async fn serve(
                 continue;
             }
         };
+        let place = match places.take(peer.ip()) {
+            Ok(place) => place,
+            Err(full) => {
+                tracing::debug!(%peer, limit = full.as_str(), "closes a connection too many");
+                app.metrics.count_refused_connection(full.as_str());
+                continue;
+            }
+        };
+        let count = app.metrics.count_connection();
         drop_deaf_clients(&stream);
-        let app = match apps.call(peer).await {
-            Ok(app) => TowerToHyperService::new(app),
+        let router = match routers.call(peer).await {
+            Ok(router) => TowerToHyperService::new(router),
             Err(never) => match never {},
         };
-        let connection = ending.watch(connections.serve_connection(TokioIo::new(stream), app));
+        let connection = ending.watch(connections.serve_connection(TokioIo::new(stream), router));
         tokio::spawn(async move {
             if let Err(error) = connection.await {
                 tracing::trace!(%error, "a connection broke off");
             }
-            drop(place);
+            drop((place, count));
         });
     }
     drop(listener);
     tokio::time::timeout(grace, ending.shutdown()).await.is_ok()
-}
-
-/// The next connection, once there is a place for it.
-async fn accept(
-    listener: &TcpListener,
-    room: &Arc<Semaphore>,
-) -> std::io::Result<(TcpStream, SocketAddr, tokio::sync::OwnedSemaphorePermit)> {
-    let place = room.clone().acquire_owned().await.map_err(std::io::Error::other)?;
-    let (stream, peer) = listener.accept().await?;
-    Ok((stream, peer, place))
 }
 
 /// Tells the system to drop a connection whose client has vanished or reads nothing, so that

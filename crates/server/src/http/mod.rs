@@ -15,6 +15,7 @@ mod jobs;
 pub mod listen;
 pub mod openapi;
 mod pin;
+pub mod places;
 mod probes;
 pub mod problem;
 pub mod rate;
