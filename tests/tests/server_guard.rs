@@ -41,8 +41,20 @@ fn a_nearly_full_disk_takes_nothing_new_and_gives_what_there_is() {
 #[test]
 fn a_job_that_can_never_fit_is_refused_by_name() {
     let server = Server::start_with(&["--max-job-memory-mb", "64"]);
-    for method in ["hemilux", "ray-traced", "illumination-map"] {
-        let wish = json!({"scene": "cornell", "width": 2048, "height": 2048, "method": method,
+    let methods = [
+        "hemilux",
+        "ray-traced",
+        "illumination-map",
+        "stochastic",
+        "monte-carlo",
+        "progressive",
+        "gauss-seidel",
+        "auto",
+    ];
+    for (method, side) in
+        methods.map(|method| (method, 2048)).into_iter().chain([("gauss-seidel", 8)])
+    {
+        let wish = json!({"scene": "cornell", "width": side, "height": side, "method": method,
                           "max_iterations": 1});
         let problem = server.post("/v1/jobs", &wish).problem(422);
         assert_eq!(problem["limit"], "memory", "{problem}");

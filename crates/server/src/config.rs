@@ -7,6 +7,7 @@ pub use guard::GuardConfig;
 pub use intake::IntakeConfig;
 
 use crate::api::limits::{HARD_MAX_PIXELS, HARD_MAX_SIDE, JobLimits};
+use crate::memory;
 use crate::telemetry::LogFormat;
 use clap::{Args, ValueEnum};
 use std::net::SocketAddr;
@@ -79,8 +80,9 @@ pub struct Config {
     /// server, or in threads of the server.
     #[arg(long, env = "HEMILUX_ISOLATION", value_enum, default_value_t = Isolation::Process)]
     pub isolation: Isolation,
-    /// Most memory of a device's process, MiB of address space; without it, unlimited. Drivers of
-    /// GPUs reserve much more address space than they use.
+    /// Most memory of a device's process, MiB of address space. Without it, the CPU device in a
+    /// container with a limit may take that less a quarter, at most 512 MiB, for the server; all
+    /// else is unlimited: drivers of GPUs reserve much more address space than they use.
     #[arg(long, env = "HEMILUX_JOB_MEMORY_MB", value_parser = clap::value_parser!(u64).range(64..=67_108_864))]
     pub job_memory_mb: Option<u64>,
     /// Seconds of silence after which a job's device is started again and the attempt counts as
@@ -132,6 +134,13 @@ impl Config {
             max_seconds: self.max_seconds,
             max_patches: self.max_patches,
         }
+    }
+
+    /// Most memory of that device's process, MiB of address space; `None` is unlimited.
+    pub fn device_memory_mb(&self, device: &str) -> Option<u64> {
+        let of_container =
+            || memory::container().map(|bytes| memory::default_job_limit(bytes) >> 20);
+        self.job_memory_mb.or_else(|| if device == "cpu" { of_container() } else { None })
     }
 
     /// Largest upload, bytes.

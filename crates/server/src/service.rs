@@ -170,7 +170,11 @@ pub async fn serve(
         key_watch: KeyWatch::default(),
         audit,
         disk: Disk::new(config.data_dir.clone(), config.guard.min_free_mb),
-        max_job_bytes: config.guard.max_job_memory_mb.map(|mb| mb << 20).or_else(memory::total),
+        max_job_bytes: config
+            .guard
+            .max_job_memory_mb
+            .map(|mb| mb << 20)
+            .or_else(memory::default_estimate_limit),
         shutdown: stop.clone(),
         config,
     });

@@ -70,14 +70,29 @@ pub const METHODS: &[&str] = &[
     "hemilux",
 ];
 
-/// Memory that a method takes at least, bytes, for so many triangles and a picture of that size;
-/// `None` for methods that do not say, `auto` among them, which picks one that fits.
-pub fn needed_bytes(method: &str, triangles: u64, width: u32, height: u32) -> Option<u64> {
+/// Memory that a method takes at least, bytes, for so many triangles, wanted patches and a picture
+/// of that size; `None` for names of no method. Of `auto`, which picks a method by the scene and the
+/// memory that is free, it is that of the most modest one that it may pick.
+pub fn needed_bytes(
+    method: &str,
+    triangles: u64,
+    patches: u64,
+    [width, height]: [u32; 2],
+) -> Option<u64> {
+    let of = |method| needed_bytes(method, triangles, patches, [width, height]);
     match method {
         "hemilux" => Some(hemilux::needed_bytes_for(triangles, width, height)),
         "ray-traced" | "illumination-map" => {
             Some(ray_traced::needed_bytes(triangles, width, height))
         }
+        "stochastic" | "monte-carlo" | "progressive" => {
+            Some(stage::needed_bytes(triangles, patches, width, height))
+        }
+        "gauss-seidel" => {
+            let rest = stage::needed_bytes(triangles, patches, width, height);
+            Some(rest.saturating_add(radiosity::matrix_bytes(patches.max(triangles))))
+        }
+        "auto" => ["hemilux", "stochastic", "illumination-map"].into_iter().filter_map(of).min(),
         _ => None,
     }
 }

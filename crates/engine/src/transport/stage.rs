@@ -126,6 +126,20 @@ impl Record {
     }
 }
 
+/// Bytes that a method on patches takes at its peak for a scene of so many triangles and a picture
+/// of that size, as measured: what scene, mesh, sums of the device and weights of the pixels hold,
+/// and the program itself. There is at least a patch a triangle.
+pub fn needed_bytes(triangles: u64, patches: u64, width: u32, height: u32) -> u64 {
+    const PROGRAM: u64 = 16 << 20;
+    const PER_TRIANGLE: u64 = 300;
+    const PER_PATCH: u64 = 450;
+    const PER_PIXEL: u64 = 32;
+    let pixels = u64::from(width) * u64::from(height);
+    let mesh = triangles.saturating_mul(PER_TRIANGLE);
+    let light = patches.max(triangles).saturating_mul(PER_PATCH);
+    mesh.saturating_add(light).saturating_add(PROGRAM + pixels * PER_PIXEL)
+}
+
 /// The set-up of one job on patches.
 pub struct Stage {
     record: Record,

@@ -72,7 +72,8 @@ pub struct GuardConfig {
     /// MiB that must stay free on the disk of the data folder; below it nothing new is taken.
     #[arg(long, env = "HEMILUX_MIN_FREE_MB", default_value_t = 256, value_parser = clap::value_parser!(u64).range(..=1 << 40))]
     pub min_free_mb: u64,
-    /// MiB of memory that one job may need by estimate; all of this machine's by default.
+    /// MiB of memory that one job may need by estimate. By default all of this machine, or what a
+    /// device may take in a container (see --job-memory-mb).
     #[arg(long, env = "HEMILUX_MAX_JOB_MEMORY_MB", value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
     pub max_job_memory_mb: Option<u64>,
     /// Networks inside which webhooks may be sent, such as 10.1.0.0/16; comma-separated. Without

@@ -29,7 +29,7 @@ impl Executor {
         let (body, said) = match config.isolation {
             Isolation::Process => {
                 let (process, said) =
-                    Process::start(device, config.job_memory_mb, config.log_format)?;
+                    Process::start(device, config.device_memory_mb(device), config.log_format)?;
                 (Body::Process(process), said)
             }
             Isolation::Thread => {

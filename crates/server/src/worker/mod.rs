@@ -31,7 +31,7 @@ use crate::trace_context::TraceParent;
 use executor::Executor;
 use hemilux_engine::render::{Begin, Limits, RenderError, RenderRequest};
 use hemilux_engine::transport::options::Settings;
-use hemilux_engine::transport::{METHODS, OPTIONS};
+use hemilux_engine::transport::{self, METHODS, OPTIONS};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -107,10 +107,13 @@ pub fn request_problem(job: &JobRequest) -> Option<FieldError> {
     }
 }
 
-/// Memory that a job needs at least, bytes, by the estimate of its method; `None` where the method
-/// has none.
+/// Memory that a job needs at least, bytes, by the estimate of its method; `None` where the request
+/// cannot be understood.
 pub fn needed_bytes(job: &JobRequest, triangles: u64) -> Option<u64> {
-    hemilux_engine::transport::needed_bytes(&job.method, triangles, job.width, job.height)
+    let options = job.options.iter().map(|(name, value)| (name.clone(), value.to_string()));
+    let mesh = Settings::new(&options.collect()).and_then(|settings| settings.mesh()).ok()?;
+    let size = [job.width, job.height];
+    transport::needed_bytes(&job.method, triangles, mesh.patches as u64, size)
 }
 
 /// What the devices do, for whoever asks.
@@ -343,5 +346,29 @@ mod tests {
         set("c", DeviceStatus::Idle);
         set("b", DeviceStatus::Busy);
         assert!(pool.was_alone("b"), "a new job begins anew");
+    }
+
+    fn needed(method: &str, triangles: u64, patches: u64, side: u32) -> u64 {
+        let job = serde_json::json!({"method": method, "width": side, "height": side,
+                                     "options": {"patches": patches}});
+        let job = serde_json::from_value(job).unwrap();
+        needed_bytes(&job, triangles).unwrap_or_else(|| panic!("{method} does not say"))
+    }
+
+    #[test]
+    fn every_method_says_what_it_needs_and_more_for_more() {
+        for method in METHODS {
+            let little = needed(method, 1000, 2000, 100);
+            assert!((1 << 20..1 << 30).contains(&little), "{method}: {little}");
+            assert!(needed(method, 1_000_000, 2000, 100) > little, "{method}");
+            assert!(needed(method, 1000, 2000, 4000) > little, "{method}");
+            // Methods without patches do not care for them.
+            assert!(needed(method, 1000, 200_000, 100) >= little, "{method}");
+        }
+        assert!(needed("stochastic", 1000, 2_000_000, 100) > 500_000_000);
+        // The matrix of form factors, with at least a patch a triangle.
+        assert!(needed("gauss-seidel", 1000, 20_000, 100) > 1_600_000_000);
+        assert!(needed("gauss-seidel", 20_000, 1, 100) > 1_600_000_000);
+        assert!(needed("auto", 1000, 2000, 4000) <= needed("hemilux", 1000, 2000, 4000));
     }
 }

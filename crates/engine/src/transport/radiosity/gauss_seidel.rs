@@ -89,6 +89,11 @@ impl Method for GaussSeidel {
     }
 }
 
+/// Bytes of the form factors between so many patches.
+pub fn matrix_bytes(patches: u64) -> u64 {
+    patches.saturating_mul(patches).saturating_mul(size_of::<f32>() as u64)
+}
+
 /// F_ij, row by row.
 pub struct FormFactors {
     count: usize,
@@ -100,7 +105,7 @@ impl FormFactors {
     /// Room for the matrix, if the machine has it.
     fn reserve(scene: &PatchedScene) -> Result<Self, DeviceError> {
         let count = scene.patches.len();
-        let needed_bytes = 4 * (count as u64).pow(2);
+        let needed_bytes = matrix_bytes(count as u64);
         let available_bytes = free_memory();
         let mut values = Vec::new();
         let fits =

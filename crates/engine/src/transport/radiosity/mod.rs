@@ -5,7 +5,7 @@ mod gauss_seidel;
 mod monte_carlo;
 mod progressive;
 
-pub use gauss_seidel::GaussSeidel;
+pub use gauss_seidel::{GaussSeidel, matrix_bytes};
 pub use monte_carlo::MonteCarlo;
 pub use progressive::Progressive;
 
