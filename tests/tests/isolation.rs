@@ -1,6 +1,8 @@
 //! What a job does to itself, it does to no other: panics, aborts, stack overflows, memory, lost
 //! devices and hangs, brought about at failpoints of the real program.
 
+use hemilux::worker::needed_bytes;
+use hemilux_tests::load::peak_mib;
 use hemilux_tests::server::{PATIENCE, Server};
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
@@ -218,5 +220,37 @@ fn jobs_survive_the_server_dying_at_any_step() {
         assert_eq!(ends, 1, "{point}: {events:?}");
         let before = second.wait(done["id"].as_str().unwrap());
         assert_eq!(before["result"], done["result"], "{point}");
+    }
+}
+
+/// The most memory that the only process of a fresh server's device takes for a job, and what the
+/// job's method says that it needs; bytes.
+fn taken_and_said(wish: &Value) -> (f64, f64) {
+    let server = Server::start().until_ready();
+    let device = server.children();
+    let readiness = |process: u32| {
+        let text = std::fs::read_to_string(format!("/proc/{process}/oom_score_adj")).unwrap();
+        text.trim().parse::<i32>().unwrap()
+    };
+    assert!(readiness(device[0]) >= 500.max(readiness(server.pid())));
+    let record = server.wait(&server.submit(wish));
+    assert_eq!(record["state"], "succeeded", "{record}");
+    assert_eq!(server.children(), device, "the process was started again");
+    let scene = server.get(&format!("/v1/scenes/{}", record["request"]["scene"].as_str().unwrap()));
+    let triangles = scene.json()["triangles"].as_u64().unwrap();
+    let said = needed_bytes(&serde_json::from_value(wish.clone()).unwrap(), triangles).unwrap();
+    (peak_mib(device[0]) * f64::from(1 << 20), said as f64)
+}
+
+#[test]
+fn a_devices_process_takes_what_its_method_says_and_goes_before_the_server() {
+    for (method, side, patches) in [("stochastic", 16, 60_000), ("gauss-seidel", 16, 3000)] {
+        let wish = json!({"scene": "cornell", "method": method, "width": side, "height": side,
+                          "max_iterations": 1, "options": {"patches": patches}});
+        let (taken, said) = taken_and_said(&wish);
+        assert!(
+            said < 2.0 * taken && taken < 2.0 * said,
+            "{method}, {side} pixels, {patches} patches: took {taken:.3e}, said {said:.3e} bytes"
+        );
     }
 }
