@@ -101,7 +101,7 @@ async fn what_is_restored_is_what_was_there() {
     let deleted = used.jobs[0];
     used.store.delete(deleted).await.unwrap();
     // What no record names, and what is in quarantine, is no part of a backup.
-    used.artifacts.put_scene(&sha256_hex(b"orphan"), "orphan".into()).await.unwrap();
+    used.artifacts.put_scene(&sha256_hex(b"orphan"), bytes::Bytes::from("orphan")).await.unwrap();
     let taken = take(&used.data(), &used.path("backup")).await.unwrap();
     assert_eq!((taken.jobs, taken.scenes, taken.files), (2, 1, 5));
     assert!(taken.lost.is_empty() && taken.begin_afresh.is_empty());

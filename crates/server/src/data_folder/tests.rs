@@ -14,7 +14,7 @@ async fn used() -> TempDir {
 
 async fn fill(store: &SqliteStore, artifacts: &Artifacts) {
     let id = "ab".repeat(32);
-    artifacts.put_scene(&id, "scene".into()).await.unwrap();
+    artifacts.put_scene(&id, bytes::Bytes::from("scene")).await.unwrap();
     let scene = Scene {
         id,
         name: None,

@@ -156,8 +156,14 @@ pub async fn parts(
     let (allowance, pace) = (Allowance::new(app), Pace::new(app.config.intake.upload_time()));
     let mut arrival = Arrival { gauge, allowance, pace };
     let spool = Spool::new(app).await?;
-    let mut parts =
-        Parts { job: None, scene_name: None, scene: None, resources: BTreeMap::new(), spool, _turn: turn };
+    let mut parts = Parts {
+        job: None,
+        scene_name: None,
+        scene: None,
+        resources: BTreeMap::new(),
+        spool,
+        _turn: turn,
+    };
     let mut count = 0;
     while let Some(field) = arrival
         .pace
