@@ -1,0 +1,20 @@
+//! Light: the engine against oracles in f64, other methods, itself on another device, and scenes on
+//! which it could fail. One program, so that it is linked once and its tests share the cores.
+
+mod checkpoints;
+mod comparators;
+mod expectation;
+mod furnace;
+mod glossy;
+mod hemilux;
+mod illumination_map;
+mod malformed_scenes;
+mod methods;
+mod oracles;
+mod pictures;
+mod ray_traced;
+mod stability;
+mod stability_geometry;
+mod stability_switches;
+mod switches;
+mod twins;
