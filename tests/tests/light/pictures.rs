@@ -280,7 +280,7 @@ fn requests_out_of_range_name_the_parameter() {
             "camera.yfov_degrees",
             RenderRequest { camera: from([0.0; 3], [1.0; 3], 180.0), ..good.clone() },
         ),
-        ("camera", RenderRequest { camera: from([1.0; 3], [1.0; 3], 40.0), ..good.clone() }),
+        ("camera.target", RenderRequest { camera: from([1.0; 3], [1.0; 3], 40.0), ..good.clone() }),
         ("seconds", RenderRequest { limits: limits(Some(f64::NAN), None, None), ..good.clone() }),
         ("iterations", RenderRequest { limits: limits(None, Some(0), None), ..good.clone() }),
         ("target_error", RenderRequest { limits: limits(None, None, Some(1.0)), ..good.clone() }),

@@ -209,7 +209,7 @@ fn doors_inside_are_not_knocked_at() {
         (json!({"url": "https://example.org/", "events": []}), "webhook.events"),
         (json!({"url": "https://example.org/", "secret": "short"}), "webhook.secret"),
         (json!({"url": "https://example.org/", "events": ["started"]}), "webhook.events[0]"),
-        (json!({"secret": SECRET}), "webhook"),
+        (json!({"secret": SECRET}), "webhook.url"),
     ] {
         let problem = server.post("/v1/jobs", &wish(&webhook)).problem(422);
         assert_eq!(problem["errors"][0]["field"], field, "{problem}");

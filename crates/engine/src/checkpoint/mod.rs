@@ -143,6 +143,18 @@ impl Checkpoint {
         (self.header, self.shared, self.bound)
     }
 
+    /// The same with another header: `change` makes of this one, as JSON, what another version of
+    /// the program would have written.
+    #[cfg(test)]
+    pub(crate) fn with_header_changed(
+        self,
+        change: impl FnOnce(&mut serde_json::Map<String, serde_json::Value>),
+    ) -> Self {
+        let mut header = serde_json::to_value(self.header).expect("plain data");
+        change(header.as_object_mut().expect("an object"));
+        Self { header: serde_json::from_value(header).expect("a header"), ..self }
+    }
+
     /// What it belongs to, and how far it is.
     pub fn header(&self) -> &Header {
         &self.header

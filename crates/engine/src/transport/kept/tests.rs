@@ -51,17 +51,12 @@ fn request(method: &str, iterations: u64) -> RenderRequest {
     }
 }
 
-/// A checkpoint of a short run of the method, as another version of the program wrote it: `change`
-/// makes of its header, in JSON, what that version would have written.
-fn by_another_version(method: &str, change: impl FnOnce(&mut serde_json::Value)) -> Checkpoint {
+/// A checkpoint of a short run of the method.
+fn taken(method: &str) -> Checkpoint {
     let mut device = CpuDevice::new(Some(1)).expect("threads");
     let mut taker = Taker::default();
     render(&mut device, &request(method, 3), &mut taker).expect("renders");
-    let (header, shared, bound) = taker.0.expect("a solution").into_parts();
-    let mut header = serde_json::to_value(header).expect("plain data");
-    header["engine"] = "0.0.7".into();
-    change(&mut header);
-    Checkpoint::new(serde_json::from_value(header).expect("a header"), shared, bound)
+    taker.0.expect("a solution")
 }
 
 fn go_on(method: &str, checkpoint: Checkpoint) -> Result<crate::image::Picture, RenderError> {
@@ -78,20 +73,23 @@ fn checkpoints_outlive_versions_and_other_formats_are_refused_by_name() {
         let mut device = CpuDevice::new(Some(1)).expect("threads");
         let whole = render(&mut device, &request(method, 6), &mut Taker(None)).expect("renders");
         // The first release wrote no format, and knew fewer settings.
-        let old = by_another_version(method, |header| {
-            let header = header.as_object_mut().expect("an object");
+        let old = taken(method).with_header_changed(|header| {
+            header.insert("engine".into(), "0.0.7".into());
             header.remove("format").expect("a format");
             let settings = header["settings"].as_object_mut().expect("settings");
             settings.remove("path_strata").expect("it was there");
         });
         let picture = go_on(method, old).expect("it goes on");
         assert!(picture == whole.picture, "{method}: not the same bits");
-        let later = by_another_version(method, |header| header["format"] = 99.into());
+        let later = taken(method).with_header_changed(|header| {
+            header.insert("engine".into(), "0.0.7".into());
+            header.insert("format".into(), 99.into());
+        });
         let told = go_on(method, later).err().expect("refused").to_string();
         for part in ["format 99", method, "0.0.7", "reads format 1"] {
             assert!(told.contains(part), "{told}");
         }
-        let strange = by_another_version(method, |header| {
+        let strange = taken(method).with_header_changed(|header| {
             header["settings"]["flux_capacitor"] = "on".into();
         });
         let told = go_on(method, strange).err().expect("refused").to_string();
