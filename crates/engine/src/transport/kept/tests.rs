@@ -85,14 +85,14 @@ fn checkpoints_outlive_versions_and_other_formats_are_refused_by_name() {
             header.insert("engine".into(), "0.0.7".into());
             header.insert("format".into(), 99.into());
         });
-        let told = go_on(method, later).err().expect("refused").to_string();
+        let told = go_on(method, later).expect_err("refused").to_string();
         for part in ["format 99", method, "0.0.7", "reads format 1"] {
             assert!(told.contains(part), "{told}");
         }
         let strange = taken(method).with_header_changed(|header| {
             header["settings"]["flux_capacitor"] = "on".into();
         });
-        let told = go_on(method, strange).err().expect("refused").to_string();
+        let told = go_on(method, strange).expect_err("refused").to_string();
         assert!(told.contains("flux_capacitor"), "{told}");
     }
 }
