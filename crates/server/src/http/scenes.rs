@@ -174,7 +174,7 @@ pub struct PageQuery {
     limit: Option<u32>,
     /// `next_cursor` of the page before. It names a place in the list and stays good when the
     /// scene there goes.
-    #[param(max_length = 128)]
+    #[param(pattern = "^[0-9]{1,18}\\.[0-9a-f]{64}$")]
     cursor: Option<String>,
 }
 

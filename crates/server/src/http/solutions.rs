@@ -231,7 +231,9 @@ async fn kept(app: &App, job: &Job) -> Result<Solution, Problem> {
             format!("the job shares the result of the identical job {twin}; name that one");
         return Err(Problem::not_now(detail));
     }
-    solution.filter(|solution| solution.begins == Begins::Continue).ok_or_else(|| {
+    // What is not to be kept may still be there for a moment after the end.
+    let is_kept = app.config.keep_solutions_mb > 0 || !job.state.is_terminal();
+    solution.filter(|solution| is_kept && solution.begins == Begins::Continue).ok_or_else(|| {
         Problem::not_now(format!(
             "nothing is kept of this job to go on from: it is {}, and solutions are kept of jobs that did some work, up to {} MiB (--keep-solutions-mb)",
             job.state.as_str(),
