@@ -11,6 +11,7 @@
 use crate::failpoints;
 use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -25,6 +26,17 @@ const MEASURE_EVERY: Duration = Duration::from_secs(86_400);
 pub fn wall() -> Timestamp {
     let now = Timestamp::now();
     now.saturating_add(failpoints::clock_jump()).unwrap_or(now)
+}
+
+/// How far the wall clock of this process is behind what is believed, milliseconds.
+static LAG_MS: AtomicI64 = AtomicI64::new(0);
+
+/// The time for records: that of the wall clock, or, while that is in doubt and behind, what is
+/// believed. What happens now must not look so old that it goes once the clock is right.
+pub fn now() -> Timestamp {
+    let lag = SignedDuration::from_millis(LAG_MS.load(Ordering::Relaxed));
+    let wall = wall();
+    wall.saturating_add(lag).unwrap_or(wall)
 }
 
 /// What is remembered of the clock between runs.
@@ -148,6 +160,14 @@ impl Judge {
         )
     }
 
+    /// How far the wall clock is behind the believed time, where that is why it is in doubt.
+    pub fn lag(&self, wall: Timestamp, at: Duration) -> SignedDuration {
+        match &self.doubt {
+            Some(_) => self.believed(at).duration_since(wall).max(SignedDuration::ZERO),
+            None => SignedDuration::ZERO,
+        }
+    }
+
     /// What to remember for the next run.
     pub fn memory(&self, wall: Timestamp, at: Duration) -> Memory {
         let believed = self.believed(at);
@@ -172,13 +192,19 @@ impl Clock {
     /// A clock that begins now.
     pub fn new(grace: Duration, memory: Option<Memory>) -> Self {
         let judge = Judge::new(grace, memory, wall(), Duration::ZERO);
-        Self { began: Instant::now(), judge: Mutex::new(judge) }
+        let clock = Self { began: Instant::now(), judge: Mutex::new(judge) };
+        clock.look();
+        clock
     }
 
-    /// Takes a look.
+    /// Takes a look; [`now`] goes by it.
     pub fn look(&self) -> Reading {
         let mut judge = self.judge.lock().unwrap_or_else(PoisonError::into_inner);
-        judge.look(wall(), self.began.elapsed())
+        let (wall, at) = (wall(), self.began.elapsed());
+        let reading = judge.look(wall, at);
+        let lag = i64::try_from(judge.lag(wall, at).as_millis()).unwrap_or(0);
+        LAG_MS.store(lag, Ordering::Relaxed);
+        reading
     }
 
     /// What to remember for the next run.

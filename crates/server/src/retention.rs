@@ -9,11 +9,12 @@
 pub mod sweep;
 
 use crate::api::scenes::Scene;
-use crate::artifacts::{ArtifactError, Artifacts, SceneContent};
+use crate::artifacts::{ArtifactError, Artifacts, Content};
 use crate::clock::{Clock, Memory, Reading};
 use crate::config::GuardConfig;
 use crate::events::Bell;
 use crate::service::Service;
+use crate::store::bytes::Staying;
 use crate::store::{Store, StoreError};
 use jiff::{SignedDuration, Timestamp};
 use std::sync::Arc;
@@ -91,7 +92,7 @@ impl Keeper {
     pub async fn keep_scene(
         &self,
         scene: &Scene,
-        content: impl Into<SceneContent>,
+        content: impl Into<Content>,
         holder: &str,
     ) -> Result<bool, RetentionError> {
         let _nothing_goes = self.collecting.read().await;
@@ -163,24 +164,51 @@ impl Keeper {
             removed.scenes += self.collect_scenes(before).await?;
         }
         if let Some(most) = rules.bytes {
-            while self.store.stored_bytes().await? > most {
-                let Some(job) = self.store.evictable().await? else {
-                    let before = now.saturating_sub(LEAST_SCENE_AGE).unwrap_or(Timestamp::MIN);
-                    removed.scenes += self.collect_scenes(before).await?;
-                    break;
-                };
-                removed.jobs += self.hide(&[job]).await?;
-            }
+            let over = self.evict(most, now).await?;
+            removed =
+                Removed { jobs: removed.jobs + over.jobs, scenes: removed.scenes + over.scenes };
         }
         Ok(removed)
     }
 
-    async fn hide(&self, jobs: &[Uuid]) -> Result<u64, RetentionError> {
-        for job in jobs {
-            self.store.delete(*job).await?;
-            self.bell.ring(*job);
+    /// Makes room until so many bytes at most are stored: scenes that no job names go first, then
+    /// jobs of whoever stores most. Where what may not go is beyond the limit by itself, no job
+    /// goes: the results of all others together would not be enough.
+    async fn evict(&self, most: u64, now: Timestamp) -> Result<Removed, RetentionError> {
+        let mut removed = Removed::default();
+        if self.store.stored_bytes().await? <= most {
+            return Ok(removed);
         }
-        Ok(jobs.len() as u64)
+        let before = now.saturating_sub(LEAST_SCENE_AGE).unwrap_or(Timestamp::MIN);
+        removed.scenes = self.collect_scenes(before).await?;
+        loop {
+            let Staying { bytes, fixed } = self.store.staying(before).await?;
+            if bytes <= most {
+                return Ok(removed);
+            }
+            if fixed > most {
+                tracing::error!(
+                    limit = most,
+                    bytes,
+                    fixed,
+                    "more than --keep-gb is stored of what may not go: jobs that are pinned or have not ended, and their scenes; nothing is removed for the limit until there is less of it"
+                );
+                return Ok(removed);
+            }
+            let Some(job) = self.store.evictable().await? else { return Ok(removed) };
+            removed.jobs += self.hide(&[job]).await?;
+        }
+    }
+
+    async fn hide(&self, jobs: &[Uuid]) -> Result<u64, RetentionError> {
+        let mut hidden = 0;
+        for job in jobs {
+            if self.store.hide_expired(*job).await? {
+                self.bell.ring(*job);
+                hidden += 1;
+            }
+        }
+        Ok(hidden)
     }
 
     /// Removes scenes that no job names and that nobody sent or used since `before`.

@@ -73,6 +73,24 @@ fn a_clock_behind_what_is_known_is_doubted() {
     assert_eq!(judge.look(at(2), up(2)).doubt, None);
 }
 
+/// What happens while the clock is behind must not look old once it is right.
+#[test]
+fn records_go_by_what_is_believed_while_the_clock_is_behind() {
+    let year = 365 * DAY as i64;
+    let hour = HOUR as i64;
+    let mut judge = Judge::new(GRACE, memory(year), at(hour), up(0));
+    judge.look(at(hour), up(0));
+    let lag = |judge: &Judge, wall: i64, uptime| judge.lag(at(wall), up(uptime)).as_secs();
+    assert_eq!(hour + lag(&judge, hour, 0), year);
+    assert_eq!(hour + 60 + lag(&judge, hour + 60, 60), year + 60, "it goes on");
+    judge.look(at(year + 120), up(120));
+    assert_eq!(lag(&judge, year + 120, 120), 0, "the clock is right again");
+    // A clock that is ahead is what people see: the service may have been off.
+    let mut ahead = Judge::new(GRACE, memory(0), at(year), up(0));
+    ahead.look(at(year), up(0));
+    assert_eq!(lag(&ahead, year, 0), 0);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..Default::default() })]
 

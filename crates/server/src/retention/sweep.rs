@@ -121,8 +121,9 @@ impl Keeper {
         let mut tended = Tended::default();
         for file in self.artifacts.all_set_aside().await? {
             let _alone = self.collecting.write().await;
-            if self.is_named(&file.place).await? {
-                tended.put_back += u64::from(self.artifacts.put_back(&file).await?);
+            // Where there is another one in its place, it waits like the others.
+            if self.is_named(&file.place).await? && self.artifacts.put_back(&file).await? {
+                tended.put_back += 1;
             } else if before.is_some_and(|before| file.at < before) {
                 self.artifacts.remove_set_aside(&file).await?;
                 tended.removed += 1;
@@ -155,6 +156,7 @@ fn is_orphan(recorded: &Recorded, name: &str) -> bool {
 pub async fn keep_sweeping(service: Arc<Service>) {
     let mut ticks = tokio::time::interval(TEND_EVERY);
     ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut is_due = false;
     for round in 0_u32.. {
         ticks.tick().await;
         // Where a test may hold the sweep up; on a thread that may be held up.
@@ -163,11 +165,13 @@ pub async fn keep_sweeping(service: Arc<Service>) {
         if let Err(error) = tend(&service, &reading).await {
             tracing::error!(%error, "cannot look through the quarantine");
         }
-        if round % SWEEP_EVERY_ROUNDS != 0 {
-            continue;
-        }
-        if let Err(error) = sweep(&service, &reading).await {
-            tracing::error!(%error, "cannot look for files that nothing names");
+        is_due |= round % SWEEP_EVERY_ROUNDS == 0;
+        // The quarantine counts from the moment at which a file came into it: that must be right.
+        if is_due && reading.doubt.is_none() {
+            is_due = false;
+            if let Err(error) = sweep(&service, reading.now).await {
+                tracing::error!(%error, "cannot look for files that nothing names");
+            }
         }
     }
 }
@@ -187,13 +191,13 @@ async fn tend(service: &Service, reading: &Reading) -> Result<(), RetentionError
     Ok(())
 }
 
-async fn sweep(service: &Service, reading: &Reading) -> Result<(), RetentionError> {
+async fn sweep(service: &Service, now: Timestamp) -> Result<(), RetentionError> {
     match service.artifacts.remove_half_written().await {
         Ok(0) => {}
         Ok(files) => tracing::info!(files, "removed what was left half-written"),
         Err(error) => tracing::error!(%error, "cannot remove what was left half-written"),
     }
-    let swept = service.keeper.sweep(reading.now, service.config.guard.sweep_large).await?;
+    let swept = service.keeper.sweep(now, service.config.guard.sweep_large).await?;
     if swept.left > 0 {
         tracing::error!(
             files = swept.files,

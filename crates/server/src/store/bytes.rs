@@ -4,6 +4,7 @@ use super::{Claim, StoreError};
 use crate::api::events::NoticeEvent;
 use crate::api::jobs::Picture;
 use async_trait::async_trait;
+use jiff::Timestamp;
 use uuid::Uuid;
 
 /// The snapshots that a job has stored.
@@ -13,6 +14,17 @@ pub struct Snapshots {
     pub stored: Vec<(u64, u64)>,
     /// How often every second one was removed, in this run of the job and those before.
     pub thinned: u32,
+}
+
+/// Bytes of what stays unless something is removed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Staying {
+    /// Of pictures and solutions of jobs that are not deleted, and of scenes that these name or
+    /// that were used lately.
+    pub bytes: u64,
+    /// Of that, what may not go to make room: jobs that are pinned or have not ended, and scenes
+    /// that these or jobs without files name, or that were used lately.
+    pub fixed: u64,
 }
 
 /// What became of a wish to pin.
@@ -43,8 +55,11 @@ pub trait Bytes: Send + Sync {
     /// Makes a job stay, or expire again. It does not become pinned where its payer's pinned jobs
     /// would then have more than `most` bytes.
     async fn pin(&self, job: Uuid, pinned: bool, most: Option<u64>) -> Result<Pinned, StoreError>;
-    /// The job to remove next for want of space: of the payer who stores most, of those who have
-    /// any that may go, the one that ended first. Pinned jobs stay, and those that have not ended.
+    /// What stays, where scenes that were used since `before` stay for that.
+    async fn staying(&self, before: Timestamp) -> Result<Staying, StoreError>;
+    /// The job to remove next for want of space: of the payer who stores most, scenes that they
+    /// hold included, of those who have any that may go, the one that ended first. Pinned jobs stay,
+    /// and those that have not ended.
     async fn evictable(&self) -> Result<Option<Uuid>, StoreError>;
     /// The snapshots of a job.
     async fn snapshots(&self, job: Uuid) -> Result<Snapshots, StoreError>;

@@ -4,9 +4,10 @@ use super::{SqliteStore, events, jobs, rows};
 use crate::api::events::{EventData, NoticeEvent};
 use crate::api::jobs::Picture;
 use crate::job_state::Event;
-use crate::store::bytes::{Bytes, Pinned, Snapshots};
+use crate::store::bytes::{Bytes, Pinned, Snapshots, Staying};
 use crate::store::{Claim, StoreError};
 use async_trait::async_trait;
+use jiff::Timestamp;
 use sqlx::Row;
 use uuid::Uuid;
 
@@ -68,13 +69,42 @@ impl Bytes for SqliteStore {
         Ok(Pinned::Done)
     }
 
+    async fn staying(&self, before: Timestamp) -> Result<Staying, StoreError> {
+        // Jobs without files stay, and so do their scenes, until they expire.
+        let row = sqlx::query(
+            "WITH needed AS (
+                 SELECT json_extract(record, '$.size') AS size, used_ms >= ?1 AS is_new,
+                   EXISTS (SELECT 1 FROM jobs WHERE scene_id = scenes.id AND deleted_ms IS NULL)
+                       AS is_named,
+                   EXISTS (SELECT 1 FROM jobs WHERE scene_id = scenes.id AND deleted_ms IS NULL
+                             AND (pinned = 1 OR finished_ms IS NULL OR bytes = 0)) AS is_fixed
+                 FROM scenes)
+             SELECT (SELECT coalesce(sum(bytes), 0) FROM payers)
+                      + coalesce(sum(iif(is_new OR is_named, size, 0)), 0) AS bytes,
+                    (SELECT coalesce(sum(bytes), 0) FROM jobs
+                     WHERE deleted_ms IS NULL AND (pinned = 1 OR finished_ms IS NULL))
+                      + coalesce(sum(iif(is_new OR is_fixed, size, 0)), 0) AS fixed
+             FROM needed",
+        )
+        .bind(before.as_millisecond())
+        .fetch_one(&self.reader)
+        .await?;
+        let bytes = |column| row.get::<i64, _>(column).unsigned_abs();
+        Ok(Staying { bytes: bytes("bytes"), fixed: bytes("fixed") })
+    }
+
     async fn evictable(&self) -> Result<Option<Uuid>, StoreError> {
         let row = sqlx::query(
             "SELECT (SELECT id FROM jobs
                      WHERE jobs.billed_to = payers.billed_to AND finished_ms IS NOT NULL
                        AND pinned = 0 AND deleted_ms IS NULL AND jobs.bytes > 0
                      ORDER BY finished_ms, id LIMIT 1) AS job
-             FROM payers WHERE job IS NOT NULL ORDER BY bytes DESC, billed_to DESC LIMIT 1",
+             FROM payers LEFT JOIN
+                  (SELECT holder, sum(json_extract(record, '$.size')) AS scene_bytes
+                   FROM scene_holders JOIN scenes ON scenes.id = scene_id GROUP BY holder)
+                  ON holder = billed_to
+             WHERE job IS NOT NULL
+             ORDER BY bytes + coalesce(scene_bytes, 0) DESC, billed_to DESC LIMIT 1",
         )
         .fetch_optional(&self.reader)
         .await?;

@@ -133,7 +133,7 @@ pub fn diagnose(error: &sqlx::Error) -> Option<(&'static str, &'static str)> {
 /// Milliseconds since 1970 by the wall clock. For people and for sorting: it jumps, so nothing
 /// that a promise hangs on is decided by it.
 fn now_ms() -> i64 {
-    let now = crate::clock::wall().as_millisecond();
+    let now = crate::clock::now().as_millisecond();
     #[cfg(test)]
     let now = now + CLOCK_JUMP_MS.get();
     now

@@ -1,6 +1,6 @@
 //! Expiry in SQLite.
 
-use super::{SqliteStore, now_ms, rows, solutions};
+use super::{SqliteStore, jobs, now_ms, rows, solutions};
 use crate::store::StoreError;
 use crate::store::retention::{Recorded, Retention};
 use async_trait::async_trait;
@@ -31,6 +31,21 @@ impl Retention for SqliteStore {
         .fetch_all(&self.reader)
         .await?;
         found.iter().map(|row| rows::parse_id(row.get("id"))).collect()
+    }
+
+    async fn hide_expired(&self, job: Uuid) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let may_go = sqlx::query(
+            "SELECT 1 FROM jobs WHERE id = ? AND pinned = 0 AND deleted_ms IS NULL
+               AND state IN ('succeeded', 'failed', 'cancelled')",
+        )
+        .bind(job.to_string())
+        .fetch_optional(&mut *transaction)
+        .await?
+        .is_some();
+        let is_gone = may_go && jobs::delete(&mut transaction, job).await?;
+        transaction.commit().await?;
+        Ok(is_gone)
     }
 
     async fn unused_scenes(
