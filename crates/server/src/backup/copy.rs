@@ -1,10 +1,9 @@
 //! Copying and hashing files, durably and in bounded memory.
 
 use super::{BackupError, at};
-use crate::artifacts::{Place, hex};
-use sha2::{Digest, Sha256};
+use crate::artifacts::{Hashing, Place};
 use std::fs::File;
-use std::io::{Read, Write};
+use std::io::{BufReader, Write};
 use std::path::Path;
 
 /// Bytes read at once.
@@ -19,33 +18,23 @@ pub struct Content {
     pub size: u64,
 }
 
-fn pass(
-    from: &mut File,
-    mut to: impl FnMut(&[u8]) -> std::io::Result<()>,
-) -> std::io::Result<Content> {
-    let (mut hash, mut size) = (Sha256::new(), 0);
-    let mut chunk = vec![0; CHUNK];
-    loop {
-        let got = from.read(&mut chunk)?;
-        if got == 0 {
-            return Ok(Content { sha256: hex(&hash.finalize()), size });
-        }
-        hash.update(&chunk[..got]);
-        to(&chunk[..got])?;
-        size += got as u64;
-    }
+fn pass(from: File, to: impl Write) -> std::io::Result<Content> {
+    let mut hashing = Hashing::new(to);
+    std::io::copy(&mut BufReader::with_capacity(CHUNK, from), &mut hashing)?;
+    let (_, size, sha256) = hashing.finish();
+    Ok(Content { sha256, size })
 }
 
 /// Reads a file.
 pub fn content(path: &Path) -> Result<Content, BackupError> {
-    let mut file = File::open(path).map_err(at(path))?;
-    pass(&mut file, |_| Ok(())).map_err(at(path))
+    let file = File::open(path).map_err(at(path))?;
+    pass(file, std::io::sink()).map_err(at(path))
 }
 
 /// Copies a file into one that is not there yet; it is on disk on return, its name not yet. `None`
 /// where there is nothing to copy.
 pub fn copy(from: &Path, to: &Path) -> Result<Option<Content>, BackupError> {
-    let mut source = match File::open(from) {
+    let source = match File::open(from) {
         Ok(file) => file,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(at(from)(error)),
@@ -53,8 +42,8 @@ pub fn copy(from: &Path, to: &Path) -> Result<Option<Content>, BackupError> {
     if let Some(folder) = to.parent() {
         std::fs::create_dir_all(folder).map_err(at(folder))?;
     }
-    let mut target = File::create_new(to).map_err(at(to))?;
-    let copied = pass(&mut source, |chunk| target.write_all(chunk)).map_err(at(to))?;
+    let target = File::create_new(to).map_err(at(to))?;
+    let copied = pass(source, &target).map_err(at(to))?;
     target.sync_all().map_err(at(to))?;
     Ok(Some(copied))
 }

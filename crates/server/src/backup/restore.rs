@@ -10,6 +10,9 @@ use std::path::Path;
 /// What an empty data folder may hold.
 const ALLOWED: [&str; 2] = ["lock", "lost+found"];
 
+/// Name of the database's file while it is being copied.
+const UNFINISHED: &str = "hemilux.sqlite.restoring";
+
 /// Checks a backup and copies it into a new or empty data folder; what is in it. The database comes
 /// last, so a server does not start on a half of it.
 ///
@@ -25,7 +28,9 @@ pub fn restore(from: &Path, data_dir: &Path) -> Result<Manifest, BackupError> {
     let done = fill(from, data_dir, &manifest);
     if done.is_err() {
         let _ = std::fs::remove_dir_all(data_dir.join(ARTIFACTS));
-        let _ = std::fs::remove_file(data_dir.join(DATABASE));
+        for name in [DATABASE, UNFINISHED] {
+            let _ = std::fs::remove_file(data_dir.join(name));
+        }
     }
     done.map(|()| manifest)
 }
@@ -112,7 +117,7 @@ fn fill(from: &Path, data_dir: &Path, manifest: &Manifest) -> Result<(), BackupE
     copy::write(&files.join("store-id"), format!("{}\n", manifest.store_id).as_bytes())?;
     each_listed(from, &mut |sha256, path| put(path, sha256, &data_dir.join(path)))?;
     copy::sync_names(&files)?;
-    let unfinished = data_dir.join("hemilux.sqlite.restoring");
+    let unfinished = data_dir.join(UNFINISHED);
     put(DATABASE, &manifest.database_sha256, &unfinished)?;
     let database = data_dir.join(DATABASE);
     std::fs::rename(&unfinished, &database).map_err(at(&database))?;

@@ -11,7 +11,7 @@ use crate::artifacts::{Artifacts, Place};
 use crate::clock;
 use crate::data_folder::{ARTIFACTS, DATABASE};
 use crate::store::sqlite::meta;
-use crate::store::sqlite::snapshot::{Facts, NamedFile, Snapshot};
+use crate::store::sqlite::snapshot::{Facts, Kind, NamedFile, Snapshot};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -31,15 +31,9 @@ pub async fn take(data_dir: &Path, to: &Path) -> Result<Manifest, BackupError> {
         let folder = data_dir.display();
         return Err(BackupError::Refused(format!("{folder} is no data folder of hemilux")));
     }
-    let name = to.file_name().map(|name| name.display().to_string());
-    let name = name.ok_or_else(|| {
-        BackupError::Refused(format!("{} is no name for a new folder", to.display()))
-    })?;
-    let partial = to.with_file_name(format!("{name}.partial-{}", Uuid::new_v4()));
-    let taken = fill(data_dir, &database, &partial).await;
-    let taken = taken.and_then(|manifest| {
-        std::fs::rename(&partial, to).map_err(at(to))?;
-        copy::sync_folder(to.parent().unwrap_or(Path::new(".")))?;
+    let partial = partial(to)?;
+    let taken = fill(data_dir, &database, &partial).await.and_then(|manifest| {
+        move_into_place(&partial, to)?;
         Ok(manifest)
     });
     if taken.is_err() {
@@ -48,13 +42,43 @@ pub async fn take(data_dir: &Path, to: &Path) -> Result<Manifest, BackupError> {
     taken
 }
 
+/// Where a backup is made: on the disk where it is to be. A folder that is there may be the root of
+/// another disk, so it is made in there; otherwise beside it.
+fn partial(to: &Path) -> Result<PathBuf, BackupError> {
+    let unique = format!("partial-{}", Uuid::new_v4());
+    if to.is_dir() {
+        return Ok(to.join(unique));
+    }
+    let name = to.file_name().map(|name| name.display().to_string());
+    let name = name.ok_or_else(|| {
+        BackupError::Refused(format!("{} is no name for a new folder", to.display()))
+    })?;
+    Ok(to.with_file_name(format!("{name}.{unique}")))
+}
+
+/// Gives a finished backup its place. Without its manifest, which comes last, a folder is none.
+fn move_into_place(partial: &Path, to: &Path) -> Result<(), BackupError> {
+    if partial.parent() == Some(to) {
+        for name in [ARTIFACTS, DATABASE, FILES, MANIFEST] {
+            std::fs::rename(partial.join(name), to.join(name)).map_err(at(to))?;
+            copy::sync_folder(to)?;
+        }
+        std::fs::remove_dir(partial).map_err(at(partial))?;
+        return copy::sync_folder(to);
+    }
+    std::fs::rename(partial, to).map_err(at(to))?;
+    copy::sync_folder(to.parent().unwrap_or(Path::new(".")))
+}
+
 async fn fill(data_dir: &Path, database: &Path, partial: &Path) -> Result<Manifest, BackupError> {
     let files = partial.join(ARTIFACTS);
     std::fs::create_dir_all(&files).map_err(at(&files))?;
     let work = Work { source: data_dir.join(ARTIFACTS), files };
     let copied = partial.join(DATABASE);
-    // Says early where the database is not of this version.
-    Snapshot::take(database, &copied).await?.close().await?;
+    // Says early where the database is not of this version, or not that of the files.
+    let mut first = Snapshot::take(database, &copied).await?;
+    work.check_id(data_dir, &first.facts().await?).await?;
+    first.close().await?;
     copy::each_file(&work.source, &mut |place| work.copy(&place).map(drop))?;
 
     let mut lost = BTreeSet::new();
@@ -72,25 +96,49 @@ async fn fill(data_dir: &Path, database: &Path, partial: &Path) -> Result<Manife
         }
     }
     let Some(mut snapshot) = snapshot else { unreachable!("there is a first try") };
-    let begin_afresh: BTreeSet<Uuid> = lost.iter().filter_map(|lost| lost.job).collect();
-    for job in &begin_afresh {
-        snapshot.drop_solution(*job).await?;
-    }
+    let (lost, begin_afresh) = do_without(&mut snapshot, lost).await?;
     work.prune(&mut snapshot).await?;
     let facts = snapshot.facts().await?;
     snapshot.close().await?;
-    work.check_id(data_dir, &facts).await?;
-    let lost = lost.into_iter().filter(|lost| lost.job.is_none()).map(|lost| lost.what).collect();
-    seal(partial, &work, facts, lost, begin_afresh.into_iter().collect())
+    let files = Artifacts::local(&work.files).map_err(at(&work.files))?;
+    files.put_store_id(facts.store_id).await?;
+    seal(partial, &work, facts, lost, begin_afresh)
+}
+
+/// Makes the copy forget checkpoints and baked light that cannot be had: what is lost for good, and
+/// the jobs that only begin afresh.
+async fn do_without(
+    snapshot: &mut Snapshot,
+    missing: BTreeSet<Lost>,
+) -> Result<(Vec<String>, Vec<Uuid>), BackupError> {
+    let (mut lost, mut begin_afresh) = (Vec::new(), Vec::new());
+    for Lost { place, kind, why } in missing {
+        let what = format!("{}: {why}", place.path());
+        let (Place::Job(job, _), Kind::Checkpoint | Kind::Baked) = (&place, kind) else {
+            lost.push(what);
+            continue;
+        };
+        match kind {
+            Kind::Checkpoint => snapshot.forget_solution(*job).await?,
+            _ => snapshot.forget_baked(*job).await?,
+        }
+        match (snapshot.has_ended(*job).await?, kind) {
+            (true, Kind::Checkpoint) => lost.push(format!("{what}, so it cannot be extended")),
+            (true, _) => lost.push(what),
+            (false, Kind::Checkpoint) => begin_afresh.push(*job),
+            // There will be another one when it ends.
+            (false, _) => {}
+        }
+    }
+    Ok((lost, begin_afresh))
 }
 
 /// A file that a record names and that cannot be had.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Lost {
-    /// Which, and why.
-    what: String,
-    /// The job that can begin afresh without it.
-    job: Option<Uuid>,
+    place: Place,
+    kind: Kind,
+    why: &'static str,
 }
 
 /// The folders of files.
@@ -152,13 +200,7 @@ impl Work {
     /// Has a file here, copied now if need be; why not, where it cannot be had.
     fn have(&self, file: &NamedFile) -> Result<Option<Lost>, BackupError> {
         let path = file.place.path();
-        let lost = |why: &str| {
-            let job = match &file.place {
-                Place::Job(job, _) if file.of_solution => Some(*job),
-                _ => None,
-            };
-            Some(Lost { what: format!("{path}: {why}"), job })
-        };
+        let lost = |why| Some(Lost { place: file.place.clone(), kind: file.kind, why });
         let here = self.files.join(&path);
         if !here.exists() && self.copy(&file.place)?.is_none() {
             return Ok(lost("is missing"));
@@ -201,7 +243,7 @@ impl Work {
         Ok(())
     }
 
-    /// Refuses files of another store, and makes the copied ones bear the id.
+    /// Refuses files of another store.
     async fn check_id(&self, data_dir: &Path, facts: &Facts) -> Result<(), BackupError> {
         let source = Artifacts::local(&self.source).map_err(at(&self.source))?;
         let (own, borne) = (facts.store_id.to_string(), source.store_id().await?);
@@ -211,10 +253,6 @@ impl Work {
                 "database and files in {folder} do not belong together: the database is that of store {own}, the files bear {borne}; start the server on the folder, which says what to do"
             )));
         }
-        Artifacts::local(&self.files)
-            .map_err(at(&self.files))?
-            .put_store_id(facts.store_id)
-            .await?;
         Ok(())
     }
 }

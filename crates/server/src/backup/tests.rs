@@ -1,12 +1,12 @@
 use super::*;
 use crate::api::jobs::PictureFormat;
-use crate::api::scenes::{Scene, SceneFormat};
 use crate::artifacts::{Artifacts, sha256_hex};
 use crate::data_folder;
 use crate::job_state::JobState;
+use crate::specimens;
 use crate::store::solutions::Solutions;
 use crate::store::sqlite::SqliteStore;
-use crate::store::{Accepted, NewJob, Outcome, Store, Submitter};
+use crate::store::{Accepted, Outcome, Store};
 use std::path::PathBuf;
 use tempfile::TempDir;
 
@@ -25,55 +25,42 @@ impl Used {
         let (store, artifacts) = data_folder::open(&data, false).await.unwrap();
         let mut used = Self { folder, store, artifacts, jobs: Vec::new() };
         for number in 0..3 {
+            used.accept(None).await;
             used.work(number).await;
         }
         used
     }
 
-    async fn work(&mut self, number: u8) {
+    /// A job that begins with a checkpoint, and perhaps with baked light.
+    async fn accept(&mut self, baked: Option<serde_json::Value>) -> Uuid {
         let bytes = bytes::Bytes::from_static(b"scene");
-        let scene = Scene {
-            id: sha256_hex(&bytes),
-            name: None,
-            format: SceneFormat::Gltf,
-            size: bytes.len() as u64,
-            created_at: Timestamp::now(),
-            triangles: 1,
-            vertices: 3,
-            materials: 1,
-            textures: 0,
-            lights: 0,
-            bounds: None,
-            cameras: Vec::new(),
-            warnings: Vec::new(),
-        };
+        let scene = specimens::scene(&bytes);
         self.artifacts.put_scene(&scene.id, bytes).await.unwrap();
         self.store.put_scene(&scene).await.unwrap();
-        let job = NewJob {
-            id: Uuid::now_v7(),
-            scene_id: scene.id,
-            request: serde_json::from_str("{}").unwrap(),
-            idempotency_key: None,
-            request_hash: crate::api::request_hash::RequestHash::default(),
-            submitter: Submitter::default(),
-            render_key: None,
-        };
+        let job = specimens::job(&scene.id);
         let id = job.id;
         let solution = serde_json::json!({
             "file": "a.checkpoint", "size": 5, "begins": "view", "method": "stochastic",
-            "iterations": 1, "seconds": 1.0, "estimated_error": null, "baked": null
+            "iterations": 1, "seconds": 1.0, "estimated_error": null, "baked": baked
         });
         let solution = serde_json::from_value(solution).unwrap();
         self.artifacts.put_kept(id, "a.checkpoint", b"light".to_vec()).await.unwrap();
         let accepted = self.store.accept_view(job, &solution, 100).await.unwrap();
         assert!(matches!(accepted, Accepted::New(_)));
+        id
+    }
+
+    /// Ends the job that waits longest, with a picture.
+    async fn work(&mut self, number: u8) -> Uuid {
         let (claim, _) =
             self.store.claim(&crate::store::conformance::ASKING).await.unwrap().unwrap();
-        let picture = self.artifacts.put_picture(id, PictureFormat::Png, (1, 1), vec![number]);
+        let picture =
+            self.artifacts.put_picture(claim.job, PictureFormat::Png, (1, 1), vec![number]);
         let pictures = vec![picture.await.unwrap()];
         let outcome = Outcome { pictures, ..Outcome::of(JobState::Succeeded) };
         self.store.finish(claim, outcome).await.unwrap();
-        self.jobs.push(id);
+        self.jobs.push(claim.job);
+        claim.job
     }
 
     fn data(&self) -> PathBuf {
@@ -114,7 +101,10 @@ async fn what_is_restored_is_what_was_there() {
         assert_eq!(record.result, used.store.job(job).await.unwrap().unwrap().result);
         let sha256 = sha256_hex(&[number]);
         artifacts.picture(job, &sha256, PictureFormat::Png).await.unwrap();
-        assert_eq!(artifacts.kept(job, "a.checkpoint").await.unwrap(), "light");
+        assert_eq!(
+            artifacts.kept(job, "a.checkpoint").await.unwrap().into_bytes().unwrap(),
+            "light"
+        );
         artifacts.scene(&record.scene).await.unwrap();
     }
 }
@@ -179,24 +169,72 @@ async fn a_damaged_backup_is_refused_whole() {
     restore(&backup, &used.path("new")).unwrap();
 }
 
-/// Pictures and scenes that the data folder has lost are told; checkpoints can be done without.
+/// What the data folder has lost is told, whatever it is, and what is left of it is kept.
 #[tokio::test]
 async fn what_the_data_folder_has_lost_is_told() {
     let used = Used::new().await;
     let files = used.data().join(data_folder::ARTIFACTS);
+    let checkpoint = |job: usize| format!("jobs/{}/a.checkpoint", used.jobs[job]);
     std::fs::remove_file(files.join(used.picture(0))).unwrap();
     change(&files.join(used.picture(1)));
-    std::fs::remove_file(files.join(format!("jobs/{}/a.checkpoint", used.jobs[2]))).unwrap();
+    std::fs::remove_file(files.join(checkpoint(2))).unwrap();
     let taken = take(&used.data(), &used.path("backup")).await.unwrap();
-    let mut told =
-        [format!("{}: is missing", used.picture(0)), format!("{}: is damaged", used.picture(1))];
+    let mut told = [
+        format!("{}: is missing", used.picture(0)),
+        format!("{}: is damaged", used.picture(1)),
+        format!("{}: is missing, so it cannot be extended", checkpoint(2)),
+    ];
     told.sort_unstable();
     assert_eq!(taken.lost, told);
-    assert_eq!(taken.begin_afresh, [used.jobs[2]]);
+    assert!(taken.begin_afresh.is_empty(), "these jobs have ended");
     restore(&used.path("backup"), &used.path("new")).unwrap();
     let (store, _) = data_folder::open(&used.path("new"), false).await.unwrap();
     assert_eq!(store.solution(used.jobs[2]).await.unwrap(), None);
     assert!(store.solution(used.jobs[1]).await.unwrap().is_some());
+}
+
+/// A job that waits begins afresh; light that cannot be had takes no checkpoint along.
+#[tokio::test]
+async fn a_waiting_job_begins_afresh_and_a_checkpoint_outlives_its_light() {
+    let mut used = Used::new().await;
+    let files = used.data().join(data_folder::ARTIFACTS);
+    let baked = serde_json::json!({"file": "b.glb", "sha256": sha256_hex(b"b"), "size": 1});
+    used.accept(Some(baked)).await;
+    let waits = used.accept(None).await;
+    std::fs::remove_file(files.join(format!("jobs/{waits}/a.checkpoint"))).unwrap();
+    let with_light = used.work(9).await;
+    let taken = take(&used.data(), &used.path("backup")).await.unwrap();
+    assert_eq!(taken.lost, [format!("jobs/{with_light}/b.glb: is missing")]);
+    assert_eq!(taken.begin_afresh, [waits]);
+    restore(&used.path("backup"), &used.path("new")).unwrap();
+    let (store, artifacts) = data_folder::open(&used.path("new"), false).await.unwrap();
+    assert_eq!(store.solution(waits).await.unwrap(), None);
+    let solution = store.solution(with_light).await.unwrap().unwrap();
+    assert_eq!((solution.baked, solution.file.as_str()), (None, "a.checkpoint"));
+    artifacts.kept(with_light, "a.checkpoint").await.unwrap();
+}
+
+/// The folder may be there, and the root of a disk: nothing is made outside it.
+#[tokio::test]
+async fn a_backup_into_an_empty_folder_is_made_in_there() {
+    let used = Used::new().await;
+    let to = used.path("disk");
+    std::fs::create_dir(&to).unwrap();
+    let around = || std::fs::read_dir(used.folder.path()).unwrap().count();
+    let before = around();
+    let taken = take(&used.data(), &to).await.unwrap();
+    assert_eq!(around(), before);
+    let mut names: Vec<_> =
+        std::fs::read_dir(&to).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    names.sort_unstable();
+    assert_eq!(names, [data_folder::ARTIFACTS, FILES, data_folder::DATABASE, MANIFEST]);
+    assert_eq!(restore(&to, &used.path("new")).unwrap(), taken);
+    // One that fails leaves the folder as it was.
+    let other = used.path("other disk");
+    std::fs::create_dir(&other).unwrap();
+    used.artifacts.put_store_id(Uuid::new_v4()).await.unwrap();
+    take(&used.data(), &other).await.unwrap_err();
+    assert_eq!(std::fs::read_dir(&other).unwrap().count(), 0);
 }
 
 #[tokio::test]

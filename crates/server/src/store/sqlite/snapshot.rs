@@ -23,9 +23,19 @@ pub struct NamedFile {
     pub sha256: Option<String>,
     /// Its bytes.
     pub size: u64,
-    /// Whether it is a part of what is kept of a job's solution, without which the job can begin
-    /// afresh.
-    pub of_solution: bool,
+    /// What it is.
+    pub kind: Kind,
+}
+
+/// What a file is that a record names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    /// A scene or a picture.
+    Content,
+    /// What a job goes on from; without it, it begins afresh.
+    Checkpoint,
+    /// Light of surfaces, made when a job ends.
+    Baked,
 }
 
 /// What a copy holds.
@@ -131,7 +141,7 @@ impl Snapshot {
                 place: Place::Job(job, name),
                 sha256: Some(picture.sha256),
                 size: picture.size,
-                of_solution: false,
+                kind: Kind::Content,
             });
         }
         let solution = super::solutions::find(&mut self.connection, job).await?;
@@ -153,7 +163,7 @@ impl Snapshot {
                 place: Place::Scene(scene.id.clone()),
                 sha256: Some(scene.id),
                 size: scene.size,
-                of_solution: false,
+                kind: Kind::Content,
             })
         };
         found.iter().map(file).collect()
@@ -181,16 +191,37 @@ impl Snapshot {
         }
     }
 
+    /// Whether a job has ended.
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    pub async fn has_ended(&mut self, job: Uuid) -> Result<bool, StoreError> {
+        let query = sqlx::query("SELECT state FROM jobs WHERE id = ?").bind(job.to_string());
+        let row = query.fetch_optional(&mut self.connection).await?;
+        row.map_or(Ok(false), |row| Ok(rows::state(row.get("state"))?.is_terminal()))
+    }
+
     /// Forgets what the copy knows of a job's solution: the job begins afresh, and one that has
     /// ended cannot be extended.
     ///
     /// # Errors
     /// Where it cannot be written.
-    pub async fn drop_solution(&mut self, job: Uuid) -> Result<(), StoreError> {
-        sqlx::query("DELETE FROM solutions WHERE job_id = ?")
-            .bind(job.to_string())
-            .execute(&mut self.connection)
-            .await?;
+    pub async fn forget_solution(&mut self, job: Uuid) -> Result<(), StoreError> {
+        self.change("DELETE FROM solutions WHERE job_id = ?", job).await
+    }
+
+    /// Forgets the baked light of a job's solution, and nothing else of it.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub async fn forget_baked(&mut self, job: Uuid) -> Result<(), StoreError> {
+        let change =
+            "UPDATE solutions SET record = json_set(record, '$.baked', NULL) WHERE job_id = ?";
+        self.change(change, job).await
+    }
+
+    async fn change(&mut self, query: &'static str, job: Uuid) -> Result<(), StoreError> {
+        sqlx::query(query).bind(job.to_string()).execute(&mut self.connection).await?;
         Ok(())
     }
 
@@ -212,13 +243,13 @@ fn files_of_solution(job: Uuid, solution: Solution) -> Vec<NamedFile> {
         place: Place::Job(job, baked.file),
         sha256: Some(baked.sha256),
         size: baked.size,
-        of_solution: true,
+        kind: Kind::Baked,
     });
     let checkpoint = NamedFile {
         place: Place::Job(job, solution.file),
         sha256: None,
         size: solution.size,
-        of_solution: true,
+        kind: Kind::Checkpoint,
     };
     [checkpoint].into_iter().chain(baked).collect()
 }
