@@ -5,11 +5,12 @@
 //! the id of the store, and a start where the two disagree is refused, with what to do.
 
 use crate::artifacts::{ArtifactError, Artifacts};
-use crate::store::sqlite::SqliteStore;
+use crate::store::sqlite::{SqliteStore, meta};
 use crate::store::{Meta, StoreError};
 use std::fs::{File, TryLockError};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// Name of the database's file.
 pub const DATABASE: &str = "hemilux.sqlite";
@@ -62,8 +63,12 @@ pub enum FolderError {
     },
 }
 
+/// How long a process may take to let go of the folder: one that is about to end, or that only
+/// makes the first key.
+const LOCK_PATIENCE: Duration = Duration::from_secs(2);
+
 /// Holds the data folder for this process; the system lets go of it when the process ends,
-/// however it ends.
+/// however it ends. Waits a moment for another one to do so.
 ///
 /// # Errors
 /// Where another process holds it, or it cannot be made.
@@ -77,10 +82,16 @@ pub fn lock(folder: &Path) -> Result<File, FolderError> {
         .write(true)
         .open(folder.join("lock"))
         .map_err(trouble)?;
-    match lock.try_lock() {
-        Ok(()) => Ok(lock),
-        Err(TryLockError::WouldBlock) => Err(FolderError::InUse(folder.to_owned())),
-        Err(TryLockError::Error(error)) => Err(trouble(error)),
+    let deadline = Instant::now() + LOCK_PATIENCE;
+    loop {
+        match lock.try_lock() {
+            Ok(()) => return Ok(lock),
+            Err(TryLockError::WouldBlock) if Instant::now() < deadline => {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            Err(TryLockError::WouldBlock) => return Err(FolderError::InUse(folder.to_owned())),
+            Err(TryLockError::Error(error)) => return Err(trouble(error)),
+        }
     }
 }
 
@@ -106,6 +117,7 @@ pub async fn open(folder: &Path, adopt: bool) -> Result<(SqliteStore, Artifacts)
         .map_err(|source| FolderError::System { path: folder.to_owned(), source })?;
     if !adopt {
         check_not_orphaned(folder, &artifacts).await?;
+        check_ids(folder, &artifacts).await?;
     }
     let database = folder.join(DATABASE);
     let trouble = |source| FolderError::Database { path: database.clone(), source };
@@ -130,6 +142,23 @@ pub async fn check_not_orphaned(folder: &Path, artifacts: &Artifacts) -> Result<
         None if any => "there is no database, and there are files".to_owned(),
         None => return Ok(()),
     };
+    Err(FolderError::Foreign { folder: folder.to_owned(), what })
+}
+
+/// Refuses a database that is not that of the files before it is brought up to date: it may be
+/// wanted with an older program.
+async fn check_ids(folder: &Path, artifacts: &Artifacts) -> Result<(), FolderError> {
+    let database = folder.join(DATABASE);
+    let borne = artifacts.store_id().await.map_err(|source| files_trouble(folder, source))?;
+    let Some(borne) = borne.filter(|_| database.exists()) else { return Ok(()) };
+    // What is no database, or damaged, is named when it is opened.
+    let Ok(own) = meta::peek_id(&database).await else { return Ok(()) };
+    let what = match own {
+        Some(own) if own == borne => return Ok(()),
+        Some(own) => format!("the database is that of store {own}"),
+        None => "the database is of an early release".to_owned(),
+    };
+    let what = format!("{what}, the files are of store {borne}");
     Err(FolderError::Foreign { folder: folder.to_owned(), what })
 }
 

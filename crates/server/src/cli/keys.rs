@@ -4,16 +4,21 @@ use super::{Failure, print};
 use crate::access;
 use crate::api::keys::{KeyLimits, KeyRecord, Scope};
 use crate::api::webhooks::{Ending, WebhookTarget};
-use crate::data_folder;
+use crate::data_folder::{self, FolderError};
+use crate::store::StoreError;
 use crate::store::keys::Keys;
 use crate::store::sqlite::SqliteStore;
 use clap::{Args, Subcommand};
 use jiff::{SignedDuration, Timestamp};
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// Longest name of a key.
 const MAX_NAME_CHARS: usize = 64;
+
+/// How long a server that is just starting may take to make or to bring up to date its tables.
+const START_PATIENCE: Duration = Duration::from_secs(3);
 
 /// Arguments of `hemilux keys`.
 #[derive(Args)]
@@ -88,13 +93,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
             let folder = arguments.data_dir.display();
             return Err(Failure::failed(format!("{folder} is no data folder of hemilux")));
         }
-        let store = if path.exists() {
-            // A server of an earlier version may be running on it.
-            SqliteStore::open_as_it_is(&path).await.map_err(Failure::failed)?
-        } else {
-            std::fs::create_dir_all(&arguments.data_dir).map_err(Failure::failed)?;
-            data_folder::open(&arguments.data_dir, false).await.map_err(Failure::failed)?.0
-        };
+        let store = open(&arguments.data_dir, &path).await?;
         let done = match arguments.command {
             Command::Add(new) => add(&store, *new).await,
             Command::List => list(&store).await,
@@ -107,6 +106,38 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         crate::store::Store::close(&store).await;
         done
     })
+}
+
+/// The store of a data folder, made where there is none. Where a server is just starting on the
+/// folder, it makes the database or brings it up to date: that takes a moment.
+async fn open(folder: &Path, database: &Path) -> Result<SqliteStore, Failure> {
+    std::fs::create_dir_all(folder).map_err(Failure::failed)?;
+    let deadline = Instant::now() + START_PATIENCE;
+    loop {
+        let trouble = if database.exists() {
+            // A server of an earlier version may be running on it.
+            match SqliteStore::open_as_it_is(database).await {
+                Ok(store) => return Ok(store),
+                Err(error @ StoreError::OtherVersion { .. }) => Failure::failed(error),
+                Err(error) => return Err(Failure::failed(error)),
+            }
+        } else {
+            match data_folder::lock(folder) {
+                Ok(_lock) if database.exists() => continue,
+                Ok(_lock) => {
+                    let (store, _) =
+                        data_folder::open(folder, false).await.map_err(Failure::failed)?;
+                    return Ok(store);
+                }
+                Err(error @ FolderError::InUse(_)) => Failure::failed(error),
+                Err(error) => return Err(Failure::failed(error)),
+            }
+        };
+        if Instant::now() >= deadline {
+            return Err(trouble);
+        }
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
 }
 
 async fn add(store: &SqliteStore, new: New) -> Result<(), Failure> {

@@ -5,8 +5,9 @@ use crate::store::StoreError;
 use crate::store::meta::Meta;
 use async_trait::async_trait;
 use jiff::Timestamp;
-use sqlx::sqlite::{SqliteConnection, SqlitePool};
-use sqlx::{Row, migrate::Migrator};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqlitePool};
+use sqlx::{ConnectOptions, Connection, Row, migrate::Migrator};
+use std::path::Path;
 use uuid::Uuid;
 
 /// Name of the fact that is the store's id.
@@ -47,6 +48,23 @@ pub async fn check_version(connection: &mut SqliteConnection) -> Result<(), Stor
     };
     let own = newest_version();
     if version == own { Ok(()) } else { Err(StoreError::OtherVersion { version, own }) }
+}
+
+/// The id in the database `live`, which is read and not changed; `None` where it has none, as those
+/// of early releases.
+///
+/// # Errors
+/// Where it cannot be read.
+pub async fn peek_id(live: &Path) -> Result<Option<String>, StoreError> {
+    let options = SqliteConnectOptions::new().filename(live).read_only(true);
+    let mut connection = options.connect().await?;
+    let is_there = "SELECT 1 FROM sqlite_master WHERE name = 'meta'";
+    let id = match sqlx::query(is_there).fetch_optional(&mut connection).await? {
+        Some(_) => fact(&mut connection, STORE_ID).await?,
+        None => None,
+    };
+    connection.close().await?;
+    Ok(id)
 }
 
 /// A fact that was kept under a name.
