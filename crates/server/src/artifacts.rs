@@ -1,17 +1,17 @@
 //! Files: uploaded scenes and finished pictures. Content is hashed, written atomically and
 //! fsynced before it is named anywhere.
 
+mod content;
 mod kept;
 mod orphans;
 mod stream;
-mod streamed;
 
+pub use content::{Content, Hashing};
+pub use orphans::{Place, SetAside};
 pub use stream::Opened;
-pub use streamed::SceneContent;
 
 use crate::api::jobs::{Picture, PictureFormat};
 use crate::failpoints;
-use bytes::Bytes;
 use futures_util::TryStreamExt;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as Key;
@@ -22,14 +22,15 @@ use std::sync::Arc;
 use std::time::SystemTime;
 use uuid::Uuid;
 
-pub use orphans::{Place, SetAside};
-
 /// Why a file could not be kept or found.
 #[derive(Debug, thiserror::Error)]
 pub enum ArtifactError {
     /// The storage refused or is unreachable.
     #[error("artifacts: {0}")]
     Storage(#[from] object_store::Error),
+    /// What is to be stored, or was stored, cannot be read.
+    #[error("artifacts: {0}")]
+    Unreadable(#[from] std::io::Error),
     /// The file is there, but its content is not what was stored.
     #[error("artifacts: {file} is damaged; restore it from a backup")]
     Damaged {
@@ -88,11 +89,6 @@ impl Artifacts {
         Ok(Self { store, folder: folder.to_owned(), since, sound: Arc::default() })
     }
 
-    /// A scene's bytes, checked against its id.
-    pub async fn scene(&self, id: &str) -> Result<Bytes, ArtifactError> {
-        self.get(&scene_key(id), id).await
-    }
-
     /// Whether a scene's file is there with that many bytes; says nothing about their content.
     pub async fn has_scene(&self, id: &str, size: u64) -> Result<bool, ArtifactError> {
         match self.store.head(&scene_key(id)).await {
@@ -102,34 +98,16 @@ impl Artifacts {
         }
     }
 
-    async fn put(&self, key: &Key, bytes: Bytes) -> Result<(), ArtifactError> {
-        failpoint("artifact", key)?;
-        self.store.put(key, bytes.into()).await?;
-        failpoint("artifact-kept", key)
-    }
-
-    /// Content whose hash is known; hashing is work for another thread.
-    async fn get(&self, key: &Key, sha256: &str) -> Result<Bytes, ArtifactError> {
-        let bytes = self.store.get(key).await?.bytes().await?;
-        let content = bytes.clone();
-        let hash = tokio::task::spawn_blocking(move || sha256_hex(&content)).await;
-        if hash.is_ok_and(|hash| hash == sha256) {
-            return Ok(bytes);
-        }
-        Err(damaged(key))
-    }
-
     /// Keeps a picture of `job` and says where.
     pub async fn put_picture(
         &self,
         job: Uuid,
         format: PictureFormat,
         (width, height): (u32, u32),
-        bytes: Vec<u8>,
+        file: impl Into<Content>,
     ) -> Result<Picture, ArtifactError> {
-        let sha256 = sha256_hex(&bytes);
-        let size = bytes.len() as u64;
-        self.put(&picture_key(job, &sha256, format), bytes.into()).await?;
+        let (file, size, sha256) = file.into().hashed().await?;
+        self.put(&picture_key(job, &sha256, format), file).await?;
         let url = picture_url(job, &sha256, format);
         Ok(Picture { format, url, sha256, size, width, height, base64: None })
     }

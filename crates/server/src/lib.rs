@@ -27,6 +27,8 @@ pub mod metrics;
 pub mod queue;
 pub mod retention;
 pub mod service;
+#[cfg(test)]
+mod specimens;
 pub mod store;
 pub mod telemetry;
 pub mod trace_context;

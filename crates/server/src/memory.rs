@@ -68,17 +68,20 @@ fn machine() -> Option<u64> {
     None
 }
 
-/// How readily the kernel ends the process of a device where memory runs out: before the server,
-/// whose number is 0 unless somebody has set another.
+/// How much more readily than the server the kernel ends the process of a device where memory runs
+/// out.
 pub const DEVICE_GOES_EARLY: i16 = 500;
 /// The same for the process of an import, which goes before any other.
 pub const IMPORT_GOES_FIRST: i16 = 1000;
 
-/// Tells the kernel how readily to end this process where memory runs out (`oom_score_adj`), for
-/// children of the server, which can be started again. Where the system knows no such thing, or
-/// the process stands higher already, nothing changes.
-pub fn offer_to_the_kernel(readiness: i16) {
-    let _ = std::fs::write("/proc/self/oom_score_adj", readiness.to_string());
+/// Tells the kernel to end this process before the server where memory runs out (`oom_score_adj`),
+/// for children of the server, which can be started again and begin with its number. Where the
+/// system knows no such thing, nothing changes.
+pub fn offer_to_the_kernel(more: i16) {
+    let path = "/proc/self/oom_score_adj";
+    let server: i16 =
+        std::fs::read_to_string(path).ok().and_then(|text| text.trim().parse().ok()).unwrap_or(0);
+    let _ = std::fs::write(path, (server.max(0) + more).min(1000).to_string());
 }
 
 #[cfg(test)]

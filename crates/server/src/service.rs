@@ -13,7 +13,6 @@ use crate::http;
 use crate::http::audit::Audit;
 use crate::http::places::Places;
 use crate::http::rate::RateLimiter;
-use crate::http::turns::Turns;
 use crate::key_watch::{self, KeyWatch};
 use crate::leases::{self, Leases};
 use crate::memory;
@@ -57,8 +56,8 @@ pub struct Service {
     pub pool: Pool,
     /// What the engine can be asked for.
     pub vocabulary: Vocabulary,
-    /// Turns at uploading.
-    pub uploads: Turns,
+    /// Places for uploads.
+    pub uploads: Places,
     /// Turns at importing scenes.
     pub imports: Arc<Semaphore>,
     /// Bytes of pictures that events may carry at the same time.
@@ -161,7 +160,7 @@ pub async fn serve(
         metrics: Metrics::default(),
         pool: Pool::new(&devices, config.threads),
         vocabulary: worker::vocabulary(),
-        uploads: Turns::new(config.intake.max_uploads, config.intake.max_uploads_each),
+        uploads: Places::new(config.intake.max_uploads, config.intake.max_uploads_each),
         imports: Arc::new(Semaphore::new(IMPORTS_AT_ONCE)),
         inline_room: Arc::new(Semaphore::new(http::INLINE_BYTES_AT_ONCE)),
         probes: http::Probes::default(),

@@ -1,9 +1,9 @@
 //! What is kept of a job beside its pictures. The files lie in the job's folder and go with it.
 
-use super::{ArtifactError, Artifacts, failpoint};
-use bytes::Bytes;
+use super::{ArtifactError, Artifacts, Content, Place, SetAside, failpoint};
+use jiff::Timestamp;
+use object_store::ObjectStoreExt;
 use object_store::path::Path as Key;
-use object_store::{ObjectStore, ObjectStoreExt};
 use uuid::Uuid;
 
 /// How the names of kept files end.
@@ -19,16 +19,18 @@ impl Artifacts {
         &self,
         job: Uuid,
         file: &str,
-        bytes: Vec<u8>,
+        content: impl Into<Content>,
     ) -> Result<(), ArtifactError> {
-        self.put(&key(job, file), bytes.into()).await
+        self.put(&key(job, file), content.into()).await
     }
 
-    /// A kept file.
-    pub async fn kept(&self, job: Uuid, file: &str) -> Result<Bytes, ArtifactError> {
+    /// A kept file. It was read once when this returns: a storage that does not give it shows here,
+    /// not in the middle of its use.
+    pub async fn kept(&self, job: Uuid, file: &str) -> Result<Content, ArtifactError> {
         let key = key(job, file);
         failpoint("kept-read", &key)?;
-        Ok(self.store.get(&key).await?.bytes().await?)
+        let (content, ..) = self.content(&key).await?.hashed().await?;
+        Ok(content)
     }
 
     /// Keeps a file of one job for another one too: each can be removed without the other.
@@ -37,15 +39,19 @@ impl Artifacts {
         Ok(())
     }
 
-    /// Removes what a dead process has left half done: kept files that are not among those that are
-    /// recorded.
-    pub async fn tidy_kept(&self, job: Uuid, recorded: &[&str]) -> Result<(), ArtifactError> {
-        let folder = Key::from(format!("jobs/{job}"));
-        for object in self.store.list_with_delimiter(Some(&folder)).await?.objects {
-            let name = object.location.filename().unwrap_or_default();
-            let kept = ENDINGS.iter().any(|ending| name.ends_with(ending));
-            if kept && !recorded.contains(&name) {
-                self.remove_kept(job, name).await?;
+    /// Sets aside kept files that are not among those that are recorded: a dead process has left
+    /// them, or the database is an older one that does not know them.
+    pub async fn tidy_kept(
+        &self,
+        job: Uuid,
+        recorded: &[&str],
+        now: Timestamp,
+    ) -> Result<(), ArtifactError> {
+        for name in self.files_of(job).await? {
+            let is_kept = ENDINGS.iter().any(|ending| name.ends_with(ending));
+            if is_kept && !recorded.contains(&name.as_str()) {
+                let place = Place::Job(job, name);
+                self.set_aside(&SetAside { at: now, place }).await?;
             }
         }
         Ok(())
@@ -53,9 +59,6 @@ impl Artifacts {
 
     /// Removes a kept file; none being there is fine.
     pub async fn remove_kept(&self, job: Uuid, file: &str) -> Result<(), ArtifactError> {
-        match self.store.delete(&key(job, file)).await {
-            Ok(()) | Err(object_store::Error::NotFound { .. }) => Ok(()),
-            Err(error) => Err(error.into()),
-        }
+        self.remove(&key(job, file)).await
     }
 }

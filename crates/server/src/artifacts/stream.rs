@@ -3,7 +3,7 @@
 //! A file is read and compared with its hash before any of it is sent: once for as long as it keeps
 //! its size and its time, not once a request.
 
-use super::{ArtifactError, Artifacts, hex, kept, picture_key};
+use super::{ArtifactError, Artifacts, Content, hex, kept, picture_key};
 use crate::api::jobs::PictureFormat;
 use crate::api::solutions::KeptFile;
 use bytes::Bytes;
@@ -15,8 +15,7 @@ use object_store::{
 };
 use sha2::{Digest, Sha256};
 use std::collections::{HashMap, VecDeque};
-use std::fs::File;
-use std::io::{Read, SeekFrom};
+use std::io::SeekFrom;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::io::{AsyncReadExt, AsyncSeekExt};
@@ -108,10 +107,10 @@ impl Opened {
             // Open files can be read on even where they are removed meanwhile.
             GetResultPayload::File(file, _) => {
                 let mut file = tokio::fs::File::from_std(file);
-                file.seek(SeekFrom::Start(range.start)).await.map_err(unreadable)?;
+                file.seek(SeekFrom::Start(range.start)).await?;
                 let part = file.take(range.end - range.start);
                 let pieces = ReaderStream::with_capacity(part, PIECE);
-                Ok(pieces.map_err(unreadable).boxed())
+                Ok(pieces.map_err(ArtifactError::from).boxed())
             }
             GetResultPayload::Stream(_) => {
                 let range = Some(GetRange::Bounded(range));
@@ -135,10 +134,6 @@ impl Opened {
         }
         Ok(bytes)
     }
-}
-
-fn unreadable(error: std::io::Error) -> ArtifactError {
-    object_store::Error::Generic { store: "file", source: Box::new(error) }.into()
 }
 
 impl Artifacts {
@@ -193,7 +188,7 @@ impl Artifacts {
         if self.sound.knows(key, &stamp) {
             return Ok(());
         }
-        let closed = |_| unreadable(std::io::Error::other("no turn to read the file"));
+        let closed = |_| std::io::Error::other("no turn to read the file");
         let turn = self.sound.turns.clone().acquire_owned().await.map_err(closed)?;
         // Whoever had the turn before may have read the same file.
         if self.sound.knows(key, &stamp) {
@@ -205,8 +200,9 @@ impl Artifacts {
             let _turn = turn;
             let got = artifacts.store.get(&own_key).await?;
             let is_the_same = Stamp::of(&got.meta) == stamp;
-            let is_sound = hash(got).await? == expected && is_the_same;
-            if is_sound {
+            let is_sound = hash(got).await? == expected;
+            // Another file of the same content took its place: sound, but to be looked at again.
+            if is_sound && is_the_same {
                 artifacts.sound.remember(own_key, stamp);
             }
             Ok::<_, ArtifactError>(is_sound)
@@ -215,7 +211,7 @@ impl Artifacts {
             Ok(Ok(true)) => Ok(()),
             Ok(Ok(false)) => Err(super::damaged(key)),
             Ok(Err(error)) => Err(error),
-            Err(error) => Err(unreadable(std::io::Error::other(error))),
+            Err(error) => Err(std::io::Error::other(error).into()),
         }
     }
 }
@@ -224,8 +220,8 @@ impl Artifacts {
 async fn hash(got: GetResult) -> Result<String, ArtifactError> {
     match got.payload {
         GetResultPayload::File(file, _) => {
-            let hashed = tokio::task::spawn_blocking(move || hash_file(file)).await;
-            hashed.map_err(|error| unreadable(std::io::Error::other(error)))?.map_err(unreadable)
+            let (_, _, sha256) = Content::from(file).hashed().await?;
+            Ok(sha256)
         }
         GetResultPayload::Stream(mut pieces) => {
             let mut hasher = Sha256::new();
@@ -233,17 +229,6 @@ async fn hash(got: GetResult) -> Result<String, ArtifactError> {
                 hasher.update(&piece);
             }
             Ok(hex(&hasher.finalize()))
-        }
-    }
-}
-
-fn hash_file(mut file: File) -> std::io::Result<String> {
-    let mut hasher = Sha256::new();
-    let mut piece = vec![0; PIECE];
-    loop {
-        match file.read(&mut piece)? {
-            0 => return Ok(hex(&hasher.finalize())),
-            length => hasher.update(&piece[..length]),
         }
     }
 }
@@ -300,7 +285,7 @@ mod tests {
         // Another content, of the same size and a second later.
         std::fs::write(&file, b"pnf").unwrap();
         let later = std::time::SystemTime::now() + std::time::Duration::from_secs(1);
-        File::options().write(true).open(&file).unwrap().set_modified(later).unwrap();
+        std::fs::File::options().write(true).open(&file).unwrap().set_modified(later).unwrap();
         for _ in 0..2 {
             let damaged = open().await.err().unwrap();
             assert!(damaged.is_lasting() && !damaged.is_not_found(), "{damaged}");

@@ -1,5 +1,5 @@
 use super::*;
-use crate::api::scenes::{Scene, SceneFormat};
+use crate::specimens;
 use crate::store::Store;
 use tempfile::TempDir;
 
@@ -13,23 +13,9 @@ async fn used() -> TempDir {
 }
 
 async fn fill(store: &SqliteStore, artifacts: &Artifacts) {
-    let id = "ab".repeat(32);
-    artifacts.put_scene(&id, bytes::Bytes::from("scene")).await.unwrap();
-    let scene = Scene {
-        id,
-        name: None,
-        format: SceneFormat::Gltf,
-        size: 5,
-        created_at: jiff::Timestamp::now(),
-        triangles: 1,
-        vertices: 3,
-        materials: 1,
-        textures: 0,
-        lights: 0,
-        bounds: None,
-        cameras: Vec::new(),
-        warnings: Vec::new(),
-    };
+    let content = bytes::Bytes::from("scene");
+    let scene = specimens::scene(&content);
+    artifacts.put_scene(&scene.id, content).await.unwrap();
     store.put_scene(&scene).await.unwrap();
 }
 

@@ -1,7 +1,8 @@
 //! Connections (HTTP/1.1): how many, how long a client may take over a request's head, how they end.
 
 use super::App;
-use super::places::Places;
+use super::places::{Full, Places};
+use crate::access::counted_as;
 use axum::Router;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
@@ -47,11 +48,15 @@ pub async fn serve(
                 continue;
             }
         };
-        let place = match places.take(peer.ip()) {
+        let place = match places.take(&counted_as(peer.ip())) {
             Ok(place) => place,
             Err(full) => {
-                tracing::debug!(%peer, limit = full.as_str(), "closes a connection too many");
-                app.metrics.count_refused_connection(full.as_str());
+                let limit = match full {
+                    Full::All => "all",
+                    Full::Own => "address",
+                };
+                tracing::debug!(%peer, limit, "closes a connection too many");
+                app.metrics.count_refused_connection(limit);
                 continue;
             }
         };

@@ -25,7 +25,6 @@ mod solutions;
 mod spool;
 mod trace;
 mod traces;
-pub mod turns;
 mod upload;
 mod webhooks;
 

@@ -8,7 +8,7 @@ use bytes::Bytes;
 use futures_util::{Stream, StreamExt};
 use sha2::{Digest, Sha256};
 use std::fs::File;
-use std::io::{self, Read, Write};
+use std::io::{self, Read};
 use std::os::unix::fs::FileExt;
 use std::time::Duration;
 use tokio::io::AsyncWriteExt;
@@ -176,42 +176,11 @@ impl Read for Stretch<'_> {
     }
 }
 
-/// Passes on what is written, counted and hashed.
-pub struct Hashing<W> {
-    inner: W,
-    hash: Sha256,
-    size: u64,
-}
-
-impl<W: Write> Hashing<W> {
-    /// Writes to `inner`.
-    pub fn new(inner: W) -> Self {
-        Self { inner, hash: Sha256::new(), size: 0 }
-    }
-
-    /// What was written to, how many bytes, and their SHA-256 in hex.
-    pub fn finish(self) -> (W, u64, String) {
-        (self.inner, self.size, hex(&self.hash.finalize()))
-    }
-}
-
-impl<W: Write> Write for Hashing<W> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let taken = self.inner.write(bytes)?;
-        self.hash.update(&bytes[..taken]);
-        self.size += taken as u64;
-        Ok(taken)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.inner.flush()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::artifacts::sha256_hex;
+    use crate::artifacts::{Hashing, sha256_hex};
+    use std::io::Write;
 
     #[tokio::test]
     async fn requests_must_keep_coming_and_come_to_an_end() {

@@ -4,13 +4,13 @@
 
 use super::App;
 use super::gauge::Gauge;
+use super::places::{Full, Place, Places};
 use super::problem::Problem;
-use super::spool::{Allowance, Hashing, Pace, Piece, Spool, disk_trouble, unnamed_file};
-use super::turns::{self, Turn};
+use super::spool::{Allowance, Pace, Piece, Spool, disk_trouble, unnamed_file};
 use crate::access::Caller;
 use crate::api::FieldError;
 use crate::api::scenes::{Scene, SceneFormat, name_of_file};
-use crate::artifacts::SceneContent;
+use crate::artifacts::{Content, Hashing};
 use crate::bundle;
 use crate::worker::import::{ImportBounds, ImportError, describe_apart};
 use crate::worker::scenes::{self, SceneRefusal};
@@ -62,13 +62,31 @@ struct Received {
     format: SceneFormat,
 }
 
+/// A place for an upload of `caller`, or when to come back.
+fn place(app: &App, caller: &Caller) -> Result<Place, Problem> {
+    app.uploads.take(caller.billed_to()).map_err(|full| {
+        app.metrics.count_refusal("uploads");
+        let Places { most, most_each, .. } = app.uploads;
+        match full {
+            Full::All => Problem::uploads_full(format!(
+                "{most} uploads are open, which is the server's limit"
+            )),
+            Full::Own => {
+                let detail =
+                    format!("{most_each} uploads of this caller are open, which is its limit");
+                Problem::over_limit("uploads", detail, 5.0)
+            }
+        }
+    })
+}
+
 /// Stores a scene that is the whole body.
 pub async fn scene_from_body(
     app: &App,
     caller: &Caller,
     body: Body,
 ) -> Result<(Scene, bool), Problem> {
-    let _turn = turns::begin(app, caller)?;
+    let _place = place(app, caller)?;
     let cut = |error: axum::Error| Problem::unreadable(format!("the upload broke off: {error}"));
     let mut limits = (Allowance::new(app), Pace::new(app.config.intake.upload_time()));
     let mut spool = Spool::new(app).await?;
@@ -91,7 +109,7 @@ pub struct Parts {
     resources: BTreeMap<String, Piece>,
     /// Holds scene and resources.
     spool: Spool,
-    _turn: Turn,
+    _place: Place,
 }
 
 /// What a multipart request is measured against while it arrives.
@@ -147,7 +165,7 @@ pub async fn parts(
     request: Request,
     with_job: bool,
 ) -> Result<Parts, Problem> {
-    let turn = turns::begin(app, caller)?;
+    let place = place(app, caller)?;
     let gauge = Arc::new(Gauge::default());
     let request = request.map(|body| gauge.clone().watch(body));
     let mut multipart = Multipart::from_request(request, &())
@@ -162,7 +180,7 @@ pub async fn parts(
         scene: None,
         resources: BTreeMap::new(),
         spool,
-        _turn: turn,
+        _place: place,
     };
     let mut count = 0;
     while let Some(field) = arrival
@@ -223,7 +241,7 @@ impl Parts {
 
     /// Stores the scene with its resources.
     pub async fn store(self, app: &App, caller: &Caller) -> Result<(Scene, bool), Problem> {
-        let Self { scene, resources, spool, _turn, .. } = self;
+        let Self { scene, resources, spool, _place, .. } = self;
         let Some(scene) = scene else {
             let rule = "send the scene as a part named scene, or ending in .gltf or .glb";
             return Err(Problem::invalid(vec![FieldError::new("scene", rule)]));
@@ -347,7 +365,7 @@ async fn keep(
     app: &App,
     caller: &Caller,
     scene: Scene,
-    content: impl Into<SceneContent>,
+    content: impl Into<Content>,
 ) -> Result<(Scene, bool), Problem> {
     let is_new = app.keeper.keep_scene(&scene, content, caller.billed_to()).await?;
     Ok((scene, is_new))

@@ -2,14 +2,13 @@
 //! always there, and what nothing names goes.
 
 use super::*;
-use crate::api::jobs::{JobRequest, PictureFormat};
-use crate::api::request_hash::RequestHash;
-use crate::api::scenes::SceneFormat;
+use crate::api::jobs::PictureFormat;
 use crate::job_state::JobState;
+use crate::specimens;
 use crate::store::bytes::Pinned;
 use crate::store::scenes::Viewer;
 use crate::store::sqlite::SqliteStore;
-use crate::store::{Accepted, Asking, JobFilter, NewJob, Outcome, Submitter};
+use crate::store::{Accepted, Asking, JobFilter, NewJob, Outcome};
 use bytes::Bytes;
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -38,22 +37,7 @@ impl World {
 
     fn scene(number: u64) -> (Scene, Bytes) {
         let bytes = Bytes::from(format!("scene {number}"));
-        let scene = Scene {
-            id: crate::artifacts::sha256_hex(&bytes),
-            name: None,
-            format: SceneFormat::Gltf,
-            size: bytes.len() as u64,
-            created_at: Timestamp::now(),
-            triangles: 1,
-            vertices: 3,
-            materials: 1,
-            textures: 0,
-            lights: 0,
-            bounds: None,
-            cameras: Vec::new(),
-            warnings: Vec::new(),
-        };
-        (scene, bytes)
+        (specimens::scene(&bytes), bytes)
     }
 
     /// Sends a scene and asks for a picture of it, as the handlers do; `None` where it was
@@ -63,16 +47,7 @@ impl World {
         if !self.store.use_scene(&scene.id).await.unwrap() {
             self.keeper.keep_scene(&scene, bytes, "somebody").await.unwrap();
         }
-        let request: JobRequest = serde_json::from_str("{}").unwrap();
-        let job = NewJob {
-            id: Uuid::now_v7(),
-            scene_id: scene.id.clone(),
-            request,
-            idempotency_key: None,
-            request_hash: RequestHash::default(),
-            submitter: Submitter::default(),
-            render_key: None,
-        };
+        let job = specimens::job(&scene.id);
         match self.store.accept(job, 1_000_000).await.unwrap() {
             Accepted::New(job) => {
                 // What was accepted can be rendered from now on.
@@ -283,15 +258,7 @@ async fn a_sweep_waits_for_files_that_are_about_to_be_recorded() {
     let (scene, bytes) = World::scene(0);
     world.artifacts.put_scene(&scene.id, bytes).await.unwrap();
     world.store.put_scene(&scene).await.unwrap();
-    let new = NewJob {
-        id: job,
-        scene_id: scene.id.clone(),
-        request: serde_json::from_str("{}").unwrap(),
-        idempotency_key: None,
-        request_hash: crate::api::request_hash::RequestHash::default(),
-        submitter: Submitter::default(),
-        render_key: None,
-    };
+    let new = NewJob { id: job, ..specimens::job(&scene.id) };
     let solution = serde_json::from_value(serde_json::json!({
         "file": "a.checkpoint", "size": 5, "begins": "view", "method": "stochastic",
         "iterations": 1, "seconds": 1.0
@@ -300,7 +267,10 @@ async fn a_sweep_waits_for_files_that_are_about_to_be_recorded() {
     assert!(matches!(accepted, Accepted::New(_)));
     drop(held);
     assert_eq!(sweep.await.unwrap().unwrap().set_aside, 0);
-    assert_eq!(world.artifacts.kept(job, "a.checkpoint").await.unwrap(), "light");
+    assert_eq!(
+        world.artifacts.kept(job, "a.checkpoint").await.unwrap().into_bytes().unwrap(),
+        "light"
+    );
 }
 
 #[tokio::test]
@@ -339,4 +309,33 @@ async fn pinned_and_unfinished_jobs_stay_and_the_oldest_go_first() {
     assert_eq!(world.store.pin(Uuid::now_v7(), true, None).await.unwrap(), Pinned::Missing);
     world.keeper.expire(rules, now()).await.unwrap();
     assert_eq!(left().await, BTreeSet::from([waiting]));
+}
+
+/// Pins and scenes beyond the limit are no reason to take everybody else's results.
+#[tokio::test]
+async fn nobody_pays_with_results_for_what_may_not_go() {
+    let world = World::new().await;
+    let (pinned, other) = (world.submit(0).await.unwrap(), world.submit(1).await.unwrap());
+    world.run().await;
+    world.run().await;
+    world.store.pin(pinned, true, None).await.unwrap();
+    let later = Timestamp::now() + SignedDuration::from_hours(100);
+    // A scene that no job names goes before any job.
+    let (unused, bytes) = World::scene(2);
+    world.keeper.keep_scene(&unused, bytes, "somebody").await.unwrap();
+    let Staying { bytes, fixed } = world.store.staying(later).await.unwrap();
+    let scene = unused.size;
+    assert_eq!((bytes, fixed), (2 * (16 + scene), 16 + scene), "one of two may go");
+    let most = |bytes| Rules { age: None, bytes: Some(bytes) };
+    let removed = world.keeper.expire(most(bytes), later).await.unwrap();
+    assert_eq!((removed.jobs, removed.scenes), (0, 1));
+    let removed = world.keeper.expire(most(fixed - 1), later).await.unwrap();
+    assert_eq!(removed, Removed::default(), "it would not be enough");
+    assert!(world.store.job(other).await.unwrap().is_some());
+    assert_eq!(world.keeper.expire(most(fixed), later).await.unwrap().jobs, 1);
+    assert!(world.store.job(other).await.unwrap().is_none());
+    // What was pinned after it was found to be old stays.
+    assert!(!world.store.hide_expired(pinned).await.unwrap());
+    world.store.pin(pinned, false, None).await.unwrap();
+    assert!(world.store.hide_expired(pinned).await.unwrap());
 }

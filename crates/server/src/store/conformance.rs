@@ -11,8 +11,9 @@ mod turns;
 use super::*;
 use crate::api::events::EventData;
 use crate::api::jobs::{JobRequest, Progress};
-use crate::api::scenes::{Scene, SceneFormat};
+use crate::api::scenes::Scene;
 use crate::job_state::{Cause, JobState, MAX_FAILURES};
+use crate::specimens;
 use crate::store::scenes::{ScenePosition, Viewer};
 use std::sync::Arc;
 
@@ -83,35 +84,14 @@ async fn furnished(place: &dyn Place) -> Arc<dyn Store> {
 }
 
 fn scene(id: &str, created_s: i64) -> Scene {
-    Scene {
-        id: id.into(),
-        name: None,
-        format: SceneFormat::Gltf,
-        size: 1,
-        created_at: jiff::Timestamp::from_second(created_s).unwrap(),
-        triangles: 1,
-        vertices: 3,
-        materials: 1,
-        textures: 0,
-        lights: 0,
-        bounds: None,
-        cameras: Vec::new(),
-        warnings: Vec::new(),
-    }
+    let created_at = jiff::Timestamp::from_second(created_s).unwrap();
+    Scene { id: id.into(), size: 1, created_at, ..specimens::scene(b"?") }
 }
 
 fn wish(priority: i32) -> NewJob {
     let request: JobRequest =
         serde_json::from_value(serde_json::json!({ "priority": priority })).unwrap();
-    NewJob {
-        id: Uuid::now_v7(),
-        scene_id: "scene".into(),
-        request,
-        idempotency_key: None,
-        request_hash: RequestHash::default(),
-        submitter: Submitter::default(),
-        render_key: None,
-    }
+    NewJob { request, ..specimens::job("scene") }
 }
 
 async fn queue(store: &dyn Store, job: NewJob) -> Uuid {

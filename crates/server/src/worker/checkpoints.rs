@@ -4,14 +4,13 @@
 use super::wire::Checkpointed;
 use crate::api::jobs::Job;
 use crate::api::solutions::{Begins, KeptFile, Solution};
-use crate::artifacts::{ArtifactError, sha256_hex};
+use crate::artifacts::Content;
+use crate::clock;
 use crate::config::Config;
 use crate::failpoints;
 use crate::job_state::JobState;
 use crate::service::Service;
-use crate::store::Claim;
-use bytes::Bytes;
-use hemilux_engine::checkpoint::Checkpoint;
+use crate::store::{Claim, StoreError};
 use std::time::{Duration, Instant};
 use tokio::sync::Mutex;
 use uuid::Uuid;
@@ -33,15 +32,14 @@ pub async fn keep(
     service: &Service,
     claim: Claim,
     facts: Checkpointed,
-    mut parts: Vec<Vec<u8>>,
+    parts: Vec<Content>,
     turn: &Mutex<()>,
 ) -> Duration {
     let _turn = turn.lock().await;
     let began = Instant::now();
-    parts.truncate(2);
-    let glb = if parts.len() == 2 { parts.pop() } else { None };
-    let kept = write(service, claim, facts, parts.pop().unwrap_or_default(), glb).await;
-    if let Err(error) = kept {
+    let mut parts = parts.into_iter();
+    let checkpoint = parts.next().unwrap_or_else(|| Vec::new().into());
+    if let Err(error) = write(service, claim, facts, checkpoint, parts.next()).await {
         tracing::warn!(job = %claim.job, %error, "a checkpoint was lost");
     }
     began.elapsed()
@@ -51,15 +49,15 @@ async fn write(
     service: &Service,
     claim: Claim,
     facts: Checkpointed,
-    bytes: Vec<u8>,
-    glb: Option<Vec<u8>>,
+    checkpoint: Content,
+    glb: Option<Content>,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     // Never a name that was there before: what is recorded is never half of another.
     let name = Uuid::now_v7();
     let Checkpointed { method, iterations, seconds, estimated_error } = facts;
     let mut solution = Solution {
         file: format!("{name}.checkpoint"),
-        size: bytes.len() as u64,
+        size: checkpoint.size()?,
         begins: Begins::Continue,
         method,
         iterations,
@@ -67,14 +65,10 @@ async fn write(
         estimated_error,
         baked: None,
     };
-    service.artifacts.put_kept(claim.job, &solution.file, bytes).await?;
+    service.artifacts.put_kept(claim.job, &solution.file, checkpoint).await?;
     if let Some(glb) = glb {
-        let (file, size) = (format!("{name}.glb"), glb.len() as u64);
-        let (glb, sha256) = tokio::task::spawn_blocking(move || {
-            let sha256 = sha256_hex(&glb);
-            (glb, sha256)
-        })
-        .await?;
+        let file = format!("{name}.glb");
+        let (glb, size, sha256) = glb.hashed().await?;
         service.artifacts.put_kept(claim.job, &file, glb).await?;
         solution.baked = Some(KeptFile { file, sha256, size });
     }
@@ -90,7 +84,11 @@ async fn write(
             Ok(())
         }
         Err(error) => {
-            remove(service, claim.job, &solution).await;
+            // Any other error leaves open whether the record names these files now; if it does
+            // not, they go when the job begins again, or with the next sweep.
+            if matches!(error, StoreError::ClaimLost(_)) {
+                remove(service, claim.job, &solution).await;
+            }
             Err(error.into())
         }
     }
@@ -107,7 +105,7 @@ async fn remove(service: &Service, job: Uuid, solution: &Solution) {
 /// How a job begins.
 pub enum Start {
     /// With a checkpoint.
-    With(Begins, Bytes),
+    With(Begins, Content),
     /// From nothing; where something should have been there, why it cannot be used.
     Afresh(Option<String>),
 }
@@ -123,26 +121,14 @@ pub async fn begin(service: &Service, job: &Job) -> Result<Start, String> {
         recorded => recorded.map_err(|error| error.to_string())?,
     };
     let files: Vec<&str> = recorded.iter().flat_map(Solution::files).collect();
-    if let Err(error) = service.artifacts.tidy_kept(job.id, &files).await {
+    if let Err(error) = service.artifacts.tidy_kept(job.id, &files, clock::now()).await {
         tracing::warn!(job = %job.id, %error, "cannot tidy up");
     }
     let Some(solution) = recorded else { return Ok(Start::Afresh(None)) };
-    match read(service, job.id, &solution.file).await {
-        Ok(bytes) => Ok(Start::With(solution.begins, bytes)),
+    match service.artifacts.kept(job.id, &solution.file).await {
+        Ok(checkpoint) => Ok(Start::With(solution.begins, checkpoint)),
         Err(error) if error.is_lasting() => Ok(Start::Afresh(Some(error.to_string()))),
         Err(error) => Err(error.to_string()),
-    }
-}
-
-/// A checkpoint's bytes. What looks damaged is read once more, since it will be overwritten if it is
-/// so; the executor tells what is wrong with it.
-async fn read(service: &Service, job: Uuid, file: &str) -> Result<Bytes, ArtifactError> {
-    let bytes = service.artifacts.kept(job, file).await?;
-    let content = bytes.clone();
-    let checked = tokio::task::spawn_blocking(move || Checkpoint::from_bytes(&content).is_ok());
-    match checked.await {
-        Ok(true) => Ok(bytes),
-        _ => service.artifacts.kept(job, file).await,
     }
 }
 

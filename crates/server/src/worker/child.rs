@@ -30,13 +30,13 @@ pub fn run(device: &str, memory_mb: Option<u64>) -> io::Result<()> {
     let (tasks, orders) = (std::sync::mpsc::channel(), switches.clone());
     std::thread::Builder::new().name("orders".into()).spawn(move || {
         let mut pipe = BufReader::new(io::stdin());
-        while let Ok(Some(message)) = wire::read::<Order>(&mut pipe) {
+        while let Ok(Some(message)) = wire::read::<Order>(&mut pipe, None) {
             match message.header {
                 Order::Run(task) => {
                     // No receiver: the device broke, and the process is about to end.
                     let _ = tasks.0.send((*task, message.parts));
                 }
-                Order::Stop { run } => orders.stop(run),
+                Order::Stop { run, wants_picture } => orders.stop(run, wants_picture),
                 Order::SnapshotKept { run, slower } => orders.snapshot_kept(run, slower),
                 Order::CheckpointKept { run, micros } => orders.checkpoint_kept(run, micros),
             }

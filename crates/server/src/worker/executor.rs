@@ -3,6 +3,7 @@
 use super::perform::{ROOM, Switches, perform};
 use super::process::{Epitaph, Process};
 use super::wire::{Message, Order, Said, Task};
+use crate::artifacts::Content;
 use crate::config::{Config, Isolation};
 use std::io;
 use std::sync::Arc;
@@ -17,7 +18,7 @@ pub struct Executor {
 
 enum Body {
     Process(Process),
-    Thread { tasks: std::sync::mpsc::Sender<(Task, Vec<Vec<u8>>)>, switches: Arc<Switches> },
+    Thread { tasks: std::sync::mpsc::Sender<(Task, Vec<Content>)>, switches: Arc<Switches> },
 }
 
 impl Executor {
@@ -28,8 +29,10 @@ impl Executor {
     pub fn start(device: &str, config: &Config) -> io::Result<Self> {
         let (body, said) = match config.isolation {
             Isolation::Process => {
+                let memory_mb = config.device_memory_mb(device);
+                let large_parts = config.data_dir.join("tmp");
                 let (process, said) =
-                    Process::start(device, config.device_memory_mb(device), config.log_format)?;
+                    Process::start(device, memory_mb, config.log_format, large_parts)?;
                 (Body::Process(process), said)
             }
             Isolation::Thread => {
@@ -62,7 +65,9 @@ impl Executor {
                 // A thread that is gone shows by its silence.
                 let _ = tasks.send((*task, order.parts));
             }
-            (Body::Thread { switches, .. }, Order::Stop { run }) => switches.stop(run),
+            (Body::Thread { switches, .. }, Order::Stop { run, wants_picture }) => {
+                switches.stop(run, wants_picture);
+            }
             (Body::Thread { switches, .. }, Order::SnapshotKept { run, slower }) => {
                 switches.snapshot_kept(run, slower);
             }

@@ -93,7 +93,7 @@ pub fn describe_apart(
     match (status, finding) {
         (Some(status), Some(finding)) if status.success() => match finding {
             Finding::Scene(scene) => {
-                Ok(Scene { id, format, size, created_at: jiff::Timestamp::now(), ..scene })
+                Ok(Scene { id, format, size, created_at: crate::clock::now(), ..scene })
             }
             Finding::Refused(refusal) => Err(ImportError::Refused(refusal)),
             Finding::Unread(error) => Err(ImportError::Trouble(io::Error::other(error))),

@@ -3,16 +3,15 @@
 
 use super::checkpoints::{self, Start};
 use super::executor::Executor;
-use super::snapshots::keep_picture;
+use super::snapshots::Drawn;
 use super::watch::{Ended, Followed, Stop, follow};
 use super::wire::{Failure, Message, Order, Task};
-use crate::api::jobs::{Job, JobError, PictureFormat, Progress, Stats};
-use crate::artifacts::ArtifactError;
+use crate::api::jobs::{Job, JobError, Progress, Stats};
+use crate::artifacts::Content;
 use crate::failpoints;
 use crate::job_state::{self, Cause, JobState};
 use crate::service::Service;
 use crate::store::{Claim, Outcome, Report, StoreError};
-use hemilux_engine::image;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -21,7 +20,7 @@ use std::time::{Duration, Instant};
 const STORAGE_PAUSE: Duration = Duration::from_secs(1);
 
 enum Ending {
-    Done(JobState, Box<Stats>, image::Picture),
+    Done(JobState, Box<Stats>, Drawn),
     /// With the result of an identical job.
     Shared(Box<Outcome>),
     Failed(Failure),
@@ -48,26 +47,14 @@ pub async fn run(
     }
     let (task, parts) = match prepare(service, executor, job).await {
         Ok(ready) => ready,
-        Err(Unready::Useless(failure)) => {
-            record(service, claim, Ending::Failed(failure), None, started).await;
-            return Ok(());
-        }
-        Err(Unready::NotNow(why)) => {
-            // Not the job's fault: it waits until the storage answers.
-            tracing::error!(job = %job.id, why, "cannot read what the job needs");
-            service.queue.put_off(job.id);
-            let ending = Ending::PutBack { cause: Cause::Circumstances, why };
-            record(service, claim, ending, None, started).await;
-            tokio::select! {
-                () = tokio::time::sleep(STORAGE_PAUSE) => {}
-                () = service.shutdown.cancelled() => {}
-            }
+        Err(unready) => {
+            cannot_begin(service, claim, unready, started).await;
             return Ok(());
         }
     };
     let run = task.run;
     executor.order(Message { header: Order::Run(Box::new(task)), parts });
-    let Followed { ended, stop, latest } = follow(service, executor, run, claim, job).await;
+    let Followed { ended, stop, latest } = follow(service, executor, run, claim).await;
 
     let sound = match &ended {
         Ended::Rendered(..) => Ok(()),
@@ -76,6 +63,37 @@ pub async fn run(
         Ended::Lost(epitaph) => Err(epitaph.how.clone()),
     };
     let alone = job.device.as_deref().is_none_or(|device| service.pool.was_alone(device));
+    let ending = judge(ended, stop, alone);
+    if matches!(&ending, Ending::PutBack { .. }) && stop != Stop::Shutdown {
+        service.queue.put_off(job.id);
+    }
+    record(service, claim, ending, latest, started).await;
+    checkpoints::settle(service, claim.job).await;
+    sound
+}
+
+/// Records that an attempt cannot begin.
+async fn cannot_begin(service: &Arc<Service>, claim: Claim, unready: Unready, started: Instant) {
+    match unready {
+        Unready::Useless(failure) => {
+            record(service, claim, Ending::Failed(failure), None, started).await;
+        }
+        Unready::NotNow(why) => {
+            // Not the job's fault: it waits until the storage answers.
+            tracing::error!(job = %claim.job, why, "cannot read what the job needs");
+            service.queue.put_off(claim.job);
+            let ending = Ending::PutBack { cause: Cause::Circumstances, why };
+            record(service, claim, ending, None, started).await;
+            tokio::select! {
+                () = tokio::time::sleep(STORAGE_PAUSE) => {}
+                () = service.shutdown.cancelled() => {}
+            }
+        }
+    }
+}
+
+/// What becomes of a job whose run ended so; `alone` says whether no other one ran meanwhile.
+fn judge(ended: Ended, stop: Stop, alone: bool) -> Ending {
     let put_back = |why, was_killed| {
         let cause = match (stop, was_killed) {
             // What a shutdown broke off is no failure of the job.
@@ -85,27 +103,21 @@ pub async fn run(
         };
         Ending::PutBack { cause, why }
     };
-    let ending = match ended {
+    // A client's cancel that came after it is heeded as the job goes back.
+    let shut_down =
+        || Ending::PutBack { cause: Cause::Circumstances, why: "the server shut down".into() };
+    match ended {
         _ if stop == Stop::ClaimLost => Ending::Dropped,
-        Ended::Rendered(stats, _) if stats.stopped == "cancelled" && stop != Stop::Cancel => {
-            drop(stats);
-            let why = "the server shut down".into();
-            Ending::PutBack { cause: Cause::Circumstances, why }
-        }
-        Ended::Rendered(stats, picture) if stats.stopped == "cancelled" => {
-            Ending::Done(JobState::Cancelled, stats, picture)
-        }
-        Ended::Rendered(stats, picture) => Ending::Done(JobState::Succeeded, stats, picture),
+        Ended::Rendered(_, None) => shut_down(),
+        Ended::Rendered(stats, Some(drawn)) if stats.stopped == "cancelled" => match stop {
+            Stop::Cancel => Ending::Done(JobState::Cancelled, stats, drawn),
+            _ => shut_down(),
+        },
+        Ended::Rendered(stats, Some(drawn)) => Ending::Done(JobState::Succeeded, stats, drawn),
         Ended::Failed(failure) if failure.retry => put_back(failure.detail, false),
         Ended::Failed(failure) => Ending::Failed(failure),
         Ended::Lost(epitaph) => put_back(epitaph.how, epitaph.was_killed),
-    };
-    if matches!(&ending, Ending::PutBack { .. }) && stop != Stop::Shutdown {
-        service.queue.put_off(job.id);
     }
-    record(service, claim, ending, latest, started).await;
-    checkpoints::settle(service, claim.job).await;
-    sound
 }
 
 /// Puts back a job that could not be begun by no fault of its own.
@@ -128,7 +140,7 @@ async fn prepare(
     service: &Service,
     executor: &mut Executor,
     job: &Job,
-) -> Result<(Task, Vec<Vec<u8>>), Unready> {
+) -> Result<(Task, Vec<Content>), Unready> {
     let gone = |what: String| Unready::Useless(Failure::new("scene", what));
     let record = service.store.scene(&job.scene).await;
     let record = record.map_err(|error| Unready::NotNow(error.to_string()))?;
@@ -140,11 +152,11 @@ async fn prepare(
             Unready::NotNow(error.to_string())
         }
     })?;
-    let mut parts = vec![scene.to_vec()];
+    let mut parts = vec![scene];
     let (begins, begins_without) =
         match checkpoints::begin(service, job).await.map_err(Unready::NotNow)? {
             Start::With(begins, checkpoint) => {
-                parts.push(checkpoint.to_vec());
+                parts.push(checkpoint);
                 (Some(begins), None)
             }
             Start::Afresh(why) => (None, why),
@@ -212,7 +224,7 @@ enum Record {
     /// The files of the picture first, then the rest.
     Picture {
         state: JobState,
-        picture: Arc<image::Picture>,
+        drawn: Drawn,
         stats: Box<Stats>,
     },
     Outcome(Box<Outcome>),
@@ -220,6 +232,58 @@ enum Record {
         cause: Cause,
         why: String,
     },
+}
+
+impl Record {
+    fn of(ending: Ending, latest: Option<Progress>) -> Option<Self> {
+        Some(match ending {
+            Ending::Done(state, stats, drawn) => Self::Picture { state, drawn, stats },
+            Ending::Shared(outcome) => Self::Outcome(outcome),
+            Ending::Failed(failure) => {
+                let error = Some(JobError { code: failure.code, detail: failure.detail });
+                let progress = latest;
+                let outcome = Outcome { error, progress, ..Outcome::of(JobState::Failed) };
+                Self::Outcome(Box::new(outcome))
+            }
+            Ending::PutBack { cause, why } => Self::Release { cause, why },
+            Ending::Dropped => return None,
+        })
+    }
+
+    /// Stores the files of a picture, where that is still to be done; what is to be recorded then.
+    /// The storage has refused them so many times.
+    async fn with_files(
+        self,
+        service: &Service,
+        claim: Claim,
+        refused: u32,
+        started: Instant,
+    ) -> Self {
+        let Self::Picture { state, drawn, stats } = self else { return self };
+        match drawn.store(service, claim).await {
+            Ok(pictures) => {
+                let seconds_total = started.elapsed().as_secs_f64();
+                let stats = Stats { seconds_total, ..*stats };
+                Self::Outcome(Box::new(Outcome {
+                    progress: Some(final_progress(&stats)),
+                    stats: Some(stats),
+                    pictures,
+                    ..Outcome::of(state)
+                }))
+            }
+            Err(error) => {
+                tracing::error!(job = %claim.job, %error, "cannot keep the picture");
+                if refused + 1 < PICTURE_TRIES {
+                    return Self::Picture { state, drawn, stats };
+                }
+                // Others may fit where this one does not; it goes on from its last checkpoint when
+                // its pause is over.
+                service.queue.put_off(claim.job);
+                let why = format!("the picture could not be kept: {error}");
+                Self::Release { cause: Cause::Circumstances, why }
+            }
+        }
+    }
 }
 
 /// Stores how the attempt ended, trying again where the storage does not answer: the work is
@@ -232,56 +296,13 @@ async fn record(
     latest: Option<Progress>,
     started: Instant,
 ) {
-    let mut record = match ending {
-        Ending::Done(state, stats, picture) => {
-            Record::Picture { state, picture: Arc::new(picture), stats }
-        }
-        Ending::Shared(outcome) => Record::Outcome(outcome),
-        Ending::Failed(failure) => {
-            Record::Outcome(Box::new(failed(&failure.code, failure.detail, latest.clone())))
-        }
-        Ending::PutBack { cause, why } => Record::Release { cause, why },
-        Ending::Dropped => {
-            tracing::info!(job = %claim.job, "was taken away");
-            return remove_if_deleted(service, claim).await;
-        }
+    let Some(mut record) = Record::of(ending, latest) else {
+        tracing::info!(job = %claim.job, "was taken away");
+        return remove_if_deleted(service, claim).await;
     };
     let mut pause = Duration::from_secs(1);
-    let mut picture_tries = 0;
-    loop {
-        if let Record::Picture { state, picture, stats } = &record {
-            let formats = vec![PictureFormat::Png, PictureFormat::Exr];
-            picture_tries += 1;
-            match keep_picture(service, claim, picture.clone(), formats).await {
-                Ok(pictures) => {
-                    let stats = Stats {
-                        seconds_total: started.elapsed().as_secs_f64(),
-                        ..(**stats).clone()
-                    };
-                    let outcome = Outcome {
-                        progress: Some(final_progress(&stats)),
-                        stats: Some(stats),
-                        pictures,
-                        ..Outcome::of(*state)
-                    };
-                    record = Record::Outcome(Box::new(outcome));
-                }
-                Err(error) => {
-                    tracing::error!(job = %claim.job, %error, "cannot keep the picture");
-                    let why = format!("the picture could not be kept: {error}");
-                    // Only the storage may do better next time.
-                    if !error.is::<ArtifactError>() {
-                        let outcome = failed("picture", why, latest.clone());
-                        record = Record::Outcome(Box::new(outcome));
-                    } else if picture_tries >= PICTURE_TRIES {
-                        // Others may fit where this one does not; it goes on from its last
-                        // checkpoint when its pause is over.
-                        service.queue.put_off(claim.job);
-                        record = Record::Release { cause: Cause::Circumstances, why };
-                    }
-                }
-            }
-        }
+    for tries in 0.. {
+        record = record.with_files(service, claim, tries, started).await;
         match write(service, claim, &record).await {
             Some(Ok(())) => return ended(service, claim, &record, started),
             Some(Err(StoreError::ClaimLost(_))) => {
@@ -342,11 +363,6 @@ async fn remove_if_deleted(service: &Service, claim: Claim) {
     if let Err(error) = removed {
         tracing::warn!(job = %claim.job, %error, "cannot remove files");
     }
-}
-
-fn failed(code: &str, detail: String, progress: Option<Progress>) -> Outcome {
-    let error = Some(JobError { code: code.into(), detail });
-    Outcome { error, progress, ..Outcome::of(JobState::Failed) }
 }
 
 fn final_progress(stats: &Stats) -> Progress {

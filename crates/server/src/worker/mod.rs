@@ -3,13 +3,15 @@
 //!
 //! Two sides, and a line between them. The server's: [`job`] takes an attempt from claim to record,
 //! [`watch`] follows it. The engine's: [`perform`] runs tasks on a device, in a thread or, by way of
-//! [`process`] and [`child`], in a process of the device's own. [`wire`] is what they say;
+//! [`process`] and [`child`], in a process of the device's own, and [`encode`]s the pictures there.
+//! [`wire`] is what they say;
 //! [`executor`] hides which of the two it is. [`import`] looks at uploaded scenes, each in a
 //! process of its own.
 
 mod checkpoints;
 pub mod child;
 pub mod devices;
+mod encode;
 mod executor;
 pub mod import;
 mod job;

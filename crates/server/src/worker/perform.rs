@@ -1,26 +1,31 @@
 //! The engine's side of the line: opens a device and runs tasks on it. It knows neither the store
 //! nor HTTP; whether it runs in a thread of the server or in a process of its own is the same.
 
+use super::encode;
 use super::pacing::Pacing;
 use super::threads::Crew;
-use super::wire::{Checkpointed, Failure, Message, Said, Size, Task};
+use super::wire::{Checkpointed, Failure, Message, Said, Task};
 use super::{devices, scenes};
-use crate::api::jobs::{self as api, CameraRequest, OptionValue, SnapshotRequest};
+use crate::api::jobs::{self as api, CameraRequest, OptionValue, PictureFormat, SnapshotRequest};
 use crate::api::solutions::Begins;
+use crate::artifacts::Content;
 use crate::failpoints;
+use bytes::Bytes;
 use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::device::{Device, DeviceError};
 use hemilux_engine::image;
 use hemilux_engine::render::{
     Begin, CameraChoice, ExplicitCamera, Limits, Observer, Plan, Progress, RenderError,
-    RenderRequest, Rendered, Stats, render,
+    RenderRequest, Rendered, Stats, StopReason, render,
 };
 use hemilux_engine::scene::Warning;
 use hemilux_engine::scene::gltf::BakedMesh;
 use std::collections::BTreeMap;
+use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 
@@ -28,6 +33,8 @@ use tokio::sync::mpsc;
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(120);
 /// Snapshots after which the interval doubles.
 const SNAPSHOTS_PER_OCTAVE: u32 = 100;
+/// The files of a result.
+const RESULT: [PictureFormat; 2] = [PictureFormat::Png, PictureFormat::Exr];
 /// Messages on their way to the server. Progress that finds no room is left out.
 pub const ROOM: usize = 16;
 
@@ -35,13 +42,15 @@ pub const ROOM: usize = 16;
 pub type Mouth = mpsc::Sender<Message<Said>>;
 
 /// Where tasks come from, with the parts of their [`Order::Run`](super::wire::Order::Run).
-pub type Tasks = std::sync::mpsc::Receiver<(Task, Vec<Vec<u8>>)>;
+pub type Tasks = std::sync::mpsc::Receiver<(Task, Vec<Content>)>;
 
 /// What may reach a run while it renders.
 #[derive(Default)]
 pub struct Switches {
     /// The run that is to end; 0 where none is.
     stop: AtomicU64,
+    /// Whether the picture that it has then is of no use.
+    unwanted: AtomicBool,
     /// The latest run whose snapshot is stored.
     kept: AtomicU64,
     /// How often its interval between snapshots has doubled for want of room.
@@ -54,9 +63,15 @@ pub struct Switches {
 }
 
 impl Switches {
-    /// Asks a run to end.
-    pub fn stop(&self, run: u64) {
-        self.stop.store(run, Ordering::Relaxed);
+    /// Asks a run to end, with the picture so far where it is wanted.
+    pub fn stop(&self, run: u64, wants_picture: bool) {
+        self.unwanted.store(!wants_picture, Ordering::Relaxed);
+        self.stop.store(run, Ordering::Release);
+    }
+
+    /// Whether nobody wants the picture of a run that was stopped.
+    fn is_unwanted(&self, run: u64) -> bool {
+        self.stop.load(Ordering::Acquire) == run && self.unwanted.load(Ordering::Relaxed)
     }
 
     /// Lets a run send another snapshot, after an interval that has doubled so often.
@@ -94,6 +109,7 @@ pub fn perform(device_id: &str, tasks: &Tasks, switches: &Switches, mouth: &Mout
     while let Ok((task, parts)) = tasks.recv() {
         let attempted = catch_unwind(AssertUnwindSafe(|| {
             attempt((device.as_mut(), &mut crew), &task, parts, switches, mouth)
+                .and_then(|rendered| last_word(&task, &rendered, switches, mouth))
         }))
         .unwrap_or_else(|panic| {
             let text = crate::panic_text(&*panic);
@@ -102,18 +118,27 @@ pub fn perform(device_id: &str, tasks: &Tasks, switches: &Switches, mouth: &Mout
             Err(Failure { device_is_sound: false, ..failure })
         });
         let device_is_sound = attempted.as_ref().err().is_none_or(|f| f.device_is_sound);
-        let said = match attempted {
-            Ok(Rendered { picture, stats }) => {
-                let size = Size(picture.width, picture.height);
-                let header = Said::Rendered(Box::new(to_stats(&stats)), size);
-                Message::about(header, to_bytes(&picture))
-            }
-            Err(failure) => Said::Failed(failure).into(),
-        };
+        let said = attempted.unwrap_or_else(|failure| Said::Failed(failure).into());
         if mouth.blocking_send(said).is_err() || !device_is_sound {
             return;
         }
     }
+}
+
+/// What a run ends with: its figures, and its picture as files unless nobody wants it.
+fn last_word(
+    task: &Task,
+    Rendered { picture, stats }: &Rendered,
+    switches: &Switches,
+    mouth: &Mouth,
+) -> Result<Message<Said>, Failure> {
+    let figures = Box::new(to_stats(stats));
+    if stats.stopped == StopReason::Cancelled && switches.is_unwanted(task.run) {
+        return Ok(Said::Rendered(figures, None).into());
+    }
+    let _ = mouth.blocking_send(Said::Solved.into());
+    encode::message(picture, &RESULT, |files| Said::Rendered(figures, Some(files)))
+        .map_err(|error| Failure::new("picture", error.to_string()))
 }
 
 /// Renders with that device and those threads; everything that can go wrong on the way is a
@@ -121,7 +146,7 @@ pub fn perform(device_id: &str, tasks: &Tasks, switches: &Switches, mouth: &Mout
 fn attempt(
     (device, crew): (&mut dyn Device, &mut Crew),
     task: &Task,
-    parts: Vec<Vec<u8>>,
+    parts: Vec<Content>,
     switches: &Switches,
     mouth: &Mouth,
 ) -> Result<Rendered, Failure> {
@@ -132,15 +157,19 @@ fn attempt(
         ..Failure::new("device", reason)
     };
     failpoints::pass("load", about).map_err(|injected| lost(injected.to_string()))?;
-    let mut parts = parts.into_iter();
-    let scene_bytes = parts.next().unwrap_or_default();
+    let unread = |error: io::Error| Failure {
+        retry: true,
+        ..Failure::new("storage", format!("what the job needs cannot be read: {error}"))
+    };
+    let mut parts = parts.into_iter().map(Content::into_bytes);
+    let scene_bytes = parts.next().transpose().map_err(unread)?.unwrap_or_default();
     let scene = scenes::load(task.scene_format, &scene_bytes, task.max_triangles)
         .map_err(|refusal| Failure::new("scene", refusal.to_string()))?;
     drop(scene_bytes);
     let _ = mouth.blocking_send(Said::Began.into());
     failpoints::pass("render", about).map_err(|injected| lost(injected.to_string()))?;
     let asked = &task.request;
-    let (begin, trouble) = begin(task, parts.next());
+    let (begin, trouble) = begin(task, parts.next().transpose().map_err(unread)?);
     let mut request = RenderRequest {
         scene: Arc::new(scene),
         camera: camera(asked.camera.as_ref()),
@@ -176,7 +205,7 @@ fn attempt(
 }
 
 /// What a task begins with, and why not with what it should.
-fn begin(task: &Task, checkpoint: Option<Vec<u8>>) -> (Begin, Option<String>) {
+fn begin(task: &Task, checkpoint: Option<Bytes>) -> (Begin, Option<String>) {
     let (Some(begins), Some(bytes)) = (task.begins, checkpoint) else {
         return (Begin::Afresh, task.begins_without.clone());
     };
@@ -236,6 +265,8 @@ struct Watcher<'a> {
     slower: u32,
     /// Whether a snapshot is on its way and not yet stored.
     underway: bool,
+    /// Encodes the latest one.
+    encoder: Option<JoinHandle<()>>,
     last_snapshot_s: f64,
     most_checkpoint_bytes: u64,
     keeps_solution: bool,
@@ -259,12 +290,17 @@ impl<'a> Watcher<'a> {
             taken: 0,
             slower: task.snapshots_slower,
             underway: false,
+            encoder: None,
             most_checkpoint_bytes: task.most_checkpoint_bytes,
             keeps_solution: task.keeps_solution,
             pacing: Pacing::new(task.checkpoint_every_s, task.first_checkpoint_s),
             ending: None,
             beginning: None,
         }
+    }
+
+    fn formats(&self) -> Vec<PictureFormat> {
+        self.snapshots.as_ref().map(|snapshots| snapshots.formats.clone()).unwrap_or_default()
     }
 
     fn send(&self, checkpoint: &Checkpoint, baked: Option<BakedMesh>) {
@@ -275,13 +311,16 @@ impl<'a> Watcher<'a> {
             seconds: finite(header.seconds),
             estimated_error: header.estimated_error.filter(|error| error.is_finite()),
         };
-        let mut parts = vec![checkpoint.to_bytes()];
-        parts.extend(baked.map(|mesh| mesh.to_glb()));
+        let mut parts = vec![checkpoint.to_bytes().into()];
+        parts.extend(baked.map(|mesh| mesh.to_glb().into()));
         let _ = self.mouth.blocking_send(Message { header: Said::Checkpoint(facts), parts });
     }
 
     /// Hands over what is known at the end, before the picture, with which the run is over.
     fn hand_over(&mut self) {
+        if self.encoder.take().is_some_and(|encoder| encoder.join().is_err()) {
+            tracing::error!("the encoder of a snapshot panicked");
+        }
         if let Some((checkpoint, baked)) = self.ending.take() {
             self.send(&checkpoint, baked);
         }
@@ -320,8 +359,22 @@ impl Observer for Watcher<'_> {
         self.taken += 1;
         self.last_snapshot_s = progress.seconds;
         self.underway = true;
-        let header = Said::Snapshot(to_progress(progress), Size(picture.width, picture.height));
-        let _ = self.mouth.blocking_send(Message::about(header, to_bytes(picture)));
+        let (picture, progress) = (picture.clone(), to_progress(progress));
+        let (mouth, formats) = (self.mouth.clone(), self.formats());
+        // Beside the render, which goes on meanwhile.
+        let encode = move || match encode::message(&picture, &formats, |files| {
+            Said::Snapshot(progress, files)
+        }) {
+            Ok(message) => drop(mouth.blocking_send(message)),
+            Err(error) => tracing::error!(%error, "a snapshot cannot be encoded"),
+        };
+        match std::thread::Builder::new().name("encodes".into()).spawn(encode) {
+            Ok(encoder) => self.encoder = Some(encoder),
+            Err(error) => {
+                tracing::warn!(%error, "a snapshot was left out: no thread to encode it");
+                self.underway = false;
+            }
+        }
     }
 
     fn wants_checkpoint(&mut self, _progress: &Progress) -> bool {
@@ -364,26 +417,6 @@ impl Observer for Watcher<'_> {
             || self.switches.abandoned.load(Ordering::Relaxed)
             || self.mouth.is_closed()
     }
-}
-
-/// A picture's pixels as bytes.
-fn to_bytes(picture: &image::Picture) -> Vec<u8> {
-    picture.pixels.iter().flat_map(|p| p.to_array()).flat_map(f32::to_le_bytes).collect()
-}
-
-/// A picture from its pixels' bytes; `None` where they are not as many as its size says.
-pub fn from_bytes(Size(width, height): Size, bytes: &[u8]) -> Option<image::Picture> {
-    let (pixels, rest) = bytes.as_chunks::<12>();
-    if pixels.len() as u64 != u64::from(width) * u64::from(height) || !rest.is_empty() {
-        return None;
-    }
-    let mut picture = image::Picture { width, height, pixels: Vec::with_capacity(pixels.len()) };
-    picture.pixels.extend(pixels.iter().map(|pixel| {
-        let (channels, _) = pixel.as_chunks::<4>();
-        let at = |channel: usize| f32::from_le_bytes(channels[channel]);
-        hemilux_engine::radiometry::Rgb::new(at(0), at(1), at(2))
-    }));
-    Some(picture)
 }
 
 /// JSON has no NaN; a figure that is none reads 0.
@@ -429,20 +462,5 @@ fn to_stats(stats: &Stats) -> api::Stats {
         triangles: stats.triangles,
         device: stats.device.clone(),
         diagnostics: stats.diagnostics.iter().map(|(k, v)| (k.clone(), finite(*v))).collect(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pictures_travel_bit_by_bit() {
-        let rgb = hemilux_engine::radiometry::Rgb::new(f32::MIN_POSITIVE, -0.0, 17.25);
-        let picture = image::Picture { width: 2, height: 1, pixels: vec![rgb, rgb * 3.0] };
-        let bytes = to_bytes(&picture);
-        assert_eq!(from_bytes(Size(2, 1), &bytes), Some(picture));
-        assert_eq!(from_bytes(Size(1, 1), &bytes), None);
-        assert_eq!(from_bytes(Size(2, 1), &bytes[1..]), None);
     }
 }

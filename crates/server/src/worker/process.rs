@@ -40,7 +40,8 @@ pub struct Process {
 }
 
 impl Process {
-    /// Starts the process and listens to it.
+    /// Starts the process and listens to it; the large parts of what it says go to files in a
+    /// folder.
     ///
     /// # Errors
     /// Where the system gives no process or thread.
@@ -48,6 +49,7 @@ impl Process {
         device: &str,
         memory_mb: Option<u64>,
         log_format: LogFormat,
+        large_parts: PathBuf,
     ) -> io::Result<(Self, mpsc::Receiver<Message<Said>>)> {
         let mut command = Command::new(own_program()?);
         command.args(["device-worker", device]);
@@ -68,7 +70,7 @@ impl Process {
         std::thread::Builder::new().name(format!("said {device}")).spawn(move || {
             let mut pipe = BufReader::new(output);
             loop {
-                match wire::read::<Said>(&mut pipe) {
+                match wire::read::<Said>(&mut pipe, Some(&large_parts)) {
                     Ok(Some(message)) => {
                         if mouth.blocking_send(message).is_err() {
                             return;
@@ -141,7 +143,8 @@ impl Drop for Process {
 fn pass_on(pipe: ChildStdin, orders: &std_mpsc::Receiver<Message<Order>>) {
     let mut pipe = BufWriter::new(pipe);
     while let Ok(order) = orders.recv() {
-        if wire::write(&mut pipe, &order).is_err() {
+        if let Err(error) = wire::write(&mut pipe, &order) {
+            tracing::warn!(%error, "an order did not reach a device's process");
             return;
         }
     }

@@ -128,7 +128,7 @@ pub fn describe(id: String, format: SceneFormat, size: u64, scene: &scene::Scene
         name: None,
         format,
         size,
-        created_at: jiff::Timestamp::now(),
+        created_at: crate::clock::now(),
         triangles: scene.triangles.len() as u64,
         vertices: scene.vertices.len() as u64,
         materials: scene.materials.len() as u64,

@@ -3,24 +3,62 @@
 //! so that a job may run for as long as it likes; where the disk or the payer's quota has no room,
 //! none is kept until there is some. The job's last picture is no snapshot and is always kept.
 
+use super::wire::Files;
 use crate::api::events::{Notice, NoticeEvent};
 use crate::api::jobs::{Picture, PictureFormat, Progress};
+use crate::artifacts::{ArtifactError, Content};
 use crate::service::Service;
 use crate::store::{Claim, Report};
-use hemilux_engine::image::{self, Exposure, ImageError};
-use std::sync::Arc;
+use std::io;
 use std::time::Instant;
 
 /// Most notices of a run that nothing is kept: a disk that is short again every second must not
 /// fill the rest of itself with them.
 const MOST_PAUSE_NOTICES: u32 = 100;
 
-/// What goes wrong with a picture: in encoding it, with its files, with its record.
-pub type Trouble = Box<dyn std::error::Error + Send + Sync>;
+/// What goes wrong with a snapshot: with its files, with its record.
+type Trouble = Box<dyn std::error::Error + Send + Sync>;
+
+/// A picture as an executor hands it over: its files.
+pub struct Drawn {
+    size: (u32, u32),
+    files: Vec<(PictureFormat, Content)>,
+}
+
+impl Drawn {
+    /// The parts of a message as what it says they are; `None` where they are not as many.
+    pub fn new(Files { width, height, formats }: Files, parts: Vec<Content>) -> Option<Self> {
+        let size = (width, height);
+        (formats.len() == parts.len())
+            .then(|| Self { size, files: formats.into_iter().zip(parts).collect() })
+    }
+
+    /// Bytes of all files.
+    fn bytes(&self) -> io::Result<u64> {
+        self.files.iter().map(|(_, file)| file.size()).sum()
+    }
+
+    /// Stores the files.
+    ///
+    /// # Errors
+    /// Where the storage does not take them; it can be tried again.
+    pub async fn store(
+        &self,
+        service: &Service,
+        claim: Claim,
+    ) -> Result<Vec<Picture>, ArtifactError> {
+        let mut pictures = Vec::new();
+        for (format, file) in &self.files {
+            let file = file.try_clone()?;
+            pictures
+                .push(service.artifacts.put_picture(claim.job, *format, self.size, file).await?);
+        }
+        Ok(pictures)
+    }
+}
 
 /// The snapshots of one run.
 pub struct Album {
-    formats: Vec<PictureFormat>,
     /// Most bytes of all snapshots of the job.
     share: u64,
     /// Bytes of those that are stored; `None` until the store was asked.
@@ -41,9 +79,9 @@ enum Pause {
 }
 
 impl Album {
-    /// An album of pictures in these formats, of so many bytes at most.
-    pub fn new(formats: Vec<PictureFormat>, share: u64) -> Self {
-        Self { formats, share, stored: None, slower: 0, paused: None, pause_notices: 0 }
+    /// An album of so many bytes at most.
+    pub fn new(share: u64) -> Self {
+        Self { share, stored: None, slower: 0, paused: None, pause_notices: 0 }
     }
 
     /// How often the interval has doubled for want of room.
@@ -54,21 +92,19 @@ impl Album {
     /// Keeps a snapshot where there is room for it, or can be made.
     ///
     /// # Errors
-    /// Where it cannot be encoded or stored.
+    /// Where it cannot be stored.
     pub async fn keep(
         &mut self,
         service: &Service,
         claim: Claim,
-        picture: image::Picture,
+        drawn: Drawn,
         progress: Progress,
     ) -> Result<(), Trouble> {
         if let Some(why) = service.disk.shortage() {
             return self.pause(service, claim, Pause::Disk, why).await;
         }
         let begun = Instant::now();
-        let size = (picture.width, picture.height);
-        let files = encode(Arc::new(picture), self.formats.clone()).await?;
-        let bytes: u64 = files.iter().map(|(_, bytes)| bytes.len() as u64).sum();
+        let bytes = drawn.bytes()?;
         if bytes > self.share {
             let (bytes, share) = (bytes >> 10, self.share >> 20);
             let why = format!(
@@ -86,7 +122,7 @@ impl Album {
             self.slower = known.thinned;
         }
         self.make_room(service, claim, bytes).await?;
-        let pictures = put(service, claim, size, files).await?;
+        let pictures = drawn.store(service, claim).await?;
         service.metrics.count_snapshot(begun.elapsed().as_secs_f64());
         let report = Report { snapshots: vec![(pictures, progress)], ..Report::default() };
         service.store.report(claim, report).await?;
@@ -163,60 +199,6 @@ fn every_second(stored: &[(u64, u64)]) -> (Vec<u64>, u64) {
     let from_newest = || stored.iter().rev();
     let gone = from_newest().skip(1).step_by(2).map(|(number, _)| *number).collect();
     (gone, from_newest().step_by(2).map(|(_, bytes)| bytes).sum())
-}
-
-/// Encodes a picture in each of the formats and stores the files, one after the other: a file of a
-/// large picture takes as much memory as the picture.
-///
-/// # Errors
-/// Where it cannot be encoded or stored; in the latter case an
-/// [`ArtifactError`](crate::artifacts::ArtifactError).
-pub async fn keep_picture(
-    service: &Service,
-    claim: Claim,
-    picture: Arc<image::Picture>,
-    mut formats: Vec<PictureFormat>,
-) -> Result<Vec<Picture>, Trouble> {
-    formats.sort_unstable();
-    formats.dedup();
-    let size = (picture.width, picture.height);
-    let mut pictures = Vec::new();
-    for format in formats {
-        let file = encode(picture.clone(), vec![format]).await?;
-        pictures.extend(put(service, claim, size, file).await?);
-    }
-    Ok(pictures)
-}
-
-/// A picture's files, one a format.
-async fn encode(
-    picture: Arc<image::Picture>,
-    mut formats: Vec<PictureFormat>,
-) -> Result<Vec<(PictureFormat, Vec<u8>)>, Trouble> {
-    formats.sort_unstable();
-    formats.dedup();
-    let encoded = tokio::task::spawn_blocking(move || {
-        let encode = |format| match format {
-            PictureFormat::Png => picture.to_png(Exposure::Auto),
-            PictureFormat::Exr => picture.to_exr(),
-        };
-        formats.into_iter().map(|f| Ok((f, encode(f)?))).collect::<Result<Vec<_>, ImageError>>()
-    })
-    .await??;
-    Ok(encoded)
-}
-
-async fn put(
-    service: &Service,
-    claim: Claim,
-    size: (u32, u32),
-    files: Vec<(PictureFormat, Vec<u8>)>,
-) -> Result<Vec<Picture>, Trouble> {
-    let mut pictures = Vec::new();
-    for (format, bytes) in files {
-        pictures.push(service.artifacts.put_picture(claim.job, format, size, bytes).await?);
-    }
-    Ok(pictures)
 }
 
 #[cfg(test)]

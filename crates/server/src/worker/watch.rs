@@ -3,14 +3,12 @@
 
 use super::checkpoints;
 use super::executor::Executor;
-use super::perform::from_bytes;
 use super::process::Epitaph;
-use super::snapshots::Album;
+use super::snapshots::{Album, Drawn};
 use super::wire::{Failure, Message, Order, Said};
-use crate::api::jobs::{Job, Progress, Stats};
+use crate::api::jobs::{Progress, Stats};
 use crate::service::Service;
 use crate::store::{Claim, Report, StoreError};
-use hemilux_engine::image;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::Mutex;
@@ -38,8 +36,8 @@ pub enum Stop {
 
 /// How a run ended.
 pub enum Ended {
-    /// With a picture.
-    Rendered(Box<Stats>, image::Picture),
+    /// With a picture, or without where it was stopped and none was wanted.
+    Rendered(Box<Stats>, Option<Drawn>),
     /// With a reason.
     Failed(Failure),
     /// Without a word, or it had to be ended: how. The executor is of no more use.
@@ -62,13 +60,11 @@ pub async fn follow(
     executor: &mut Executor,
     run: u64,
     claim: Claim,
-    job: &Job,
 ) -> Followed {
-    let formats = job.request.snapshots.as_ref().map(|s| s.formats.clone()).unwrap_or_default();
     let mut scribe = Scribe {
         service: service.clone(),
         claim,
-        album: Arc::new(Mutex::new(Album::new(formats, service.config.guard.max_job_mb << 20))),
+        album: Arc::new(Mutex::new(Album::new(service.config.guard.max_job_mb << 20))),
         stop: Stop::No,
         latest: None,
         pending: Report::default(),
@@ -115,6 +111,10 @@ impl Scribe {
                 message = executor.hear() => {
                     heard = Instant::now();
                     let Some(message) = message else { return Ended::Lost(executor.epitaph()) };
+                    if matches!(message.header, Said::Solved) {
+                        // It did stop; a large picture takes its time to encode.
+                        told = told.map(|_| heard);
+                    }
                     if let Some(ended) = self.take(message) {
                         return ended;
                     }
@@ -143,7 +143,9 @@ impl Scribe {
             }
             if self.stop > Stop::No && told.is_none() {
                 told = Some(Instant::now());
-                executor.order(Order::Stop { run }.into());
+                // What was rendered until a shutdown goes on from its checkpoint.
+                let wants_picture = self.stop == Stop::Cancel;
+                executor.order(Order::Stop { run, wants_picture }.into());
             }
         }
     }
@@ -167,14 +169,15 @@ impl Scribe {
     }
 
     fn take(&mut self, message: Message<Said>) -> Option<Ended> {
-        let picture = |size| from_bytes(size, message.parts.first()?);
-        let torn = || Failure {
-            retry: true,
-            device_is_sound: false,
-            ..Failure::new("device", "the picture does not have the size that it should")
+        let torn = || {
+            Ended::Failed(Failure {
+                retry: true,
+                device_is_sound: false,
+                ..Failure::new("device", "the picture does not have the files that it should")
+            })
         };
         match message.header {
-            Said::Ready | Said::Began => None,
+            Said::Ready | Said::Began | Said::Solved => None,
             Said::NoDevice { error } => Some(Ended::Lost(error.into())),
             Said::Planned(plan, warnings) => {
                 self.pending.plan = Some((plan, warnings));
@@ -192,24 +195,25 @@ impl Scribe {
                 });
                 None
             }
-            Said::Snapshot(progress, size) => match picture(size) {
-                Some(picture) => {
+            Said::Snapshot(progress, files) => match Drawn::new(files, message.parts) {
+                Some(drawn) => {
                     let (service, claim) = (self.service.clone(), self.claim);
                     let album = self.album.clone();
                     self.snapshots.spawn(async move {
                         let mut album = album.lock().await;
-                        if let Err(error) = album.keep(&service, claim, picture, progress).await {
+                        if let Err(error) = album.keep(&service, claim, drawn, progress).await {
                             tracing::warn!(job = %claim.job, %error, "a snapshot was lost");
                         }
                         album.slower()
                     });
                     None
                 }
-                None => Some(Ended::Failed(torn())),
+                None => Some(torn()),
             },
-            Said::Rendered(stats, size) => Some(match picture(size) {
-                Some(picture) => Ended::Rendered(stats, picture),
-                None => Ended::Failed(torn()),
+            Said::Rendered(stats, None) => Some(Ended::Rendered(stats, None)),
+            Said::Rendered(stats, Some(files)) => Some(match Drawn::new(files, message.parts) {
+                Some(drawn) => Ended::Rendered(stats, Some(drawn)),
+                None => torn(),
             }),
             Said::Failed(failure) => Some(Ended::Failed(failure)),
         }

@@ -1,16 +1,20 @@
 //! What the server and an executor say to each other, and how it travels over a pipe.
 //!
 //! A message is a header, plain data in JSON, and parts, bytes that JSON would only bloat: scenes,
-//! pixels. On a pipe: length of the header and number of parts, u32; lengths of the parts, u64, all
-//! little-endian; header; parts. To a thread of the same process messages go as they are.
+//! pictures. On a pipe: length of the header and number of parts, u32; lengths of the parts, u64,
+//! all little-endian; header; parts. To a thread of the same process messages go as they are.
 
 use crate::api::Warning;
-use crate::api::jobs::{JobRequest, Plan, Progress, Stats};
+use crate::api::jobs::{JobRequest, PictureFormat, Plan, Progress, Stats};
 use crate::api::scenes::SceneFormat;
 use crate::api::solutions::Begins;
+use crate::artifacts::Content;
+use rustix::fs::FallocateFlags;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use std::fs::File;
 use std::io::{self, Read, Write};
+use std::path::Path;
 use uuid::Uuid;
 
 /// Longest header, bytes; plans and warnings are the longest there are.
@@ -22,22 +26,17 @@ const MAX_PART: u64 = 1 << 36;
 /// Parts grow by this at most before their bytes have come, so that a wrong length costs no
 /// memory.
 const STEP: u64 = 16 << 20;
+/// Parts from this size on go to a file where there is a folder for them.
+const LARGE_PART: u64 = 1 << 20;
 
 /// A header with its parts.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug)]
 pub struct Message<H> {
     /// What is said.
     pub header: H,
     /// The bytes that it is said about, in the order that the header's documentation names them;
     /// often none.
-    pub parts: Vec<Vec<u8>>,
-}
-
-impl<H> Message<H> {
-    /// A message about some bytes.
-    pub fn about(header: H, part: Vec<u8>) -> Self {
-        Self { header, parts: vec![part] }
-    }
+    pub parts: Vec<Content>,
 }
 
 impl<H> From<H> for Message<H> {
@@ -52,10 +51,12 @@ pub enum Order {
     /// Run this; the first part is the scene's bytes, the second, where [`Task::begins`] says
     /// whose, a checkpoint.
     Run(Box<Task>),
-    /// End that run, with the picture so far.
+    /// End that run.
     Stop {
         /// Its [`Task::run`].
         run: u64,
+        /// Whether the picture so far is of use to anyone.
+        wants_picture: bool,
     },
     /// The latest snapshot of that run is stored; another one may be sent.
     SnapshotKept {
@@ -126,13 +127,15 @@ pub enum Said {
     Planned(Plan, Vec<Warning>),
     /// The figures moved.
     Progress(Progress),
-    /// A picture of the present state; one part, its pixels.
-    Snapshot(Progress, Size),
+    /// A picture of the present state.
+    Snapshot(Progress, Files),
     /// All that the method knows; the first part is the checkpoint's bytes, the second, at the end
     /// and where there are patches, a GLB file with their light.
     Checkpoint(Checkpointed),
-    /// The run is over; one part, the picture's pixels.
-    Rendered(Box<Stats>, Size),
+    /// Nothing more is rendered in this run; its picture is being encoded.
+    Solved,
+    /// The run is over, with a picture unless it was stopped and none was wanted.
+    Rendered(Box<Stats>, Option<Files>),
     /// The run came to nothing.
     Failed(Failure),
 }
@@ -150,10 +153,16 @@ pub struct Checkpointed {
     pub estimated_error: Option<f64>,
 }
 
-/// Width and height of a picture, pixels. Its part has 12 bytes a pixel: red, green and blue
-/// as f32, little-endian, rows from the top.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Size(pub u32, pub u32);
+/// A picture as files, which are the parts of its message: one a format, in this order.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Files {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// What the parts are.
+    pub formats: Vec<PictureFormat>,
+}
 
 /// Why an attempt came to nothing.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -188,20 +197,24 @@ pub fn write<H: Serialize>(pipe: &mut impl Write, message: &Message<H>) -> io::R
     pipe.write_all(&length.to_le_bytes())?;
     pipe.write_all(&parts.to_le_bytes())?;
     for part in &message.parts {
-        pipe.write_all(&(part.len() as u64).to_le_bytes())?;
+        pipe.write_all(&part.size()?.to_le_bytes())?;
     }
     pipe.write_all(&header)?;
     for part in &message.parts {
-        pipe.write_all(part)?;
+        part.write_to(pipe)?;
     }
     pipe.flush()
 }
 
-/// Reads a message; `None` where the pipe ends between two.
+/// Reads a message; `None` where the pipe ends between two. Large parts go to files without a name
+/// in `folder`; without one, or where the disk has no room for them, they are held in memory.
 ///
 /// # Errors
 /// As the pipe, or where what comes is no message.
-pub fn read<H: DeserializeOwned>(pipe: &mut impl Read) -> io::Result<Option<Message<H>>> {
+pub fn read<H: DeserializeOwned>(
+    pipe: &mut impl Read,
+    folder: Option<&Path>,
+) -> io::Result<Option<Message<H>>> {
     let mut counts = [0; 8];
     match pipe.read(&mut counts[..1])? {
         0 => return Ok(None),
@@ -223,8 +236,34 @@ pub fn read<H: DeserializeOwned>(pipe: &mut impl Read) -> io::Result<Option<Mess
         lengths.push(length);
     }
     let header = serde_json::from_slice(&take(pipe, u64::from(header))?)?;
-    let parts = lengths.into_iter().map(|length| take(pipe, length)).collect::<Result<_, _>>()?;
+    let mut parts = Vec::new();
+    for length in lengths {
+        let file = folder.filter(|_| length >= LARGE_PART).and_then(|to| file_for(to, length));
+        parts.push(match file {
+            Some(mut file) => {
+                copy(pipe, &mut file, length)?;
+                Content::from(file)
+            }
+            None => Content::from(take(pipe, length)?),
+        });
+    }
     Ok(Some(Message { header, parts }))
+}
+
+/// A file with room for so many bytes. They are claimed before any is written: a disk that turned
+/// out to be full in the middle of a part would take the part with it.
+fn file_for(folder: &Path, length: u64) -> Option<File> {
+    let file = tempfile::tempfile_in(folder).ok()?;
+    let mode = FallocateFlags::KEEP_SIZE;
+    let claimed = rustix::fs::fallocate(&file, mode, 0, length);
+    claimed.ok().map(|()| file)
+}
+
+fn copy(pipe: &mut impl Read, out: &mut impl Write, length: u64) -> io::Result<()> {
+    match io::copy(&mut pipe.by_ref().take(length), out)? {
+        copied if copied == length => Ok(()),
+        _ => Err(io::ErrorKind::UnexpectedEof.into()),
+    }
 }
 
 fn take(pipe: &mut impl Read, length: u64) -> io::Result<Vec<u8>> {
@@ -233,10 +272,7 @@ fn take(pipe: &mut impl Read, length: u64) -> io::Result<Vec<u8>> {
     while left > 0 {
         let step = left.min(STEP);
         bytes.reserve_exact(step as usize);
-        let got = pipe.by_ref().take(step).read_to_end(&mut bytes)?;
-        if got as u64 != step {
-            return Err(io::ErrorKind::UnexpectedEof.into());
-        }
+        copy(pipe, &mut bytes, step)?;
         left -= step;
     }
     Ok(bytes)
@@ -245,38 +281,78 @@ fn take(pipe: &mut impl Read, length: u64) -> io::Result<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::Value;
+
+    /// Header and parts as they can be compared.
+    fn content<H: Serialize>(message: Message<H>) -> (Value, Vec<Vec<u8>>) {
+        let parts = message.parts.into_iter().map(|part| part.into_bytes().unwrap().to_vec());
+        (serde_json::to_value(&message.header).unwrap(), parts.collect())
+    }
+
+    fn files(formats: Vec<PictureFormat>) -> Files {
+        Files { width: 2, height: 1, formats }
+    }
 
     #[test]
     fn messages_come_out_as_they_went_in() {
         let progress = Progress { iterations: 3, seconds: 0.1, ..Progress::default() };
-        let said = [
-            Message::from(Said::Ready),
-            Message {
-                header: Said::Snapshot(progress, Size(2, 1)),
-                parts: vec![vec![7; 24], Vec::new(), vec![1]],
-            },
-            Message::from(Said::Failed(Failure::new("panic", "an unexpected fault"))),
-        ];
+        let said = || {
+            let snapshot = Said::Snapshot(progress.clone(), files(vec![PictureFormat::Png]));
+            let parts = [vec![7; 24], Vec::new(), vec![1]].map(Content::from).into();
+            [
+                Message::from(Said::Ready),
+                Message { header: snapshot, parts },
+                Message::from(Said::Failed(Failure::new("panic", "an unexpected fault"))),
+            ]
+        };
         let mut pipe = Vec::new();
-        said.iter().for_each(|message| write(&mut pipe, message).unwrap());
+        said().iter().for_each(|message| write(&mut pipe, message).unwrap());
         let mut rest = pipe.as_slice();
-        for message in &said {
-            assert_eq!(read(&mut rest).unwrap().as_ref(), Some(message));
+        for message in said() {
+            let read = read::<Said>(&mut rest, None).unwrap().unwrap();
+            assert_eq!(content(read), content(message));
         }
-        assert_eq!(read::<Said>(&mut rest).unwrap(), None);
+        assert!(read::<Said>(&mut rest, None).unwrap().is_none());
         // A pipe that breaks off is no orderly end, wherever it does.
         let first = 8 + serde_json::to_vec(&Said::Ready).unwrap().len();
         let second = first + {
             let mut rest = &pipe[first..];
-            read::<Said>(&mut rest).unwrap();
+            read::<Said>(&mut rest, None).unwrap();
             pipe.len() - first - rest.len()
         };
         for length in (1..pipe.len()).filter(|length| ![first, second].contains(length)) {
             let mut rest = &pipe[..length];
-            let end = std::iter::repeat_with(|| read::<Said>(&mut rest))
+            let end = std::iter::repeat_with(|| read::<Said>(&mut rest, None))
                 .find(|message| !matches!(message, Ok(Some(_))));
             assert!(end.unwrap().is_err(), "cut to {length}");
         }
+    }
+
+    #[test]
+    fn large_parts_go_to_files_and_small_ones_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let large: Vec<u8> = (0..LARGE_PART + 3).map(|i| (i % 251) as u8).collect();
+        let parts = || [large.clone(), vec![1, 2], large.clone()].map(Content::from).into();
+        let formats = vec![PictureFormat::Exr];
+        let header = || Said::Snapshot(Progress::default(), files(formats.clone()));
+        let mut pipe = Vec::new();
+        for _ in 0..2 {
+            write(&mut pipe, &Message { header: header(), parts: parts() }).unwrap();
+        }
+        // Where there is no such folder, as where the disk is full, nothing is lost.
+        let nowhere = folder.path().join("not there");
+        let mut rest = pipe.as_slice();
+        for (to, in_file) in [(folder.path(), true), (&nowhere, false)] {
+            let read = read::<Said>(&mut rest, Some(to)).unwrap().unwrap();
+            let are_files: Vec<_> =
+                read.parts.iter().map(|part| matches!(part, Content::File(_))).collect();
+            assert_eq!(are_files, [in_file, false, in_file]);
+            let expected = Message { header: header(), parts: parts() };
+            assert!(content(read) == content(expected), "in a file: {in_file}");
+        }
+        let cut = &pipe[..pipe.len() / 3];
+        assert!(read::<Said>(&mut &*cut, Some(folder.path())).is_err());
+        assert!(file_for(folder.path(), u64::MAX >> 1).is_none(), "no disk has so much room");
     }
 
     #[test]
@@ -284,9 +360,9 @@ mod tests {
         let mut frame = vec![2, 0, 0, 0, 1, 0, 0, 0];
         frame.extend(MAX_PART.to_le_bytes());
         frame.extend(b"{}rest");
-        let read: io::Result<Option<Message<serde_json::Value>>> = read(&mut frame.as_slice());
+        let read: io::Result<Option<Message<Value>>> = read(&mut frame.as_slice(), None);
         assert_eq!(read.unwrap_err().kind(), io::ErrorKind::UnexpectedEof);
         let nonsense = [255; 64];
-        assert!(super::read::<Said>(&mut nonsense.as_slice()).is_err());
+        assert!(super::read::<Said>(&mut nonsense.as_slice(), None).is_err());
     }
 }

@@ -3,46 +3,27 @@
 use super::*;
 use crate::api::events::Notice;
 use crate::api::jobs::{PictureFormat, Progress};
-use crate::api::scenes::{Scene, SceneFormat};
+use crate::api::scenes::Scene;
 use crate::api::solutions::{Begins, KeptFile, Solution};
 use crate::job_state::JobState;
+use crate::specimens;
 use crate::store::retention::Retention;
+use crate::store::scenes::Holdings;
 use crate::store::solutions::Solutions;
 use crate::store::{JobFilter, NewJob, Outcome, Report, Store, Submitter};
 use tempfile::TempDir;
 
 async fn store(folder: &TempDir) -> SqliteStore {
     let store = SqliteStore::open(&folder.path().join("db")).await.unwrap();
-    let scene = Scene {
-        id: "scene".into(),
-        name: None,
-        format: SceneFormat::Gltf,
-        size: 1000,
-        created_at: jiff::Timestamp::UNIX_EPOCH,
-        triangles: 1,
-        vertices: 3,
-        materials: 1,
-        textures: 0,
-        lights: 0,
-        bounds: None,
-        cameras: Vec::new(),
-        warnings: Vec::new(),
-    };
+    let scene = Scene { id: "scene".into(), size: 1000, ..specimens::scene(b"a scene") };
     store.put_scene(&scene).await.unwrap();
     store
 }
 
 async fn submit(store: &SqliteStore, payer: &str, max_stored: Option<u64>) -> Uuid {
-    let id = Uuid::now_v7();
-    let job = NewJob {
-        id,
-        scene_id: "scene".into(),
-        request: serde_json::from_str("{}").unwrap(),
-        idempotency_key: None,
-        request_hash: crate::api::request_hash::RequestHash::default(),
-        submitter: Submitter { billed_to: payer.into(), max_stored, ..Submitter::default() },
-        render_key: None,
-    };
+    let submitter = Submitter { billed_to: payer.into(), max_stored, ..Submitter::default() };
+    let job = NewJob { submitter, ..specimens::job("scene") };
+    let id = job.id;
     store.accept(job, 1000).await.unwrap();
     id
 }
@@ -177,6 +158,18 @@ async fn kept_sums_are_what_is_stored_whatever_happens() {
     // The comparison finds a sum that is wrong.
     sqlx::query("UPDATE scene_bytes SET bytes = 1").execute(&store.writer).await.unwrap();
     assert_eq!(wrong_sums(&store).await, ["scenes"]);
+}
+
+/// Whoever holds large scenes stores much, though their results be small.
+#[tokio::test]
+async fn scenes_count_for_whoever_holds_them() {
+    let folder = TempDir::new().unwrap();
+    let store = store(&folder).await;
+    let results = ended(&store, "results", 100).await;
+    let scenes = ended(&store, "scenes", 1).await;
+    assert_eq!(store.evictable().await.unwrap(), Some(results));
+    store.hold_scene("scene", "scenes").await.unwrap();
+    assert_eq!(store.evictable().await.unwrap(), Some(scenes));
 }
 
 #[tokio::test]

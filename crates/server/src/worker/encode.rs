@@ -1,0 +1,54 @@
+//! Pictures as files, made beside the device that rendered them: encoding a large one takes as much
+//! memory as the picture itself, which is the job's to answer for, and the server only hands the
+//! files on.
+
+use super::wire::{Files, Message};
+use crate::api::jobs::PictureFormat;
+use hemilux_engine::image::{Exposure, ImageError, Picture};
+
+/// A message with the picture's files.
+///
+/// # Errors
+/// Where the picture has no pixels or too many for a format.
+pub fn message<H>(
+    picture: &Picture,
+    formats: &[PictureFormat],
+    header: impl FnOnce(Files) -> H,
+) -> Result<Message<H>, ImageError> {
+    let mut formats = formats.to_vec();
+    formats.sort_unstable();
+    formats.dedup();
+    let mut parts = Vec::new();
+    for format in &formats {
+        let file = match format {
+            PictureFormat::Png => picture.to_png(Exposure::Auto)?,
+            PictureFormat::Exr => picture.to_exr()?,
+        };
+        parts.push(file.into());
+    }
+    let files = Files { width: picture.width, height: picture.height, formats };
+    Ok(Message { header: header(files), parts })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::artifacts::Content;
+    use hemilux_engine::radiometry::Rgb;
+
+    #[test]
+    fn a_format_comes_once_and_exr_holds_every_bit() {
+        let rgb = Rgb::new(f32::MIN_POSITIVE, -0.0, 17.25);
+        let picture = Picture { width: 2, height: 1, pixels: vec![rgb, rgb * 3.0] };
+        let (png, exr) = (PictureFormat::Png, PictureFormat::Exr);
+        let Message { header: files, parts } =
+            message(&picture, &[exr, png, exr], |files| files).unwrap();
+        assert_eq!(files, Files { width: 2, height: 1, formats: vec![png, exr] });
+        let bytes: Vec<_> =
+            parts.into_iter().map(Content::into_bytes).map(Result::unwrap).collect();
+        assert!(bytes[0].starts_with(b"\x89PNG") && bytes.len() == 2);
+        assert_eq!(Picture::from_exr(&bytes[1]).unwrap(), picture);
+        let empty = Picture { width: 0, height: 0, pixels: Vec::new() };
+        assert!(message(&empty, &[png], |files| files).is_err());
+    }
+}
