@@ -19,6 +19,9 @@ struct Arguments {
 fn address() -> SocketAddr {
     static ADDRESS: OnceLock<SocketAddr> = OnceLock::new();
     *ADDRESS.get_or_init(|| {
+        // The fuzzing process itself has no importer to start.
+        let program = std::env::var_os("HEMILUX_PROGRAM").expect("HEMILUX_PROGRAM is set");
+        hemilux::worker::use_program(program.into());
         let folder = tempfile::tempdir().expect("a temporary folder").keep();
         let arguments = Arguments::parse_from([
             "serve".as_ref(),

@@ -51,7 +51,7 @@ pub enum FolderError {
     },
     /// Database and files do not belong together.
     #[error(
-        "the database {} and the files in {} do not belong together: {what}. Put back the {DATABASE} that belongs to these files, or restore both from one backup (`hemilux restore`). If this database is to have these files all the same, start once with --adopt-files: what no record names is then not removed at once, but waits in quarantine",
+        "the database {} and the files in {} do not belong together: {what}. Put back the {DATABASE} that belongs to these files, with what lies beside it as {DATABASE}-wal (`hemilux restore --database-only` does so from a backup), or restore both from one backup (`hemilux restore`). If this database is to have these files all the same, start once with --adopt-files: what no record names is then not removed at once, but waits in quarantine",
         folder.join(DATABASE).display(),
         folder.join(ARTIFACTS).display()
     )]

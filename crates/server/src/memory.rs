@@ -21,10 +21,11 @@ pub fn default_job_limit(container: u64) -> u64 {
     container - SERVER_RESERVE.min(container / 4)
 }
 
-/// Bytes of memory that a job may need by estimate where nobody has set a limit: what its process
-/// may take in a container, or else all of this machine's.
-pub fn default_estimate_limit() -> Option<u64> {
-    machine().into_iter().chain(container().map(default_job_limit)).min()
+/// Bytes of memory that a job may need by estimate where nobody has set a limit for that: what its
+/// process may take, `of_process` or else what a container leaves it, and no more than this machine
+/// has.
+pub fn default_estimate_limit(of_process: Option<u64>) -> Option<u64> {
+    machine().into_iter().chain(of_process.or_else(|| container().map(default_job_limit))).min()
 }
 
 /// The smallest limit of the groups that the text, in the form of `/proc/self/cgroup`, names below
@@ -91,8 +92,11 @@ mod tests {
     #[test]
     fn linux_says_how_much_memory_there_is() {
         if cfg!(target_os = "linux") {
-            let total = default_estimate_limit().unwrap();
+            let total = default_estimate_limit(None).unwrap();
             assert!((64 << 20..1 << 50).contains(&total), "{total}");
+            // What would end its process is refused at the door.
+            assert_eq!(default_estimate_limit(Some(64 << 20)), Some(64 << 20));
+            assert_eq!(default_estimate_limit(Some(u64::MAX)), machine());
         }
     }
 

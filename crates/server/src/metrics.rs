@@ -171,6 +171,8 @@ impl Metrics {
             "requests_per_second",
             "jobs_queued",
             "scene_bytes",
+            "stored_bytes",
+            "pinned_bytes",
             "queue",
             "disk",
             "memory",

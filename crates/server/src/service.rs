@@ -149,34 +149,33 @@ pub async fn serve(
     let keeper = Keeper::new(store.clone(), artifacts.clone(), bell.clone());
     let grace = Duration::from_secs_f64(3600.0 * config.guard.clock_grace_hours);
     let clock = retention::clock(&*store, grace).await.map_err(trouble)?;
-    let service = Arc::new(Service {
-        queue: Queue::new(store.clone(), bell.clone()),
-        store,
-        artifacts,
-        keeper,
-        clock,
-        bell,
-        leases: Arc::default(),
-        metrics: Metrics::default(),
-        pool: Pool::new(&devices, config.threads),
-        vocabulary: worker::vocabulary(),
-        uploads: Places::new(config.intake.max_uploads, config.intake.max_uploads_each),
-        imports: Arc::new(Semaphore::new(IMPORTS_AT_ONCE)),
-        inline_room: Arc::new(Semaphore::new(http::INLINE_BYTES_AT_ONCE)),
-        probes: http::Probes::default(),
-        rates: RateLimiter::default(),
-        key_uses: KeyUses::default(),
-        key_watch: KeyWatch::default(),
-        audit,
-        disk: Disk::new(config.data_dir.clone(), config.guard.min_free_mb),
-        max_job_bytes: config
-            .guard
-            .max_job_memory_mb
-            .map(|mb| mb << 20)
-            .or_else(memory::default_estimate_limit),
-        shutdown: stop.clone(),
-        config,
-    });
+    let service =
+        Arc::new(Service {
+            queue: Queue::new(store.clone(), bell.clone()),
+            store,
+            artifacts,
+            keeper,
+            clock,
+            bell,
+            leases: Arc::default(),
+            metrics: Metrics::default(),
+            pool: Pool::new(&devices, config.threads),
+            vocabulary: worker::vocabulary(),
+            uploads: Places::new(config.intake.max_uploads, config.intake.max_uploads_each),
+            imports: Arc::new(Semaphore::new(IMPORTS_AT_ONCE)),
+            inline_room: Arc::new(Semaphore::new(http::INLINE_BYTES_AT_ONCE)),
+            probes: http::Probes::default(),
+            rates: RateLimiter::default(),
+            key_uses: KeyUses::default(),
+            key_watch: KeyWatch::default(),
+            audit,
+            disk: Disk::new(config.data_dir.clone(), config.guard.min_free_mb),
+            max_job_bytes: config.guard.max_job_memory_mb.map(|mb| mb << 20).or_else(|| {
+                memory::default_estimate_limit(config.job_memory_mb.map(|mb| mb << 20))
+            }),
+            shutdown: stop.clone(),
+            config,
+        });
     let (news, of_expiry) = (service.bell.clone(), (leases::BEAT, leases::LEASE));
     let (store, held) = (service.store.clone(), service.leases.clone());
     leases::supervise(store, held, stop.clone(), of_expiry, move |lease| {

@@ -86,7 +86,7 @@ pub struct NoticeEvent {
     pub removed: u64,
 }
 
-/// What a [`NoticeEvent`] is about.
+/// What a notice is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Notice {

@@ -399,7 +399,8 @@ pub struct Job {
     /// Bytes that are stored of it: pictures, snapshots among them, and its solution.
     #[serde(default)]
     pub bytes: u64,
-    /// Counted attempts; a failure makes another one necessary, up to five.
+    /// Counted attempts. A failure makes another one necessary, up to five; where jobs run within
+    /// the server, so does its death, up to twenty.
     pub attempts: u32,
     /// Attempts that do not count: the server died, or the job's process was killed for want of
     /// memory while other jobs ran.

@@ -8,7 +8,7 @@ mod copy;
 mod restore;
 mod take;
 
-pub use restore::restore;
+pub use restore::{restore, restore_database};
 pub use take::take;
 
 use crate::artifacts::ArtifactError;

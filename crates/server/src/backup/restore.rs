@@ -2,16 +2,20 @@
 
 use super::{BackupError, FILES, FORMAT, MANIFEST, Manifest, at, copy, refuse_filled};
 use crate::artifacts::Place;
+use crate::clock;
 use crate::data_folder::{self, ARTIFACTS, DATABASE};
 use crate::store::sqlite::meta;
 use std::io::{BufRead, BufReader};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What an empty data folder may hold.
 const ALLOWED: [&str; 2] = ["lock", "lost+found"];
 
 /// Name of the database's file while it is being copied.
 const UNFINISHED: &str = "hemilux.sqlite.restoring";
+
+/// How the moment is written in the name of a database that was replaced.
+const MOMENT: &str = "%Y%m%dT%H%M%SZ";
 
 /// Checks a backup and copies it into a new or empty data folder; what is in it. The database comes
 /// last, so a server does not start on a half of it.
@@ -33,6 +37,50 @@ pub fn restore(from: &Path, data_dir: &Path) -> Result<Manifest, BackupError> {
         }
     }
     done.map(|()| manifest)
+}
+
+/// Puts the database of a backup beside the files of the same store that are in a data folder; where
+/// the one is now that was there. It moves with the files that SQLite keeps beside it: without them
+/// it is not whole, and with another database they would spoil that.
+///
+/// # Errors
+/// Where the backup is not as it was taken, the folder is in use, or its files are not of the same
+/// store. Then the database is as it was.
+pub fn restore_database(from: &Path, data_dir: &Path) -> Result<Option<PathBuf>, BackupError> {
+    let manifest = manifest(from)?;
+    let borne = data_dir.join(ARTIFACTS).join("store-id");
+    let id = std::fs::read_to_string(&borne).map_err(at(&borne))?;
+    if id.trim() != manifest.store_id.to_string() {
+        return Err(BackupError::Refused(format!(
+            "the files in {} are of store {}, the backup is of store {}; restore it into an empty folder",
+            data_dir.display(),
+            id.trim(),
+            manifest.store_id
+        )));
+    }
+    let _lock = data_folder::lock(data_dir)?;
+    let unfinished = data_dir.join(UNFINISHED);
+    let _ = std::fs::remove_file(&unfinished);
+    let copied = copy::copy(&from.join(DATABASE), &unfinished).and_then(|copied| match copied {
+        Some(content) if content.sha256 == manifest.database_sha256 => Ok(()),
+        _ => Err(damaged(from, format!("{DATABASE} has another content than it had"))),
+    });
+    if let Err(error) = copied {
+        let _ = std::fs::remove_file(&unfinished);
+        return Err(error);
+    }
+    let former = data_dir.join(format!("{DATABASE}.replaced-{}", clock::wall().strftime(MOMENT)));
+    let database = data_dir.join(DATABASE);
+    let was_there = database.exists();
+    for beside in ["-wal", "-shm", ""] {
+        let name = |path: &Path| PathBuf::from(format!("{}{beside}", path.display()));
+        if name(&database).exists() {
+            std::fs::rename(name(&database), name(&former)).map_err(at(&database))?;
+        }
+    }
+    std::fs::rename(&unfinished, &database).map_err(at(&database))?;
+    copy::sync_folder(data_dir)?;
+    Ok(was_there.then_some(former))
 }
 
 fn damaged(folder: &Path, what: impl Into<String>) -> BackupError {

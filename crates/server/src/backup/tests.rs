@@ -245,3 +245,29 @@ async fn files_of_another_store_are_no_part_of_a_backup() {
     assert!(error.contains("do not belong together"), "{error}");
     assert!(!used.path("backup").exists());
 }
+
+/// Only the database is put back; the one of before stays whole beside it.
+#[tokio::test]
+async fn a_database_alone_comes_back_beside_its_files() {
+    let mut used = Used::new().await;
+    take(&used.data(), &used.path("backup")).await.unwrap();
+    used.accept(None).await;
+    let later = used.work(7).await;
+    let database = used.data().join(data_folder::DATABASE);
+    let beside = |path: &Path| PathBuf::from(format!("{}-wal", path.display()));
+    assert!(beside(&database).exists(), "what is not in the file yet is beside it");
+    // Those are the files of a server that was killed: nothing was merged.
+    let former = restore_database(&used.path("backup"), &used.data()).unwrap().unwrap();
+    assert!(beside(&former).exists() && !beside(&database).exists());
+    let (store, _) = data_folder::open(&used.data(), false).await.unwrap();
+    assert!(store.job(later).await.unwrap().is_none());
+    assert!(store.job(used.jobs[0]).await.unwrap().is_some());
+    assert!(SqliteStore::open(&former).await.unwrap().job(later).await.unwrap().is_some());
+    // A changed backup, and files of another store, leave everything as it is.
+    change(&used.path("backup").join(data_folder::DATABASE));
+    restore_database(&used.path("backup"), &used.data()).unwrap_err();
+    let other = Used::new().await;
+    let error = restore_database(&used.path("backup"), &other.data()).unwrap_err().to_string();
+    assert!(error.contains("are of store"), "{error}");
+    assert!(other.store.job(other.jobs[0]).await.unwrap().is_some());
+}

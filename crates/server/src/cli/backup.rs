@@ -23,6 +23,10 @@ pub struct Restore {
     /// New or empty data folder.
     #[arg(long, env = "HEMILUX_DATA_DIR")]
     data_dir: PathBuf,
+    /// Put back the database alone, beside the files of the same store that are in the data folder;
+    /// the one that is there stays under another name.
+    #[arg(long)]
+    database_only: bool,
 }
 
 /// Takes a backup.
@@ -52,8 +56,20 @@ pub fn take(arguments: &Backup) -> Result<(), Failure> {
 /// Restores a backup.
 pub fn restore(arguments: &Restore) -> Result<(), Failure> {
     super::keep_files_private();
-    let restored = backup::restore(&arguments.from, &arguments.data_dir);
-    let manifest = restored.map_err(Failure::failed)?;
+    let Restore { from, data_dir, database_only } = arguments;
+    if *database_only {
+        let former = backup::restore_database(from, data_dir).map_err(Failure::failed)?;
+        let former = former.map_or_else(
+            || "there was none before".to_owned(),
+            |path| format!("the one of before is {}", path.display()),
+        );
+        return print(&format!(
+            "the database of {} is in {}; {former}\n",
+            from.display(),
+            data_dir.display()
+        ));
+    }
+    let manifest = backup::restore(from, data_dir).map_err(Failure::failed)?;
     print(&format!("{} holds {}\n", arguments.data_dir.display(), told(&manifest)))
 }
 

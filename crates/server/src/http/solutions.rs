@@ -60,13 +60,16 @@ pub async fn extend_job(
     let extension: ExtendRequest = body(request).await?;
     let job = find(&app, id).await?;
     let solution = kept(&app, &job).await?;
-    let request = extension.apply(&job.request);
+    let mut request = extension.apply(&job.request);
+    // Who must not ask for a priority does not get that of the job a second time.
+    if check_priority(&caller, &request).is_err() {
+        request.priority = 0;
+    }
     // Only requests from outside may not say what they are a view of; and who is told was checked
     // when the job was accepted.
     check(&app, &JobRequest { view_of: None, webhook: None, ..request.clone() })?;
     refuse_less(&extension, &solution, job.estimated_error)?;
     check_stored(&app, &caller).await?;
-    check_priority(&caller, &request)?;
     let own = caller.limits.jobs_queued;
     match app.store.extend(id, &request, app.config.max_queued, own).await? {
         Extended::Queued(job) => {
@@ -79,7 +82,10 @@ pub async fn extend_job(
             "the job is {}; only one that succeeded, was cancelled, or failed while it was extended can be extended",
             job.state.as_str()
         ))),
-        Extended::QueueFull => Err(Problem::queue_full(5)),
+        Extended::QueueFull => {
+            app.metrics.count_refusal("queue");
+            Err(Problem::queue_full(5))
+        }
         Extended::OwnQueueFull => Err(own_queue_full(&app, &caller)),
     }
 }

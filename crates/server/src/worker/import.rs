@@ -98,6 +98,11 @@ pub fn describe_apart(
             Finding::Refused(refusal) => Err(ImportError::Refused(refusal)),
             Finding::Unread(error) => Err(ImportError::Trouble(io::Error::other(error))),
         },
+        // Where the system runs out of memory it ends imports first, which says nothing of this one.
+        (Some(status), _) if status.signal() == Some(9) => {
+            let how = format!("the import of a scene ended with {}", in_words(status));
+            Err(ImportError::Trouble(io::Error::other(how)))
+        }
         (status, _) => {
             let refusal = why_it_ended(status, &words, bounds);
             tracing::warn!(scene = id, %refusal, "the import of a scene was ended");
@@ -240,7 +245,6 @@ mod tests {
                 "--import-memory-mb",
             ),
             (status(6), "fatal runtime error: stack overflow", "signal 6", "validator"),
-            (status(9), "", "signal 9", "validator"),
             (status(24), "", "60 seconds", "--import-seconds"),
             (None, "", "60 seconds", "--import-seconds"),
             (status(1 << 8), "", "exit status: 1", "validator"),

@@ -24,6 +24,8 @@ mod threads;
 mod watch;
 mod wire;
 
+pub use process::use_program;
+
 use crate::api::jobs::{Job, JobRequest, OptionValue};
 use crate::api::limits::{OptionWord, Vocabulary};
 use crate::api::{DeviceStatus, DeviceView, FieldError};

@@ -8,6 +8,7 @@ use std::io::{self, BufReader, BufWriter};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::sync::OnceLock;
 use std::sync::mpsc as std_mpsc;
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
@@ -150,8 +151,20 @@ fn pass_on(pipe: ChildStdin, orders: &std_mpsc::Receiver<Message<Order>>) {
     }
 }
 
+/// The program of device and import processes, where it is not that of the server.
+static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+
+/// Makes another program than the one that runs that of device and import processes, once: for
+/// programs that have the server in them and no such commands.
+pub fn use_program(path: PathBuf) {
+    let _ = PROGRAM.set(path);
+}
+
 /// This program, also where its file was replaced while it runs.
 pub(super) fn own_program() -> io::Result<PathBuf> {
+    if let Some(program) = PROGRAM.get() {
+        return Ok(program.clone());
+    }
     let running = PathBuf::from("/proc/self/exe");
     if running.exists() { Ok(running) } else { std::env::current_exe() }
 }
