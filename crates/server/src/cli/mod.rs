@@ -137,3 +137,21 @@ fn print(text: &str) -> Result<(), Failure> {
         _ => Ok(()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::Arguments;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_readme_names_every_setting_of_the_server() {
+        let readme = include_str!("../../../../README.md");
+        let program = Arguments::command();
+        let serve = program.find_subcommand("serve").unwrap();
+        let flags: Vec<_> = serve.get_arguments().filter_map(|flag| flag.get_long()).collect();
+        assert!(flags.len() > 40, "{flags:?}");
+        let is_named = |flag: &&str| readme.contains(&format!("`--{flag}`"));
+        let missing: Vec<_> = flags.into_iter().filter(|flag| !is_named(flag)).collect();
+        assert!(missing.is_empty(), "{missing:?}");
+    }
+}
