@@ -104,3 +104,16 @@ async fn a_folder_of_an_earlier_release_gets_its_id() {
     std::fs::remove_dir_all(fresh.path().join(ARTIFACTS)).unwrap();
     open(fresh.path(), false).await.unwrap().0.close().await;
 }
+
+/// It may be wanted with the program that wrote it.
+#[tokio::test]
+async fn a_database_that_is_refused_is_left_as_it_was() {
+    let folder = used().await;
+    let database = folder.path().join(DATABASE);
+    std::fs::remove_file(&database).unwrap();
+    crate::store::sqlite::tests::first_release(&database).await;
+    let before = std::fs::read(&database).unwrap();
+    is_refused(&folder, "the database is of an early release").await;
+    assert!(std::fs::read(&database).unwrap() == before, "it was changed");
+    adopts(&folder).await;
+}
