@@ -1,51 +1,64 @@
 //! In-process wake-ups: who waits for news of a job learns that there is some, and reads it from
-//! the store. Only ids travel, so a missed wake-up costs nothing but a read.
+//! the store. Nothing else travels, so a missed wake-up costs nothing but a read. A job's news
+//! wakes those who listen to that job, however many others there are.
 
-use tokio::sync::broadcast;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::watch;
 use uuid::Uuid;
 
-/// Rings when a job has news.
-#[derive(Clone)]
-pub struct Bell {
-    sender: broadcast::Sender<Uuid>,
-}
+type Heard = HashMap<Uuid, watch::Sender<()>>;
 
-impl Default for Bell {
-    fn default() -> Self {
-        Self { sender: broadcast::channel(1024).0 }
-    }
+/// Rings when a job has news.
+#[derive(Clone, Default)]
+pub struct Bell {
+    /// The jobs that somebody listens to.
+    heard: Arc<Mutex<Heard>>,
 }
 
 impl Bell {
-    /// Tells everyone that `job` has news in the store.
+    /// Tells who listens to `job` that it has news in the store.
     pub fn ring(&self, job: Uuid) {
-        // Nobody listening is fine.
-        let _ = self.sender.send(job);
+        if let Some(listeners) = self.heard().get(&job) {
+            listeners.send_replace(());
+        }
     }
 
-    /// Starts to listen; subscribe before reading the store, or news in between is missed.
-    pub fn listen(&self) -> Listener {
-        Listener { receiver: self.sender.subscribe() }
+    /// Starts to listen to a job; do so before reading the store, or news in between is missed.
+    pub fn listen(&self, job: Uuid) -> Listener {
+        let receiver =
+            self.heard().entry(job).or_insert_with(|| watch::Sender::new(())).subscribe();
+        Listener { bell: self.clone(), job, receiver }
+    }
+
+    fn heard(&self) -> MutexGuard<'_, Heard> {
+        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// Hears the bell.
 pub struct Listener {
-    receiver: broadcast::Receiver<Uuid>,
+    bell: Bell,
+    job: Uuid,
+    receiver: watch::Receiver<()>,
 }
 
 impl Listener {
-    /// Waits until `job` may have news. A listener that fell behind is told so at once: what it
-    /// missed may have been about `job`.
-    pub async fn news_of(&mut self, job: Uuid) {
-        loop {
-            match self.receiver.recv().await {
-                Ok(id) if id == job => return,
-                Ok(_) => {}
-                Err(broadcast::error::RecvError::Lagged(_)) => return,
-                // The sender lives in the same application state as the listener's owner.
-                Err(broadcast::error::RecvError::Closed) => std::future::pending().await,
-            }
+    /// Waits until the job has news since this was last asked.
+    pub async fn news(&mut self) {
+        if self.receiver.changed().await.is_err() {
+            // The sender goes with the last listener, and this is one.
+            std::future::pending().await
+        }
+    }
+}
+
+impl Drop for Listener {
+    fn drop(&mut self) {
+        let mut heard = self.bell.heard();
+        // This one is still among them.
+        if heard.get(&self.job).is_some_and(|listeners| listeners.receiver_count() <= 1) {
+            heard.remove(&self.job);
         }
     }
 }
@@ -56,18 +69,25 @@ mod tests {
     use std::time::Duration;
 
     #[tokio::test]
-    async fn only_the_own_job_wakes_and_lagging_wakes_too() {
+    async fn only_the_own_job_wakes_and_nothing_is_missed() {
         let bell = Bell::default();
-        let mut listener = bell.listen();
         let (mine, other) = (Uuid::now_v7(), Uuid::now_v7());
-        bell.ring(other);
+        let (mut listener, mut second) = (bell.listen(mine), bell.listen(mine));
         let short = Duration::from_millis(20);
-        assert!(tokio::time::timeout(short, listener.news_of(mine)).await.is_err());
+        let wakes =
+            async |listener: &mut Listener| tokio::time::timeout(short, listener.news()).await;
+        bell.ring(other);
+        assert!(wakes(&mut listener).await.is_err());
+        // What comes before it waits is heard, once.
         bell.ring(mine);
-        assert!(tokio::time::timeout(short, listener.news_of(mine)).await.is_ok());
-        for _ in 0..5000 {
-            bell.ring(other);
-        }
-        assert!(tokio::time::timeout(short, listener.news_of(mine)).await.is_ok());
+        bell.ring(mine);
+        assert!(wakes(&mut listener).await.is_ok() && wakes(&mut second).await.is_ok());
+        assert!(wakes(&mut listener).await.is_err());
+        drop(second);
+        bell.ring(mine);
+        assert!(wakes(&mut listener).await.is_ok());
+        drop(listener);
+        assert!(bell.heard().is_empty(), "nobody listens any more");
+        bell.ring(mine);
     }
 }

@@ -87,7 +87,7 @@ pub async fn stream_events(
         _ => None,
     };
     let follower = Follower {
-        listener: app.bell.listen(),
+        listener: app.bell.listen(id),
         key_end: app.key_watch.of(&caller),
         after: last_seen.or(query.after).unwrap_or(0),
         inline: query.inline,
@@ -156,7 +156,7 @@ impl Follower {
                     return None;
                 }
                 tokio::select! {
-                    () = self.listener.news_of(self.job) => {}
+                    () = self.listener.news() => {}
                     () = tokio::time::sleep(RECHECK) => {}
                     () = self.key_end.comes() => return None,
                     () = self.app.shutdown.cancelled() => return None,

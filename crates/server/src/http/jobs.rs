@@ -403,7 +403,7 @@ pub async fn get_job(
     let wait = in_range("wait", query.wait.unwrap_or(0.0), 0.0..=60.0)?;
     let deadline = tokio::time::Instant::now() + Duration::from_secs_f64(wait);
     let until = query.until.unwrap_or_default();
-    let mut listener = app.bell.listen();
+    let mut listener = app.bell.listen(id);
     let mut key_end = app.key_watch.of(&caller);
     let mut first = None;
     loop {
@@ -414,7 +414,7 @@ pub async fn get_job(
             return Ok(Json(job));
         }
         tokio::select! {
-            () = listener.news_of(id) => {}
+            () = listener.news() => {}
             () = tokio::time::sleep_until(deadline) => {}
             // What changed the state may have forgotten to ring.
             () = tokio::time::sleep(RECHECK) => {}

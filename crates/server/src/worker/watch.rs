@@ -98,7 +98,7 @@ struct Scribe {
 impl Scribe {
     async fn follow(&mut self, executor: &mut Executor, run: u64) -> Ended {
         let service = self.service.clone();
-        let mut bell = service.bell.listen();
+        let mut bell = service.bell.listen(self.claim.job);
         let mut flush = tokio::time::interval(FLUSH_INTERVAL);
         flush.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         let mut recheck = tokio::time::interval(RECHECK);
@@ -138,7 +138,7 @@ impl Scribe {
                         return Ended::Lost(why.into());
                     }
                 }
-                () = bell.news_of(self.claim.job) => self.look_for_cancel().await,
+                () = bell.news() => self.look_for_cancel().await,
                 _ = recheck.tick() => self.look_for_cancel().await,
             }
             if self.stop > Stop::No && told.is_none() {
