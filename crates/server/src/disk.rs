@@ -42,11 +42,16 @@ impl Disk {
     /// Why nothing new may be taken, where that is so. A disk that does not say is taken at its
     /// best.
     pub fn shortage(&self) -> Option<String> {
+        self.shortage_for(0)
+    }
+
+    /// The same, where so many bytes more are to be written.
+    pub fn shortage_for(&self, bytes: u64) -> Option<String> {
         let free = match failpoints::pass("disk", String::new) {
             Ok(()) => self.free_bytes()?,
             Err(_) => 0,
         };
-        (free < self.min_free_bytes).then(|| {
+        (free.saturating_sub(bytes) < self.min_free_bytes).then(|| {
             let (free_mb, min_mb) = (free >> 20, self.min_free_bytes >> 20);
             format!(
                 "the server's disk has {free_mb} MiB free and keeps {min_mb} MiB; what is there can be read, cancelled and deleted"
@@ -65,6 +70,8 @@ mod tests {
         assert_eq!(Disk::new(folder.path().into(), 0).shortage(), None);
         let why = Disk::new(folder.path().into(), 1 << 40).shortage().unwrap();
         assert!(why.contains("MiB free"), "{why}");
+        let large = Disk::new(folder.path().into(), 1);
+        assert_eq!((large.shortage(), large.shortage_for(1 << 60).is_some()), (None, true));
         assert_eq!(Disk::new("/no/such/folder".into(), 1 << 40).shortage(), None);
     }
 }

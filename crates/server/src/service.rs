@@ -11,6 +11,7 @@ use crate::disk::Disk;
 use crate::events::Bell;
 use crate::http;
 use crate::http::audit::Audit;
+use crate::http::import_turns::ImportTurns;
 use crate::http::places::Places;
 use crate::http::rate::RateLimiter;
 use crate::key_watch::{self, KeyWatch};
@@ -59,7 +60,7 @@ pub struct Service {
     /// Places for uploads.
     pub uploads: Places,
     /// Turns at importing scenes.
-    pub imports: Arc<Semaphore>,
+    pub imports: ImportTurns,
     /// Bytes of pictures that events may carry at the same time.
     pub inline_room: Arc<Semaphore>,
     /// What probes were told last.
@@ -162,7 +163,7 @@ pub async fn serve(
             pool: Pool::new(&devices, config.threads),
             vocabulary: worker::vocabulary(),
             uploads: Places::new(config.intake.max_uploads, config.intake.max_uploads_each),
-            imports: Arc::new(Semaphore::new(IMPORTS_AT_ONCE)),
+            imports: ImportTurns::new(IMPORTS_AT_ONCE),
             inline_room: Arc::new(Semaphore::new(http::INLINE_BYTES_AT_ONCE)),
             probes: http::Probes::default(),
             rates: RateLimiter::default(),

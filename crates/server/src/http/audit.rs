@@ -12,25 +12,55 @@ use crate::config::GuardConfig;
 use crate::trace_context::RequestId;
 use axum::body::HttpBody;
 use axum::extract::{ConnectInfo, Request, State};
-use axum::http::{HeaderMap, Method, header};
+use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::Response;
 use jiff::Timestamp;
+use percent_encoding::percent_decode_str;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::Write;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
 
 /// Longest part of a path that is written.
 const MAX_CHARS: usize = 128;
+
+/// Lines a second of requests that were not let in.
+const STRANGERS_A_SECOND: u32 = 20;
 
 /// Where lines go.
 pub struct Audit {
     is_on: bool,
     file: Option<PathBuf>,
+    strangers: Mutex<Strangers>,
+}
+
+/// How many lines there were of requests that were not let in.
+#[derive(Default)]
+struct Strangers {
+    /// In the second that began then.
+    lines: Option<(Instant, u32)>,
+    left_out: u64,
+}
+
+impl Strangers {
+    /// Whether there may be another line, and how many were left out since the last one.
+    fn next(&mut self) -> Option<u64> {
+        let now = Instant::now();
+        let second = Duration::from_secs(1);
+        let (began, lines) =
+            self.lines.filter(|(began, _)| now.duration_since(*began) < second).unwrap_or((now, 0));
+        self.lines = Some((began, lines + 1));
+        if lines >= STRANGERS_A_SECOND {
+            self.left_out += 1;
+            return None;
+        }
+        Some(std::mem::take(&mut self.left_out))
+    }
 }
 
 impl Audit {
@@ -39,7 +69,11 @@ impl Audit {
     /// # Errors
     /// Where the file cannot be written.
     pub fn new(config: &GuardConfig) -> std::io::Result<Self> {
-        let audit = Self { is_on: config.audit.is_on(), file: config.audit_file.clone() };
+        let audit = Self {
+            is_on: config.audit.is_on(),
+            file: config.audit_file.clone(),
+            strangers: Mutex::default(),
+        };
         if audit.is_on {
             audit.write(b"")?;
         }
@@ -80,12 +114,19 @@ struct Deed<'a> {
     scene: Option<&'a str>,
 }
 
+/// Whether a query asks for pictures within events; names of parameters may come in any spelling.
+fn inlines(query: &str) -> bool {
+    query.split('&').any(|pair| {
+        let name = pair.split('=').next().unwrap_or_default();
+        percent_decode_str(name).eq(b"inline".iter().copied())
+    })
+}
+
 fn deed<'a>(method: &Method, path: &'a str, query: &str) -> Option<Deed<'a>> {
     let rest = path.strip_prefix("/v1/")?;
     let parts: Vec<&str> = rest.split('/').collect();
     let (read, post, delete) =
         (method == Method::GET, method == Method::POST, method == Method::DELETE);
-    let inlines = || query.split('&').any(|pair| pair.starts_with("inline="));
     let (action, job, scene) = match parts[..] {
         ["jobs"] if post => ("job.create", None, None),
         ["jobs", id] if delete => ("job.delete", Some(id), None),
@@ -98,7 +139,7 @@ fn deed<'a>(method: &Method, path: &'a str, query: &str) -> Option<Deed<'a>> {
             ("picture.download", Some(id), None)
         }
         ["jobs", id, "snapshots", _] if read => ("picture.download", Some(id), None),
-        ["jobs", id, "events"] if read && inlines() => ("picture.download", Some(id), None),
+        ["jobs", id, "events"] if read && inlines(query) => ("picture.download", Some(id), None),
         ["jobs", id, "solution.glb"] if read => ("solution.download", Some(id), None),
         ["scenes"] if post => ("scene.create", None, None),
         ["scenes", id] if delete => ("scene.delete", None, Some(id)),
@@ -118,7 +159,12 @@ struct Line<'a> {
     level: &'static str,
     action: &'static str,
     method: &'a str,
-    status: u16,
+    /// Of the answer; where the client went away before there was one, nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    status: Option<u16>,
+    /// Whether the client went away before the answer: what it asked for may be done all the same.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    broken_off: bool,
     /// The key's id and name; without keys, nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     key: Option<&'a str>,
@@ -140,52 +186,115 @@ struct Line<'a> {
     /// Bytes of the answer, where it says so beforehand.
     #[serde(skip_serializing_if = "Option::is_none")]
     bytes_asked: Option<u64>,
+    /// Lines of requests that were not let in and that were left out since the last one of these.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    left_out: Option<u64>,
+}
+
+/// What is known of a request that is worth a line. The line is written when this is dropped: also
+/// where the client goes away in the middle, and the handler with it.
+struct Entry {
+    app: App,
+    method: Method,
+    path: String,
+    query: String,
+    who: Who,
+    address: Option<IpAddr>,
+    request_id: String,
+    bytes_sent: Option<u64>,
+    answer: Option<Answer>,
+}
+
+/// What an answer says about itself.
+struct Answer {
+    status: StatusCode,
+    location: Option<String>,
+    size: Option<u64>,
+}
+
+impl Answer {
+    fn of(response: &Response) -> Self {
+        let location = response.headers().get(header::LOCATION);
+        Self {
+            status: response.status(),
+            location: location.and_then(|value| value.to_str().ok()).map(str::to_owned),
+            size: length(response.headers()).or_else(|| response.body().size_hint().exact()),
+        }
+    }
+}
+
+impl Drop for Entry {
+    fn drop(&mut self) {
+        let Some(deed) = deed(&self.method, &self.path, &self.query) else { return };
+        let audit = &self.app.audit;
+        let left_out = match self.who.0.get() {
+            Some(_) => None,
+            // Whoever has no key can send any number of these.
+            None => match audit.strangers.lock().unwrap_or_else(PoisonError::into_inner).next() {
+                Some(left_out) => Some(left_out).filter(|left_out| *left_out > 0),
+                None => return,
+            },
+        };
+        let key = self.who.0.get().and_then(Caller::key);
+        let answer = self.answer.as_ref();
+        let good = answer.filter(|answer| answer.status.is_success());
+        let line = Line {
+            time: Timestamp::now().to_string(),
+            target: "audit",
+            level: "INFO",
+            action: deed.action,
+            method: self.method.as_str(),
+            status: answer.map(|answer| answer.status.as_u16()),
+            broken_off: answer.is_none(),
+            key: key.map(|key| key.id.as_str()),
+            key_name: key.map(|key| key.name.as_str()),
+            address: self.address.map(|address| address.to_canonical().to_string()),
+            job: deed.job.map(cut),
+            scene: deed.scene.map(cut),
+            made: good.and_then(|answer| answer.location.as_deref()).map(cut),
+            request_id: &self.request_id,
+            bytes_sent: self.bytes_sent,
+            bytes_asked: good
+                .and_then(|answer| answer.size)
+                .filter(|_| deed.action.ends_with(".download")),
+            left_out,
+        };
+        match serde_json::to_vec(&line) {
+            Ok(mut text) => {
+                text.push(b'\n');
+                if let Err(error) = audit.write(&text) {
+                    tracing::error!(%error, "cannot write the audit log");
+                }
+            }
+            Err(error) => tracing::error!(%error, "an audit line does not serialise"),
+        }
+    }
 }
 
 /// Middleware: writes a line for each request that is worth one, once its answer begins.
 pub async fn write_down(State(app): State<App>, mut request: Request, next: Next) -> Response {
-    let uri = request.uri().clone();
+    let uri = request.uri();
+    let (path, query) = (uri.path().to_owned(), uri.query().unwrap_or("").to_owned());
     let method = request.method().clone();
-    let deed = deed(&method, uri.path(), uri.query().unwrap_or(""));
-    let Some(deed) = deed.filter(|_| app.audit.is_wanted()) else {
+    if !app.audit.is_wanted() || deed(&method, &path, &query).is_none() {
         return next.run(request).await;
-    };
-    let address = request.extensions().get::<ConnectInfo<SocketAddr>>().map(|info| info.0.ip());
-    let id = request.extensions().get::<RequestId>().map(|id| id.0.clone()).unwrap_or_default();
-    let bytes_sent = length(request.headers()).filter(|_| !method.is_safe());
-    let who = Who::default();
-    request.extensions_mut().insert(who.clone());
-    let response = next.run(request).await;
-    let key = who.0.get().and_then(Caller::key);
-    let is_good = response.status().is_success();
-    let location = response.headers().get(header::LOCATION).and_then(|value| value.to_str().ok());
-    let asked = length(response.headers()).or_else(|| response.body().size_hint().exact());
-    let line = Line {
-        time: Timestamp::now().to_string(),
-        target: "audit",
-        level: "INFO",
-        action: deed.action,
-        method: method.as_str(),
-        status: response.status().as_u16(),
-        key: key.map(|key| key.id.as_str()),
-        key_name: key.map(|key| key.name.as_str()),
-        address: address.map(|address| address.to_canonical().to_string()),
-        job: deed.job.map(cut),
-        scene: deed.scene.map(cut),
-        made: location.filter(|_| is_good).map(cut),
-        request_id: &id,
-        bytes_sent,
-        bytes_asked: asked.filter(|_| deed.action.ends_with(".download") && is_good),
-    };
-    match serde_json::to_vec(&line) {
-        Ok(mut text) => {
-            text.push(b'\n');
-            if let Err(error) = app.audit.write(&text) {
-                tracing::error!(%error, "cannot write the audit log");
-            }
-        }
-        Err(error) => tracing::error!(%error, "an audit line does not serialise"),
     }
+    let extensions = request.extensions();
+    let who = Who::default();
+    let mut entry = Entry {
+        address: extensions.get::<ConnectInfo<SocketAddr>>().map(|info| info.0.ip()),
+        request_id: extensions.get::<RequestId>().map(|id| id.0.clone()).unwrap_or_default(),
+        bytes_sent: length(request.headers()).filter(|_| !method.is_safe()),
+        who: who.clone(),
+        answer: None,
+        app,
+        method,
+        path,
+        query,
+    };
+    request.extensions_mut().insert(who);
+    let response = next.run(request).await;
+    entry.answer = Some(Answer::of(&response));
     response
 }
 
@@ -203,6 +312,17 @@ fn cut(text: &str) -> Cow<'_, str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn who_is_not_let_in_does_not_fill_the_log() {
+        let mut strangers = Strangers::default();
+        let written = (0..1000).filter(|_| strangers.next().is_some()).count() as u64;
+        assert_eq!(written, u64::from(STRANGERS_A_SECOND));
+        strangers.lines =
+            strangers.lines.map(|(began, lines)| (began - Duration::from_secs(1), lines));
+        assert_eq!(strangers.next(), Some(1000 - written), "they are counted");
+        assert_eq!(strangers.next(), Some(0));
+    }
 
     #[test]
     fn every_change_is_in_it_and_of_what_is_read_the_pictures() {
@@ -234,6 +354,10 @@ mod tests {
         }
         let inline = deed(&Method::GET, "/v1/jobs/x/events", "after=3&inline=exr").unwrap();
         assert_eq!((inline.action, inline.job), ("picture.download", Some("x")));
+        for query in ["%69nline=exr", "after=3&inl%69ne=png"] {
+            assert!(deed(&Method::GET, "/v1/jobs/x/events", query).is_some(), "{query}");
+        }
+        assert_eq!(deed(&Method::GET, "/v1/jobs/x/events", "after=inline"), None);
         assert_eq!(action(Method::POST, "/docs"), None);
     }
 

@@ -93,6 +93,7 @@ pub async fn stream_events(
         inline: query.inline,
         waiting: VecDeque::new(),
         share: None,
+        has_waited: false,
         ended: false,
         job: id,
         _count: app.metrics.count_stream(),
@@ -121,6 +122,8 @@ struct Follower {
     /// What the event that was written last takes of the bytes on their way. The next one is asked
     /// for once the connection has taken that.
     share: Option<OwnedSemaphorePermit>,
+    /// Whether it has waited for room in vain.
+    has_waited: bool,
     ended: bool,
     _count: crate::metrics::OpenCount,
 }
@@ -184,6 +187,25 @@ impl Follower {
         })
     }
 
+    /// Room for so many bytes, where there is some. Waits for it once: a stream that found none in
+    /// time goes on without pictures until there is some, rather than wait at every event.
+    async fn room(&mut self, bytes: u32) -> Option<OwnedSemaphorePermit> {
+        let room = self.app.inline_room.clone();
+        if self.has_waited {
+            let share = room.try_acquire_many_owned(bytes).ok();
+            self.has_waited = share.is_none();
+            return share;
+        }
+        let share = tokio::select! {
+            share = room.acquire_many_owned(bytes) => share.ok(),
+            () = tokio::time::sleep(INLINE_PATIENCE) => None,
+            () = self.key_end.comes() => None,
+            () = self.app.shutdown.cancelled() => None,
+        };
+        self.has_waited = share.is_none();
+        share
+    }
+
     /// Puts the picture itself into the event, where it exists in that format, is small enough and
     /// there is room for it.
     async fn embed(&mut self, data: &mut EventData, format: PictureFormat) {
@@ -197,8 +219,7 @@ impl Follower {
         let Some(picture) = pictures.iter_mut().find(is_fit) else { return };
         // As text, a third longer; and once more, while it is put together.
         let bytes = u32::try_from(3 * picture.size).unwrap_or(u32::MAX);
-        let share = self.app.inline_room.clone().acquire_many_owned(bytes);
-        let Ok(Ok(share)) = tokio::time::timeout(INLINE_PATIENCE, share).await else { return };
+        let Some(share) = self.room(bytes).await else { return };
         match self.app.artifacts.picture(self.job, &picture.sha256, format).await {
             Ok(bytes) => {
                 let engine = base64::engine::general_purpose::STANDARD;

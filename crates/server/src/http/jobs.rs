@@ -73,49 +73,11 @@ pub async fn create_job(
 ) -> Result<Response, Problem> {
     let trace_parent = request.extensions().get::<TraceParent>().map(|p| p.as_str().to_owned());
     let idempotency_key = idempotency_key(request.headers())?;
-    let (mut job, scene) = match media_type(request.headers()).as_str() {
-        "application/json" => {
-            let too_large =
-                || Problem::too_large(format!("a job may have at most {MAX_JSON_BYTES} bytes"));
-            let body = request.into_body();
-            let body = upload::small_body(body, MAX_JSON_BYTES, too_large).await?;
-            let job: JobRequest = read::json(&body)?;
-            check(&app, &job)?;
-            let scene = named_scene(&app, &caller, &job).await?;
-            (job, scene)
-        }
-        "multipart/form-data" => {
-            let mut parts = upload::parts(&app, &caller, request, true).await?;
-            let job: JobRequest = match parts.job.take() {
-                Some(json) => read::json_part("job", &json)?,
-                None => read::json(b"{}")?,
-            };
-            check(&app, &job)?;
-            let scene = match (parts.has_scene(), &job.scene) {
-                (true, None) => {
-                    let name = parts.scene_name.take();
-                    let (scene, _) = parts.store(&app, &caller).await?;
-                    scenes::named(&app, &caller, scene, name).await?
-                }
-                (false, _) => named_scene(&app, &caller, &job).await?,
-                (true, Some(_)) => {
-                    let twice = "given both as a part and by id";
-                    return Err(Problem::invalid(vec![FieldError::new("scene", twice)]));
-                }
-            };
-            (job, scene)
-        }
-        other => {
-            let detail = format!("send application/json or multipart/form-data, not {other:?}");
-            return Err(Problem::unsupported_media(detail));
-        }
-    };
+    let (mut job, scene) = arrived(&app, &caller, request, idempotency_key.is_some()).await?;
     if let Some(detail) = job.camera_problem(&scene.cameras) {
         return Err(Problem::invalid(vec![FieldError::new("camera", detail)]));
     }
     check_memory(&app, &job, &scene)?;
-    check_stored(&app, &caller).await?;
-    check_priority(&caller, &job)?;
     job.scene = Some(scene.id.clone());
     let webhook = job.webhook.clone().or_else(|| caller.key().and_then(|key| key.webhook.clone()));
     let unserialisable = |error: serde_json::Error| Problem::internal(error.to_string());
@@ -131,6 +93,59 @@ pub async fn create_job(
         render_key,
     };
     answer(&app, &caller, app.store.accept(new, app.config.max_queued).await?)
+}
+
+/// What a request brings: a job, and its scene, stored. One that `is_repeatable` may be the
+/// repetition of one that was accepted, which no quota refuses.
+async fn arrived(
+    app: &App,
+    caller: &Caller,
+    request: Request,
+    is_repeatable: bool,
+) -> Result<(JobRequest, Scene), Problem> {
+    match media_type(request.headers()).as_str() {
+        "application/json" => {
+            let too_large =
+                || Problem::too_large(format!("a job may have at most {MAX_JSON_BYTES} bytes"));
+            let body = request.into_body();
+            let body = upload::small_body(body, MAX_JSON_BYTES, too_large).await?;
+            let job: JobRequest = read::json(&body)?;
+            check(app, &job)?;
+            check_priority(caller, &job)?;
+            let scene = named_scene(app, caller, &job).await?;
+            Ok((job, scene))
+        }
+        "multipart/form-data" => {
+            let mut parts = upload::parts(app, caller, request, true).await?;
+            let job: JobRequest = match parts.job.take() {
+                Some(json) => read::json_part("job", &json)?,
+                None => read::json(b"{}")?,
+            };
+            check(app, &job)?;
+            check_priority(caller, &job)?;
+            if !is_repeatable {
+                // Its scene would be kept, and the job refused.
+                check_stored(app, caller).await?;
+            }
+            let scene = match (parts.has_scene(), &job.scene) {
+                (true, None) => {
+                    let name = parts.scene_name.take();
+                    let (scene, _) = parts.store(app, caller).await?;
+                    scenes::named(app, caller, scene, name).await?
+                }
+                (false, _) => named_scene(app, caller, &job).await?,
+                (true, Some(_)) => {
+                    let twice = "given both as a part and by id";
+                    return Err(Problem::invalid(vec![FieldError::new("scene", twice)]));
+                }
+            };
+            Ok((job, scene))
+        }
+        other => {
+            let detail = format!("send application/json or multipart/form-data, not {other:?}");
+            Err(Problem::unsupported_media(detail))
+        }
+    }
 }
 
 /// Who submits a job, told by the webhook of the key.
@@ -163,6 +178,7 @@ pub fn answer(app: &App, caller: &Caller, accepted_as: Accepted) -> Result<Respo
             Err(Problem::queue_full(5))
         }
         Accepted::OwnQueueFull => Err(own_queue_full(app, caller)),
+        Accepted::StoreFull { stored } => Err(store_full(app, caller, stored)),
         Accepted::SceneGone => Err(Problem::not_found("the scene was removed; send it again")),
     }
 }
@@ -283,14 +299,17 @@ pub fn check_memory(app: &App, job: &JobRequest, scene: &Scene) -> Result<(), Pr
 pub async fn check_stored(app: &App, caller: &Caller) -> Result<(), Problem> {
     let Some(most) = caller.limits.stored_bytes else { return Ok(()) };
     let stored = app.store.payer_bytes(caller.billed_to()).await?;
-    if stored < most {
-        return Ok(());
-    }
+    if stored < most { Ok(()) } else { Err(store_full(app, caller, stored)) }
+}
+
+/// The answer to who has so many bytes stored, which is as many as they may.
+fn store_full(app: &App, caller: &Caller, stored: u64) -> Problem {
     app.metrics.count_refusal("stored_bytes");
+    let most = caller.limits.stored_bytes.unwrap_or(0);
     let detail = format!(
         "the pictures and solutions of this caller have {stored} bytes and may have {most}; delete jobs first"
     );
-    Err(Problem::over_limit("stored_bytes", detail, 600.0))
+    Problem::over_limit("stored_bytes", detail, 600.0)
 }
 
 /// The scene that a job names: a stored one, or a built-in one, which is stored on first use.

@@ -11,6 +11,7 @@ mod fresh;
 mod gauge;
 mod guard;
 mod images;
+pub mod import_turns;
 mod jobs;
 pub mod listen;
 pub mod openapi;

@@ -24,16 +24,22 @@ const PATIENCE: Duration = Duration::from_millis(700);
 /// How long the database may be silent before the service counts as not ready: a busy one, behind
 /// a long write, is.
 const LONGEST_SILENCE: Duration = Duration::from_secs(10);
-/// How long metrics wait for their first figures.
-const FIRST_FIGURES: Duration = Duration::from_secs(10);
+/// How long metrics wait for figures before they take those of before; those who scrape often give
+/// up after ten seconds.
+const FIGURES_PATIENCE: Duration = Duration::from_secs(5);
 
 /// What the database said last to probes.
-#[derive(Default)]
 pub struct Probes {
     /// Whether it can be read and written.
-    database: Arc<Fresh<Result<(), Problem>>>,
+    database: Arc<Fresh<()>>,
     /// Jobs by state, and messages to webhooks still to be delivered.
-    figures: Arc<Fresh<Result<(JobCounts, u64), Problem>>>,
+    figures: Arc<Fresh<(JobCounts, u64)>>,
+}
+
+impl Default for Probes {
+    fn default() -> Self {
+        Self { database: Arc::default(), figures: Arc::new(Fresh::costly()) }
+    }
 }
 
 /// A probe's answer.
@@ -86,7 +92,7 @@ pub async fn readyz(State(app): State<App>) -> Result<Json<Healthy>, Problem> {
 pub async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
     let store = app.store.clone();
     let count = || async move { Ok((store.counts().await?, store.undelivered().await?)) };
-    let counted = app.probes.figures.get(FIRST_FIGURES, count).await;
+    let counted = app.probes.figures.get(FIGURES_PATIENCE, count).await;
     let unknown = || Problem::unavailable("the database does not answer");
     let (jobs, webhooks_pending) = counted.ok_or_else(unknown)?.1?;
     let present = Present {

@@ -131,7 +131,6 @@ pub async fn create_view(
         return Err(Problem::invalid(vec![FieldError::new("camera", detail)]));
     }
     check_memory(&app, &request, &scene)?;
-    check_stored(&app, &caller).await?;
     check_priority(&caller, &request)?;
     request.view_of = Some(id);
     let request_hash =

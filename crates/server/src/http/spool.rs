@@ -99,6 +99,7 @@ impl Pace {
 
 /// An unnamed temporary file that uploads are written to, one after the other.
 pub struct Spool {
+    app: App,
     file: tokio::fs::File,
     size: u64,
 }
@@ -110,6 +111,18 @@ pub struct Piece {
     pub size: u64,
     /// SHA-256 of them, in hex.
     pub sha256: String,
+}
+
+/// Refuses to write so many bytes more where the disk is short, or would be: many uploads that began
+/// while it was not can fill it together.
+pub fn check_disk(app: &App, bytes: u64) -> Result<(), Problem> {
+    match app.disk.shortage_for(bytes) {
+        None => Ok(()),
+        Some(detail) => {
+            app.metrics.count_refusal("disk");
+            Err(Problem::disk_full(detail))
+        }
+    }
 }
 
 /// A new file in the data folder without a name.
@@ -124,7 +137,8 @@ pub async fn unnamed_file(app: &App) -> Result<File, Problem> {
 impl Spool {
     /// An empty one.
     pub async fn new(app: &App) -> Result<Self, Problem> {
-        Ok(Self { file: tokio::fs::File::from_std(unnamed_file(app).await?), size: 0 })
+        let file = tokio::fs::File::from_std(unnamed_file(app).await?);
+        Ok(Self { app: app.clone(), file, size: 0 })
     }
 
     /// Writes all of `chunks` behind what is there.
@@ -140,6 +154,7 @@ impl Spool {
             let chunk = chunk.map_err(&refuse)?;
             pace.arrived(chunk.len())?;
             allowance.take(chunk.len())?;
+            check_disk(&self.app, 0)?;
             self.size += chunk.len() as u64;
             hash.update(&chunk);
             self.file.write_all(&chunk).await.map_err(disk_trouble)?;

@@ -6,7 +6,7 @@ use super::App;
 use super::gauge::Gauge;
 use super::places::{Full, Place, Places};
 use super::problem::Problem;
-use super::spool::{Allowance, Pace, Piece, Spool, disk_trouble, unnamed_file};
+use super::spool::{Allowance, Pace, Piece, Spool, check_disk, disk_trouble, unnamed_file};
 use crate::access::Caller;
 use crate::api::FieldError;
 use crate::api::scenes::{Scene, SceneFormat, name_of_file};
@@ -24,7 +24,6 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::OwnedSemaphorePermit;
 
 /// Longest time that a small body may take to arrive.
 const SMALL_BODY_TIME: Duration = Duration::from_secs(60);
@@ -264,6 +263,7 @@ async fn pack(
     scene: Piece,
     resources: BTreeMap<String, Piece>,
 ) -> Result<Received, Problem> {
+    check_disk(app, scene.size + resources.values().map(|piece| piece.size).sum::<u64>())?;
     let out = unnamed_file(app).await?;
     let packed = tokio::task::spawn_blocking(move || {
         let packable = |piece: &Piece| (piece.size, piece.reader(&file));
@@ -284,12 +284,6 @@ fn repeated(name: &str) -> Problem {
 fn is_gltf(name: &str) -> bool {
     let name = name.to_ascii_lowercase();
     name.ends_with(".gltf") || name.ends_with(".glb")
-}
-
-/// Waits for a turn at importing.
-async fn import_turn(app: &App) -> Result<OwnedSemaphorePermit, Problem> {
-    let turn = app.imports.clone().acquire_owned();
-    turn.await.map_err(|error| Problem::internal(error.to_string()))
 }
 
 /// The scene of that id, unless its file is lost or damaged, so that sending it again mends it.
@@ -319,7 +313,7 @@ async fn store_received(
         return Ok(stored);
     }
     check_quota(app, caller, size).await?;
-    let turn = import_turn(app).await?;
+    let turn = app.imports.take(caller.billed_to()).await;
     // Somebody may have sent it at the same time.
     if let Some(stored) = stored_scene(app, caller, &id, true).await? {
         return Ok(stored);
@@ -335,6 +329,7 @@ async fn store_received(
     })
     .await
     .map_err(|error| Problem::internal(error.to_string()))?;
+    check_disk(app, size)?;
     keep(app, caller, described.map_err(import_problem)?, file).await
 }
 
@@ -350,7 +345,7 @@ pub async fn store_builtin(
         return Ok(scene);
     }
     check_quota(app, caller, bytes.len() as u64).await?;
-    let _turn = import_turn(app).await?;
+    let _turn = app.imports.take(caller.billed_to()).await;
     let max_triangles = app.config.max_triangles;
     let described = tokio::task::spawn_blocking(move || {
         let scene = scenes::load(SceneFormat::Gltf, bytes, max_triangles)?;

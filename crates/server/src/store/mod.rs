@@ -144,6 +144,11 @@ pub enum Accepted {
     QueueFull,
     /// As many jobs of this submitter wait as may.
     OwnQueueFull,
+    /// What is stored for this submitter has as many bytes as it may.
+    StoreFull {
+        /// How many it has.
+        stored: u64,
+    },
     /// The scene was removed meanwhile.
     SceneGone,
 }

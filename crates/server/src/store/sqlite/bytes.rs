@@ -9,7 +9,20 @@ use crate::store::{Claim, StoreError};
 use async_trait::async_trait;
 use jiff::Timestamp;
 use sqlx::Row;
+use sqlx::sqlite::SqliteConnection;
 use uuid::Uuid;
+
+/// Bytes of pictures and solutions of a payer's jobs.
+pub async fn of_payer(
+    connection: &mut SqliteConnection,
+    billed_to: &str,
+) -> Result<u64, StoreError> {
+    let row = sqlx::query("SELECT bytes FROM payers WHERE billed_to = ?")
+        .bind(billed_to)
+        .fetch_optional(connection)
+        .await?;
+    Ok(row.map_or(0, |row| row.get::<i64, _>("bytes").unsigned_abs()))
+}
 
 #[async_trait]
 impl Bytes for SqliteStore {
@@ -24,11 +37,7 @@ impl Bytes for SqliteStore {
     }
 
     async fn payer_bytes(&self, billed_to: &str) -> Result<u64, StoreError> {
-        let row = sqlx::query("SELECT bytes FROM payers WHERE billed_to = ?")
-            .bind(billed_to)
-            .fetch_optional(&self.reader)
-            .await?;
-        Ok(row.map_or(0, |row| row.get::<i64, _>("bytes").unsigned_abs()))
+        of_payer(&mut *self.reader.acquire().await?, billed_to).await
     }
 
     async fn room(&self, job: Uuid) -> Result<Option<u64>, StoreError> {

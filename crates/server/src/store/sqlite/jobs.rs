@@ -1,6 +1,6 @@
 //! The life of jobs in SQLite. Callers hold the transaction; nothing here commits.
 
-use super::{claims, events, now_ms, outbox, rows, scenes};
+use super::{bytes, claims, events, now_ms, outbox, rows, scenes};
 use crate::api::events::{EventData, ProgressEvent, SnapshotEvent, StateEvent};
 use crate::api::jobs::{Job, JobError, JobRequest, Picture};
 use crate::job_state::{Event, JobState, Life, Refusal};
@@ -54,9 +54,15 @@ pub async fn accept(
     if waiting(connection).await? >= max_queued {
         return Ok(Accepted::QueueFull);
     }
-    let Submitter { billed_to, max_queued: most, .. } = &job.submitter;
+    let Submitter { billed_to, max_queued: most, max_stored, .. } = &job.submitter;
     if own_queue_is_full(connection, billed_to, *most).await? {
         return Ok(Accepted::OwnQueueFull);
+    }
+    if let Some(most) = max_stored {
+        let stored = bytes::of_payer(connection, billed_to).await?;
+        if stored >= *most {
+            return Ok(Accepted::StoreFull { stored });
+        }
     }
     let scene = sqlx::query("UPDATE scenes SET used_ms = max(used_ms, ?) WHERE id = ?")
         .bind(now_ms())

@@ -10,7 +10,7 @@ use crate::specimens;
 use crate::store::retention::Retention;
 use crate::store::scenes::Holdings;
 use crate::store::solutions::Solutions;
-use crate::store::{JobFilter, NewJob, Outcome, Report, Store, Submitter};
+use crate::store::{Accepted, JobFilter, NewJob, Outcome, Report, Store, Submitter};
 use tempfile::TempDir;
 
 async fn store(folder: &TempDir) -> SqliteStore {
@@ -158,6 +158,28 @@ async fn kept_sums_are_what_is_stored_whatever_happens() {
     // The comparison finds a sum that is wrong.
     sqlx::query("UPDATE scene_bytes SET bytes = 1").execute(&store.writer).await.unwrap();
     assert_eq!(wrong_sums(&store).await, ["scenes"]);
+}
+
+/// The answer to a request was lost; its own pictures are no reason to refuse the repetition.
+#[tokio::test]
+async fn a_full_store_refuses_new_jobs_and_no_repetition() {
+    let folder = TempDir::new().unwrap();
+    let store = store(&folder).await;
+    let submitter =
+        Submitter { billed_to: "a".into(), max_stored: Some(100), ..Submitter::default() };
+    let sent = |key: &str| NewJob {
+        idempotency_key: Some(key.into()),
+        submitter: submitter.clone(),
+        ..specimens::job("scene")
+    };
+    let first = store.accept(sent("first"), 10).await.unwrap();
+    assert!(matches!(first, Accepted::New(_)), "{first:?}");
+    let (claim, _) = store.claim(&crate::store::conformance::ASKING).await.unwrap().unwrap();
+    store.finish(claim, outcome(100)).await.unwrap();
+    let again = store.accept(sent("first"), 10).await.unwrap();
+    assert!(matches!(again, Accepted::Again(job) if job.id == claim.job));
+    let other = store.accept(sent("other"), 10).await.unwrap();
+    assert!(matches!(other, Accepted::StoreFull { stored: 100 }), "{other:?}");
 }
 
 /// Whoever holds large scenes stores much, though their results be small.
