@@ -173,7 +173,7 @@ test("a name that is allowed does, so the name is what keeps the page out", asyn
   await page.close();
 });
 
-test("with keys asked for, a rebound name reads and does nothing either", async () => {
+test("with keys asked for, a rebound name does nothing and reads nothing under /v1", async () => {
   const server = await serve("--require-keys");
   const [page, base] = await reboundPage(server);
   const answers = await page.evaluate(act, [base, JOB]);
