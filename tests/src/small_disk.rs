@@ -6,6 +6,7 @@ use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// Bytes written at once while the disk is filled.
@@ -15,17 +16,24 @@ const STEP: usize = 4 << 10;
 pub struct SmallDisk {
     keeper: Child,
     folder: PathBuf,
+    /// Held by whoever fills it, gives the space back or needs it to stay free.
+    filling: Mutex<()>,
 }
 
 impl SmallDisk {
+    /// Whether the system allows the mount namespaces that it takes.
+    pub fn is_allowed() -> bool {
+        let allowed = Command::new("unshare").args(["-rm", "true"]).output();
+        allowed.is_ok_and(|output| output.status.success())
+    }
+
     /// Mounts a disk of `mib` MiB on `folder`, for this disk's own servers alone. `None` where the
     /// system allows no mount namespaces.
     ///
     /// # Panics
     /// Where the system allows namespaces but no disk appears.
     pub fn mount(folder: &Path, mib: u32) -> Option<Self> {
-        let allowed = Command::new("unshare").args(["-rm", "true"]).output();
-        if !allowed.is_ok_and(|output| output.status.success()) {
+        if !Self::is_allowed() {
             return None;
         }
         let mount = format!("mount -t tmpfs -o size={mib}m none \"$0\" && exec sleep infinity");
@@ -34,6 +42,7 @@ impl SmallDisk {
         let disk = Self {
             keeper: keeper.stdin(Stdio::null()).spawn().expect("unshare runs"),
             folder: folder.to_owned(),
+            filling: Mutex::default(),
         };
         let deadline = Instant::now() + PATIENCE;
         while !disk.is_mounted() {
@@ -68,11 +77,16 @@ impl SmallDisk {
         self.seen_from_here().join("ballast")
     }
 
+    fn alone(&self) -> MutexGuard<'_, ()> {
+        self.filling.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Fills the disk, but for `left` bytes.
     ///
     /// # Panics
     /// Where the disk cannot be written for another reason than being full.
     pub fn fill_but(&self, left: u64) {
+        let _alone = self.alone();
         let mut file = File::create(self.ballast()).expect("a file on the small disk");
         let full = loop {
             if let Err(error) = file.write_all(&[0; STEP]) {
@@ -89,9 +103,18 @@ impl SmallDisk {
     /// # Panics
     /// Where the disk cannot be written.
     pub fn free(&self) {
+        drop(self.keep_free());
+    }
+
+    /// Gives the space back; nobody fills the disk for as long as what this returns lives.
+    ///
+    /// # Panics
+    /// Where the disk cannot be written.
+    pub fn keep_free(&self) -> MutexGuard<'_, ()> {
+        let alone = self.alone();
         match fs::remove_file(self.ballast()) {
             Err(error) if error.kind() != ErrorKind::NotFound => panic!("cannot free it: {error}"),
-            _ => {}
+            _ => alone,
         }
     }
 }

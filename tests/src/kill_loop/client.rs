@@ -5,7 +5,7 @@ use super::Plan;
 use crate::server::{PATIENCE, Server, try_events, try_send};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
@@ -54,6 +54,22 @@ pub struct Stage {
     /// How often the database was replaced by an earlier one; the numbers of events begin again
     /// where that one was.
     pub restores: AtomicUsize,
+    /// Set once nobody kills servers any more.
+    pub over: AtomicBool,
+    /// Set where the kills ended with a panic: there will be no server to talk to.
+    pub broken_off: AtomicBool,
+}
+
+/// Says that the kills are over when it is dropped, also where a panic drops it. Whoever waits for
+/// the next kill, or goes on until there is none, then ends; otherwise the threads of the loop
+/// would wait for each other for ever.
+pub struct Ending<'a>(pub &'a Stage);
+
+impl Drop for Ending<'_> {
+    fn drop(&mut self) {
+        self.0.broken_off.fetch_or(std::thread::panicking(), Ordering::Relaxed);
+        self.0.over.store(true, Ordering::Relaxed);
+    }
 }
 
 impl Stage {
@@ -68,7 +84,13 @@ impl Stage {
             accepted: Mutex::default(),
             sending: RwLock::default(),
             restores: AtomicUsize::new(0),
+            over: AtomicBool::new(false),
+            broken_off: AtomicBool::new(false),
         }
+    }
+
+    fn is_broken_off(&self) -> bool {
+        self.broken_off.load(Ordering::Relaxed)
     }
 
     /// From now on that server is the one to talk to.
@@ -80,7 +102,8 @@ impl Stage {
         self.address.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Sends jobs and follows each to its end, whatever happens to the server.
+    /// Sends jobs and follows each to its end, whatever happens to the server; until there will be
+    /// none.
     pub fn be_a_client(&self) {
         loop {
             let seed = self.next_job.fetch_add(1, Ordering::Relaxed);
@@ -89,30 +112,33 @@ impl Stage {
             }
             // So that there is work at every kill.
             let due = seed * self.plan.kills / self.plan.jobs;
-            while self.kills.load(Ordering::Relaxed) + self.plan.clients < due {
+            while self.kills.load(Ordering::Relaxed) + self.plan.clients < due
+                && !self.over.load(Ordering::Relaxed)
+            {
                 std::thread::sleep(Duration::from_millis(5));
             }
-            let id = self.submit_twice(seed);
+            let Some(id) = self.submit_twice(seed) else { return };
             self.follow(&id);
         }
     }
 
-    fn submit_twice(&self, seed: usize) -> String {
+    /// The id of the job; `None` where the loop is broken off.
+    fn submit_twice(&self, seed: usize) -> Option<String> {
         let _sending = self.sending.read().unwrap_or_else(PoisonError::into_inner);
-        let id = self.submit(seed);
+        let id = self.submit(seed)?;
         // A client that did not hear the answer sends again.
-        assert_eq!(self.submit(seed), id, "a repeated request made another job");
+        assert_eq!(self.submit(seed)?, id, "a repeated request made another job");
         let mut accepted = self.accepted.lock().unwrap_or_else(PoisonError::into_inner);
         accepted.insert(seed, id.clone());
-        id
+        Some(id)
     }
 
-    fn submit(&self, seed: usize) -> String {
+    fn submit(&self, seed: usize) -> Option<String> {
         let key = format!("kill-loop-{seed}");
         let headers = [("content-type", "application/json"), ("idempotency-key", key.as_str())];
         let body = wish(seed, self.plan.iterations).to_string();
         let deadline = Instant::now() + PATIENCE;
-        loop {
+        while !self.is_broken_off() {
             let answer = try_send(&self.address(), ("POST", "/v1/jobs"), &headers, body.as_bytes());
             // An answer that broke off is no answer.
             let job = answer.ok().and_then(|answer| {
@@ -124,13 +150,14 @@ impl Stage {
                 assert_eq!(answer.status, 202, "{job}");
                 Some(job["id"].as_str()?.to_owned())
             });
-            if let Some(id) = job {
-                return id;
+            if job.is_some() {
+                return job;
             }
             self.counts.repeated.fetch_add(1, Ordering::Relaxed);
             assert!(Instant::now() < deadline, "no server takes job {seed}");
             std::thread::sleep(Duration::from_millis(10));
         }
+        None
     }
 
     /// Follows a job over as many streams as it takes; its terminal event comes once.
@@ -139,7 +166,7 @@ impl Stage {
         let restores = || self.restores.load(Ordering::Relaxed);
         let (mut last, mut epoch) = (0, restores());
         let mut deadline = Instant::now() + self.plan.patience;
-        loop {
+        while !self.is_broken_off() {
             if epoch != restores() {
                 (last, epoch) = (0, restores());
             }

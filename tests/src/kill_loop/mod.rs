@@ -7,12 +7,12 @@ mod place;
 
 use crate::server::{PATIENCE, Server};
 use crate::small_disk::SmallDisk;
-use client::{Stage, is_terminal, wish};
+use client::{Ending, Stage, is_terminal, wish};
 use place::{Place, be_short, restore};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::sync::PoisonError;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -86,7 +86,8 @@ pub struct Tally {
 /// Runs the loop.
 ///
 /// # Panics
-/// Where a promise is broken.
+/// Where a promise is broken, or the disk is to be short and the system allows no small one
+/// ([`SmallDisk::is_allowed`]).
 pub fn run(plan: &Plan) -> Tally {
     let (undisturbed, job_s) = undisturbed(plan);
     let folder = TempDir::new().expect("a temporary folder");
@@ -97,18 +98,19 @@ pub fn run(plan: &Plan) -> Tally {
     let began = Instant::now();
     let mut tally = Tally { job_s, ..Tally::default() };
     let mut place = Place::new(folder.path(), disk.as_ref());
-    let over = AtomicBool::new(false);
     let server = std::thread::scope(|scope| {
+        let _ending = Ending(&stage);
         let clients: Vec<_> =
             (0..plan.clients).map(|_| scope.spawn(|| stage.be_a_client())).collect();
-        let shortages = disk.as_ref().map(|disk| scope.spawn(|| be_short(disk, plan.seed, &over)));
+        let shortages =
+            disk.as_ref().map(|disk| scope.spawn(|| be_short(disk, plan.seed, &stage.over)));
         let goes_on = |kills: usize| {
             let all_ended = || clients.iter().all(|client| client.is_finished());
             if plan.throughout { !all_ended() } else { kills < plan.kills }
         };
         kill(plan, &stage, &mut place, goes_on, &mut tally);
         // From here on nobody disturbs.
-        over.store(true, Ordering::Relaxed);
+        stage.over.store(true, Ordering::Relaxed);
         tally.shortages = shortages.map_or(0, |thread| thread.join().expect("the disk works"));
         let server = place.start();
         stage.moved_to(&server);

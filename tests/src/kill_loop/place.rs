@@ -91,6 +91,8 @@ pub fn restore(stage: &Stage, place: &Place<'_>, server: Server) -> usize {
     }
     let undone = ended() - before;
     server.kill();
+    // Who puts a database back has room for it.
+    let _room = place.disk.map(SmallDisk::keep_free);
     let folder = place.seen_from_here();
     for name in ["hemilux.sqlite-wal", "hemilux.sqlite-shm"] {
         // There may be none.
