@@ -1,7 +1,7 @@
 //! Disks that are full, folders that cannot be written, files that are damaged: a clear error, and
 //! everything back as it was once it is mended.
 
-use hemilux_tests::server::{Server, scene, serve_and_fail, serve_command};
+use hemilux_tests::server::{PATIENCE, Server, scene, serve_and_fail, serve_command};
 use serde_json::{Value, json};
 use std::fs;
 use std::io::Write;
@@ -9,6 +9,7 @@ use std::os::unix::fs::{PermissionsExt, symlink};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 fn job(seed: u64) -> Value {
@@ -167,7 +168,7 @@ fn a_folder_that_cannot_be_written_is_named_and_works_once_it_can() {
     symlink("jobs", &pictures).unwrap();
     let id = server.submit(&job(2));
     server.wait_until(&id, |job| job["iterations"].as_u64() > Some(0));
-    std::thread::sleep(std::time::Duration::from_millis(300));
+    std::thread::sleep(Duration::from_millis(300));
     assert_eq!(server.get(&format!("/v1/jobs/{id}")).json()["state"], "running");
     fs::remove_file(&pictures).unwrap();
     fs::rename(&away, &pictures).unwrap();
@@ -334,14 +335,16 @@ fn no_job_is_begun_while_the_disk_is_short() {
         None => fs::write(&rules, "disk=error").unwrap(),
     }
     // The server looks once a second.
+    let deadline = Instant::now() + PATIENCE;
     while server.post("/v1/jobs", &job(4)).status != 503 {
-        std::thread::sleep(std::time::Duration::from_millis(50));
+        assert!(Instant::now() < deadline, "the server takes jobs though the disk is short");
+        std::thread::sleep(Duration::from_millis(50));
     }
     assert_eq!(server.send("POST", &format!("/v1/jobs/{running}/cancel"), &[], b"").status, 200);
     assert_eq!(server.wait(&running)["state"], "cancelled");
     let idle = |server: &Server| server.get("/v1/devices").text().contains("\"idle\"");
     for _ in 0..30 {
-        std::thread::sleep(std::time::Duration::from_millis(50));
+        std::thread::sleep(Duration::from_millis(50));
         for id in &waiting {
             let record = server.get(&format!("/v1/jobs/{id}")).json();
             assert_eq!((&record["state"], &record["attempts"]), (&json!("queued"), &json!(0)));

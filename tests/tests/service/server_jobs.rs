@@ -4,9 +4,10 @@ use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::render::{CameraChoice, Limits, Observer, Plan, RenderRequest, render};
 use hemilux_engine::scene::Warning;
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
-use hemilux_tests::server::{Event, Server, program, scene};
+use hemilux_tests::server::{Event, PATIENCE, Server, program, scene};
 use serde_json::{Value, json};
 use std::io::Cursor;
+use std::time::{Duration, Instant};
 
 /// A job of a fraction of a second.
 fn quick() -> Value {
@@ -493,6 +494,22 @@ fn the_budget_of_threads_is_kept_and_shows_in_no_picture() {
     assert_eq!(pictures.len(), 1, "{pictures:?}");
 }
 
+/// Waits until every device of the server's pool is open and has nothing to do; the server is ready
+/// as soon as one is.
+fn until_all_devices_are_idle(server: &Server) {
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        let list = server.get("/v1/devices").json();
+        let devices = list["devices"].as_array().unwrap();
+        let mut pool = devices.iter().filter(|device| device["in_pool"] == true);
+        if pool.all(|device| device["status"] == "idle") {
+            return;
+        }
+        assert!(Instant::now() < deadline, "not every device is idle: {list}");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
 /// Each device has its share, and a job whose method does not use its GPU says what it used.
 #[test]
 fn devices_share_the_threads_and_stats_name_what_computed() {
@@ -501,7 +518,8 @@ fn devices_share_the_threads_and_stats_name_what_computed() {
         println!("skipped: there is no GPU, not even a software one");
         return;
     }
-    let server = Server::start_with(&["--devices", "0", "--threads", "3"]).until_ready();
+    let server = Server::start_with(&["--devices", "0", "--threads", "3"]);
+    until_all_devices_are_idle(&server);
     let job = |method: &str, seconds: f64, shots: bool| {
         let solver = if shots { "shots" } else { "links" };
         json!({"scene": "cornell", "width": 16, "height": 16, "time_budget_s": seconds,
