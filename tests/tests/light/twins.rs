@@ -314,8 +314,8 @@ fn scenes_without_light_or_surface_agree() {
     }
 }
 
-/// Shots per second, to be run alone: `cargo test --release -p hemilux-tests --test twins --
-/// --ignored --nocapture`.
+/// Shots per second, to be run alone: `cargo test --release -p hemilux-tests --test light
+/// shooting_rate -- --ignored --nocapture`.
 #[test]
 #[ignore = "measures; needs a quiet machine"]
 fn shooting_rate() {
