@@ -203,19 +203,26 @@ impl Tally {
 }
 
 /// Resident memory of a process, MiB.
+///
+/// # Panics
+/// Where the process does not run, or the system has no `/proc`.
 pub fn resident_mib(process: u32) -> f64 {
     status_mib(process, "VmRSS:")
 }
 
 /// The most memory that a process has had resident, MiB.
+///
+/// # Panics
+/// As [`resident_mib`].
 pub fn peak_mib(process: u32) -> f64 {
     status_mib(process, "VmHWM:")
 }
 
 fn status_mib(process: u32, name: &str) -> f64 {
-    let text = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
-    let line = text.lines().find_map(|line| line.strip_prefix(name)).unwrap_or("");
-    line.trim().trim_end_matches(" kB").parse::<f64>().unwrap_or(0.0) / 1024.0
+    let text = std::fs::read_to_string(format!("/proc/{process}/status"));
+    let text = text.expect("/proc tells of the process");
+    let line = text.lines().find_map(|line| line.strip_prefix(name)).expect("the kernel says it");
+    line.trim().trim_end_matches(" kB").parse::<f64>().expect("a number of kB") / 1024.0
 }
 
 /// A stream as one of the many: follows `job` until the stream ends, and where it `moves_on`, goes

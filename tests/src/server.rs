@@ -220,14 +220,23 @@ impl Server {
 
     /// Waits until the job has ended.
     pub fn wait(&self, job: &str) -> Value {
-        self.wait_until(job, |job| {
+        self.wait_at_most(PATIENCE, job)
+    }
+
+    /// Waits so long until the job has ended.
+    pub fn wait_at_most(&self, patience: Duration, job: &str) -> Value {
+        let has_ended = |job: &Value| {
             matches!(job["state"].as_str(), Some("succeeded" | "failed" | "cancelled"))
-        })
+        };
+        self.poll(job, Instant::now() + patience, has_ended)
     }
 
     /// Waits until the job is as wished.
     pub fn wait_until(&self, job: &str, wished: impl Fn(&Value) -> bool) -> Value {
-        let deadline = Instant::now() + PATIENCE;
+        self.poll(job, Instant::now() + PATIENCE, wished)
+    }
+
+    fn poll(&self, job: &str, deadline: Instant, wished: impl Fn(&Value) -> bool) -> Value {
         loop {
             let answer = self.get(&format!("/v1/jobs/{job}"));
             assert_eq!(answer.status, 200, "{}", answer.text());

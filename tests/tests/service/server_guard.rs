@@ -1,6 +1,7 @@
 //! What the server refuses before it hurts, how waiting and streams behave, what can be traced.
 
 use hemilux_tests::keys::{With, keys};
+use hemilux_tests::load::{peak_mib, resident_mib};
 use hemilux_tests::server::{PATIENCE, Server, program, repository, scene};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -110,13 +111,6 @@ fn open(server: &Server, path: &str) -> TcpStream {
     stream
 }
 
-/// Resident memory of a process in bytes.
-fn resident_bytes(server: &Server) -> u64 {
-    let text = std::fs::read_to_string(format!("/proc/{}/status", server.pid())).unwrap();
-    let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
-    line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() << 10
-}
-
 #[test]
 fn clients_that_read_nothing_hold_neither_memory_nor_the_end() {
     let server = Server::start();
@@ -133,7 +127,7 @@ fn clients_that_read_nothing_hold_neither_memory_nor_the_end() {
         reader.filter(|event| event.name == "snapshot").take(n).for_each(drop);
     };
     snapshots(&mut reader, 2);
-    let before = resident_bytes(&server);
+    let before = resident_mib(server.pid());
     // Each snapshot is nearly a megabyte; what none of these takes must not pile up.
     let deaf: Vec<_> = (0..40).map(|_| open(&server, &format!("{path}?inline=exr"))).collect();
     // Others are half-open: a request that never ends, a head that never comes.
@@ -144,22 +138,15 @@ fn clients_that_read_nothing_hold_neither_memory_nor_the_end() {
         .write_all(b"POST /v1/scenes HTTP/1.1\r\nhost: 127.0.0.1\r\ncontent-type: model/gltf-binary\r\ncontent-length: 1000\r\n\r\nx")
         .unwrap();
     snapshots(&mut reader, 6);
-    let grown = resident_bytes(&server).saturating_sub(before);
-    println!("40 clients that read nothing: {} MiB more", grown >> 20);
+    let grown = resident_mib(server.pid()) - before;
+    println!("40 clients that read nothing: {grown:.0} MiB more");
     // A picture's event and the buffers of the connection, for each; not six pictures.
-    assert!(grown < 40 * (4 << 20), "{} MiB", grown >> 20);
+    assert!(grown < 40.0 * 4.0, "{grown} MiB");
     // The server goes on meanwhile, and ends in time.
     assert_eq!(server.get("/livez").status, 200);
     let took = server.terminate();
     assert!(took < Duration::from_secs(10), "{took:?}");
     drop((deaf, half, stuck));
-}
-
-/// The largest part of a process's memory that was ever resident, bytes.
-fn peak_bytes(server: &Server) -> u64 {
-    let text = std::fs::read_to_string(format!("/proc/{}/status", server.pid())).unwrap();
-    let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
-    line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() << 10
 }
 
 /// A number from the environment: the full size of a test that is shorter where nobody asks.
@@ -179,14 +166,7 @@ fn slow_readers_of_a_large_picture_hold_no_memory() {
                       "method": "stochastic", "options": {"patches": 200, "pixel_samples": 1}});
     let id = server.submit(&wish);
     let path = format!("/v1/jobs/{id}");
-    let deadline = Instant::now() + 10 * PATIENCE;
-    let record = loop {
-        let record = server.get(&format!("{path}?wait=30")).json();
-        if record["finished_at"].is_string() {
-            break record;
-        }
-        assert!(Instant::now() < deadline, "the job never ended: {record}");
-    };
+    let record = server.wait_at_most(10 * PATIENCE, &id);
     assert_eq!(record["state"], "succeeded", "{record}");
     let size = record["result"][1]["size"].as_u64().unwrap();
     // Otherwise whole pictures would be within the limit, too.
@@ -201,9 +181,9 @@ fn slow_readers_of_a_large_picture_hold_no_memory() {
     // All of them are in the middle of it, and another one gets all of it.
     let whole = server.get(&format!("{path}/image.exr"));
     assert_eq!((whole.status, whole.body.len() as u64), (200, size));
-    let peak = peak_bytes(&server);
-    println!("{readers} slow readers of {} MiB: {} MiB at most", size >> 20, peak >> 20);
-    assert!(peak < 300 << 20, "{} MiB", peak >> 20);
+    let peak = peak_mib(server.pid());
+    println!("{readers} slow readers of {} MiB: {peak:.0} MiB at most", size >> 20);
+    assert!(peak < 300.0, "{peak} MiB");
     // Who goes on gets what is left; the head of the answer is in the first kilobyte.
     let mut rest = Vec::new();
     slow.remove(0).take(size - 1024).read_to_end(&mut rest).unwrap();

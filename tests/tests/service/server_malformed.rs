@@ -4,7 +4,7 @@ use hemilux_engine::scene::made::assemble;
 use hemilux_tests::bombs;
 use hemilux_tests::load::peak_mib;
 use hemilux_tests::malformed::{Expect, cases, triangle};
-use hemilux_tests::server::{Server, scene};
+use hemilux_tests::server::{PATIENCE, Server, scene};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -52,14 +52,16 @@ fn picture(server: &Server, job: &Value) -> Vec<u8> {
 
 #[test]
 fn bombs_are_refused_and_neither_the_server_nor_a_running_job_notices() {
-    let mut server = Server::start();
-    let running = server.submit(&determined(1000));
-    server.wait_until(&running, |job| job["state"] == "running");
+    // Before the job begins: they take longer to make than to refuse.
     let bombs = [
         ("four pictures of 64 M texels", bombs::textures(4)),
         ("nested 200,000 deep", bombs::nesting(200_000)),
         ("a list of 100 MB", bombs::list(100_000_000)),
     ];
+    let mut server = Server::start();
+    // It runs until it is told to stop, so for as long as bombs come.
+    let running = server.submit(&determined(1_000_000_000));
+    server.wait_until(&running, |job| job["state"] == "running");
     for (name, bomb) in &bombs {
         let answer = server.post_scene(bomb);
         assert!(matches!(answer.status, 413 | 422), "{name}: {}", answer.text());
@@ -70,13 +72,23 @@ fn bombs_are_refused_and_neither_the_server_nor_a_running_job_notices() {
     }
     let peak = peak_mib(server.pid());
     assert!(peak < 200.0, "the server took {peak} MiB");
+    assert_eq!(server.get(&format!("/v1/jobs/{running}")).json()["state"], "running");
+    assert_eq!(server.send("POST", &format!("/v1/jobs/{running}/cancel"), &[], b"").status, 200);
     let disturbed = server.wait(&running);
     assert_eq!(
         (&disturbed["state"], &disturbed["attempts"]),
-        (&json!("succeeded"), &json!(1)),
+        (&json!("cancelled"), &json!(1)),
         "{disturbed}"
     );
-    let undisturbed = server.wait(&server.submit(&determined(1000)));
+    // Its picture is that of a job which nobody disturbs and which ends after as many iterations.
+    let iterations = disturbed["iterations"].as_u64().filter(|&done| done > 0).expect("work");
+    let again = server.submit(&determined(iterations));
+    let undisturbed = server.wait_at_most(10 * PATIENCE, &again);
+    assert_eq!(
+        (&undisturbed["state"], &undisturbed["iterations"]),
+        (&json!("succeeded"), &json!(iterations)),
+        "{undisturbed}"
+    );
     assert!(picture(&server, &disturbed) == picture(&server, &undisturbed));
 }
 
