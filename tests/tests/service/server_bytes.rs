@@ -1,10 +1,10 @@
 //! No job fills the disk, and no caller's results go for another's.
 
-use hemilux_tests::server::{Answer, Event, Events, PATIENCE, Server, program};
+use hemilux_tests::keys::{With, keys};
+use hemilux_tests::server::{Event, Events, PATIENCE, Server};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::process::Command;
 use std::time::Instant;
 use tempfile::TempDir;
 
@@ -132,26 +132,9 @@ fn a_short_disk_keeps_no_snapshots_until_there_is_room() {
     assert_eq!(server.events(&path, &[]).filter(paused).count(), 2, "each spell is told once");
 }
 
-/// Makes a key in a data folder.
-fn key(folder: &Path, arguments: &[&str]) -> String {
-    let mut command = Command::new(program());
-    command.args(["keys", "--data-dir"]).arg(folder).arg("add").args(arguments);
-    let done = command.output().unwrap();
-    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-    String::from_utf8(done.stdout).unwrap().trim().to_owned()
-}
-
-fn ask(server: &Server, key: &str, method: &str, path: &str, body: &str) -> Answer {
-    let bearer = format!("Bearer {key}");
-    let headers = [("authorization", bearer.as_str()), ("content-type", "application/json")];
-    server.send(method, path, &headers, body.as_bytes())
-}
-
-fn done(server: &Server, key: &str, job: &Value) -> String {
-    let answer = ask(server, key, "POST", "/v1/jobs", &job.to_string());
-    assert_eq!(answer.status, 202, "{}", answer.text());
-    let id = answer.json()["id"].as_str().unwrap().to_owned();
-    let ended = ask(server, key, "GET", &format!("/v1/jobs/{id}?wait=60"), "").json();
+fn done(who: &With<'_>, job: &Value) -> String {
+    let id = who.submit(job);
+    let ended = who.get(&format!("/v1/jobs/{id}?wait=60")).json();
     assert_eq!(ended["state"], "succeeded", "{ended}");
     id
 }
@@ -159,15 +142,15 @@ fn done(server: &Server, key: &str, job: &Value) -> String {
 #[test]
 fn room_is_made_by_who_stores_most_and_solutions_count() {
     let folder = TempDir::new().unwrap();
-    let [much, little] = ["much", "little"].map(|name| key(folder.path(), &[name]));
+    let [much, little] = ["much", "little"].map(|name| keys(folder.path(), &["add", name]));
     let server = Server::start_in(folder.path(), &[]);
-    let only = done(&server, &little, &quick(16, 0));
-    let many: Vec<_> = (0..10).map(|seed| done(&server, &much, &quick(16, seed))).collect();
-    let bytes = |server: &Server, key: &str, id: &str| {
-        ask(server, key, "GET", &format!("/v1/jobs/{id}"), "").json()["bytes"].as_u64()
-    };
-    let each = bytes(&server, &much, &many[0]).unwrap();
-    let manifest = ask(&server, &much, "GET", &format!("/v1/jobs/{}/manifest", many[0]), "").json();
+    let only = done(&With(&server, &little), &quick(16, 0));
+    let who = With(&server, &much);
+    let many: Vec<_> = (0..10).map(|seed| done(&who, &quick(16, seed))).collect();
+    let bytes =
+        |who: &With<'_>, id: &str| who.get(&format!("/v1/jobs/{id}")).json()["bytes"].as_u64();
+    let each = bytes(&who, &many[0]).unwrap();
+    let manifest = who.get(&format!("/v1/jobs/{}/manifest", many[0])).json();
     let sizes =
         manifest["pictures"].as_array().unwrap().iter().map(|p| p["size"].as_u64().unwrap());
     let solution = &manifest["solution"];
@@ -182,7 +165,7 @@ fn room_is_made_by_who_stores_most_and_solutions_count() {
     // Room for about half of it.
     let gb = ((scene + 6 * each) as f64 / f64::from(1 << 30)).to_string();
     let server = Server::start_in(folder.path(), &["--keep-gb", &gb]);
-    let is_there = |key: &str, id: &str| bytes(&server, key, id).is_some();
+    let is_there = |key: &str, id: &str| bytes(&With(&server, key), id).is_some();
     let left = || many.iter().filter(|id| is_there(&much, id)).count();
     let deadline = Instant::now() + PATIENCE;
     while left() > 5 {
@@ -198,17 +181,18 @@ fn room_is_made_by_who_stores_most_and_solutions_count() {
 #[test]
 fn stored_and_pinned_bytes_have_quotas() {
     let folder = TempDir::new().unwrap();
-    let key = key(folder.path(), &["small", "--max-stored-mb", "1", "--max-pinned-mb", "0"]);
+    let limits = ["--max-stored-mb", "1", "--max-pinned-mb", "0"];
+    let key = keys(folder.path(), &[&["add", "small"], &limits[..]].concat());
     let server = Server::start_in(folder.path(), &["--keep-solutions-mb", "0"]);
-    let mut jobs = vec![done(&server, &key, &quick(200, 0))];
+    let who = With(&server, &key);
+    let mut jobs = vec![done(&who, &quick(200, 0))];
     let refused = loop {
-        let wish = quick(200, jobs.len() as u64).to_string();
-        let answer = ask(&server, &key, "POST", "/v1/jobs", &wish);
+        let answer = who.post("/v1/jobs", &quick(200, jobs.len() as u64));
         if answer.status != 202 {
             break answer;
         }
         let id = answer.json()["id"].as_str().unwrap().to_owned();
-        ask(&server, &key, "GET", &format!("/v1/jobs/{id}?wait=60"), "");
+        who.get(&format!("/v1/jobs/{id}?wait=60"));
         jobs.push(id);
         assert!(jobs.len() < 50, "the quota is never reached");
     };
@@ -216,11 +200,11 @@ fn stored_and_pinned_bytes_have_quotas() {
     assert_eq!(problem["limit"], "stored_bytes", "{problem}");
     assert!(!refused.header("retry-after").is_empty());
     let pin = format!("/v1/jobs/{}/pin", jobs[0]);
-    assert_eq!(ask(&server, &key, "POST", &pin, "").problem(429)["limit"], "pinned_bytes");
+    assert_eq!(who.send("POST", &pin, &[], b"").problem(429)["limit"], "pinned_bytes");
     // What is deleted makes room at once.
     let first = format!("/v1/jobs/{}", jobs.remove(0));
-    assert_eq!(ask(&server, &key, "DELETE", &first, "").status, 204);
-    jobs.push(done(&server, &key, &quick(200, 99)));
+    assert_eq!(who.send("DELETE", &first, &[], b"").status, 204);
+    jobs.push(done(&who, &quick(200, 99)));
     let metrics = server.get("/metrics").text();
     for limit in ["stored_bytes", "pinned_bytes"] {
         assert!(metrics.contains(&format!("hemilux_refusals_total{{limit=\"{limit}\"}} 1")));
@@ -229,17 +213,16 @@ fn stored_and_pinned_bytes_have_quotas() {
     let mut wish = eager(200);
     wish["max_iterations"] = json!(1_000_000_000_u64);
     for job in &jobs[1..] {
-        ask(&server, &key, "DELETE", &format!("/v1/jobs/{job}"), "");
+        who.send("DELETE", &format!("/v1/jobs/{job}"), &[], b"");
     }
-    let answer = ask(&server, &key, "POST", "/v1/jobs", &wish.to_string());
-    let id = answer.json()["id"].as_str().unwrap().to_owned();
+    let id = who.submit(&wish);
     let bearer = format!("Bearer {key}");
     let mut events =
         server.events(&format!("/v1/jobs/{id}/events"), &[("authorization", bearer.as_str())]);
     let notice = next_notice(&mut events);
     assert_eq!(notice["what"], "snapshots_paused", "{notice}");
     assert!(notice["detail"].as_str().unwrap().contains("caller"), "{notice}");
-    ask(&server, &key, "POST", &format!("/v1/jobs/{id}/cancel"), "");
+    who.send("POST", &format!("/v1/jobs/{id}/cancel"), &[], b"");
     let last = events.last().unwrap();
     assert_eq!(
         (last.name.as_str(), last.data["pictures"].as_array().unwrap().len()),

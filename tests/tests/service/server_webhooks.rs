@@ -1,5 +1,6 @@
 //! Messages about the end of jobs: once they are due they arrive, signed, and again if need be.
 
+use hemilux_tests::keys::{With, keys};
 use hemilux_tests::server::{PATIENCE, Server};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -247,33 +248,24 @@ fn black_hole() -> (String, std::sync::Arc<std::sync::Mutex<Vec<std::net::TcpStr
 }
 
 /// A job that ends before it begins, with a message about it.
-fn cancelled(server: &Server, bearer: &str, webhook: &Value) -> String {
-    let headers = [("content-type", "application/json"), ("authorization", bearer)];
+fn cancelled(who: &With<'_>, webhook: &Value) -> String {
     let mut endless = wish(webhook);
     endless["max_iterations"] = Value::Null;
     endless["time_budget_s"] = json!(600);
-    let answer = server.send("POST", "/v1/jobs", &headers, endless.to_string().as_bytes());
-    assert_eq!(answer.status, 202, "{}", answer.text());
-    let job = answer.json()["id"].as_str().unwrap().to_owned();
-    let path = format!("/v1/jobs/{job}/cancel");
-    assert_eq!(server.send("POST", &path, &headers, b"").status, 200);
+    let job = who.submit(&endless);
+    assert_eq!(who.send("POST", &format!("/v1/jobs/{job}/cancel"), &[], b"").status, 200);
     job
 }
 
 #[test]
 fn a_receiver_that_never_answers_delays_no_other() {
     let folder = TempDir::new().unwrap();
-    let key = |name: &str| {
-        let mut add = std::process::Command::new(hemilux_tests::server::program());
-        add.args(["keys", "add", name, "--data-dir"]).arg(folder.path());
-        format!("Bearer {}", String::from_utf8(add.output().unwrap().stdout).unwrap().trim())
-    };
-    let (ann, bob) = (key("ann"), key("bob"));
+    let [ann, bob] = ["ann", "bob"].map(|name| keys(folder.path(), &["add", name]));
     let arguments = ["--max-webhooks-pending-each", "30", ALLOW[0], ALLOW[1]];
     let server = Server::start_in(folder.path(), &arguments);
+    let (ann, bob) = (With(&server, &ann), With(&server, &bob));
     let (hole, held) = black_hole();
-    let stuck: Vec<String> =
-        (0..50).map(|_| cancelled(&server, &ann, &json!({"url": hole}))).collect();
+    let stuck: Vec<String> = (0..50).map(|_| cancelled(&ann, &json!({"url": hole}))).collect();
     let deadline = Instant::now() + PATIENCE;
     while held.lock().unwrap().is_empty() {
         assert!(Instant::now() < deadline, "nothing was sent to the silent receiver");
@@ -284,7 +276,7 @@ fn a_receiver_that_never_answers_delays_no_other() {
     let (good, messages) = receiver(&["200 OK"]);
     for who in [&bob, &ann] {
         let begun = Instant::now();
-        let job = cancelled(&server, who, &json!({"url": good}));
+        let job = cancelled(who, &json!({"url": good}));
         let message = messages.recv_timeout(Duration::from_secs(9)).expect("it is not held up");
         assert_eq!(message.json()["job"], job);
         assert!(begun.elapsed() < Duration::from_secs(9), "{:?}", begun.elapsed());
@@ -294,7 +286,7 @@ fn a_receiver_that_never_answers_delays_no_other() {
     let given_up = || {
         stuck.iter().find_map(|job| {
             let path = format!("/v1/jobs/{job}/webhooks");
-            let list = server.send("GET", &path, &[("authorization", ann.as_str())], b"").json();
+            let list = ann.get(&path).json();
             let told = list["deliveries"].get(0).filter(|told| told["state"] == "given_up");
             told.map(|told| told["last_answer"].as_str().unwrap().to_owned())
         })
@@ -337,30 +329,18 @@ fn a_key_may_have_a_webhook_for_all_its_jobs() {
     let secret = folder.path().join("secret");
     std::fs::write(&secret, format!("{SECRET}\n")).unwrap();
     let data = folder.path().join("data");
-    let made = std::process::Command::new(hemilux_tests::server::program())
-        .args(["keys", "add", "told", "--webhook", &url, "--webhook-secret-file"])
-        .arg(&secret)
-        .arg("--data-dir")
-        .arg(&data)
-        .output()
-        .unwrap();
-    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-    let bearer = format!("Bearer {}", String::from_utf8(made.stdout).unwrap().trim());
+    let secret = secret.to_str().unwrap();
+    let key = keys(&data, &["add", "told", "--webhook", &url, "--webhook-secret-file", secret]);
     let server = Server::start_in(&data, &ALLOW);
-    let submit = |wish: &Value| {
-        let headers = [("content-type", "application/json"), ("authorization", bearer.as_str())];
-        let answer = server.send("POST", "/v1/jobs", &headers, wish.to_string().as_bytes());
-        assert_eq!(answer.status, 202, "{}", answer.text());
-        answer.json()["id"].clone()
-    };
+    let who = With(&server, &key);
     let mut plain = wish(&Value::Null);
     plain.as_object_mut().unwrap().remove("webhook");
-    let job = submit(&plain);
+    let job = who.submit(&plain);
     let message = messages.recv_timeout(PATIENCE).unwrap();
     assert_eq!(message.json()["job"], job);
     verify(&message);
     // A job's own webhook goes first.
-    let job = submit(&wish(&json!({"url": other_url})));
+    let job = who.submit(&wish(&json!({"url": other_url})));
     assert_eq!(other_messages.recv_timeout(PATIENCE).unwrap().json()["job"], job);
     assert!(messages.try_recv().is_err());
 }
