@@ -10,14 +10,18 @@ fn setting(name: &str) -> Option<String> {
 }
 
 fn number(name: &str, default: u64) -> u64 {
-    setting(name).and_then(|value| value.parse().ok()).unwrap_or(default)
+    setting(name).map_or(default, |value| {
+        value.parse().unwrap_or_else(|_| panic!("HEMILUX_KILL_LOOP_{name}={value}: not a number"))
+    })
 }
 
 /// Shortest and longest time between kills, `LOW:HIGH` in seconds.
 fn seconds_between_kills() -> Option<Uptime> {
     let text = setting("UPTIME_S")?;
     let (low, high) = text.split_once(':').expect("LOW:HIGH");
-    Some(Uptime::Seconds(low.parse().expect("seconds"), high.parse().expect("seconds")))
+    let [low, high] = [low, high].map(|text| text.parse::<f64>().expect("seconds"));
+    assert!(low <= high, "HEMILUX_KILL_LOOP_UPTIME_S={text}: not LOW:HIGH");
+    Some(Uptime::Seconds(low, high))
 }
 
 fn plan() -> Plan {
