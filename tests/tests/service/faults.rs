@@ -2,12 +2,12 @@
 //! everything back as it was once it is mended.
 
 use hemilux_tests::server::{PATIENCE, Server, scene, serve_and_fail, serve_command};
+use hemilux_tests::small_disk::SmallDisk;
 use serde_json::{Value, json};
 use std::fs;
-use std::io::Write;
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::os::unix::process::CommandExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -49,20 +49,11 @@ fn is_whole(server: &Server, record: &Value) {
     assert_eq!(server.wait(&server.submit(&another))["state"], "succeeded");
 }
 
-/// A server whose data folder is a small disk of its own (a tmpfs in a mount namespace), and the
-/// folder as this process sees it. Where the system allows no namespaces, `None`.
-fn on_a_small_disk(folder: &Path, size: &str, min_free_mb: &str) -> Option<(Server, PathBuf)> {
-    let allowed = Command::new("unshare").args(["-rm", "true"]).output();
-    if !allowed.is_ok_and(|output| output.status.success()) {
-        return None;
-    }
+/// A server whose data folder is a small disk of its own. Where the system allows none, `None`.
+fn on_a_small_disk(folder: &Path, mib: u32, min_free_mb: &str) -> Option<(Server, SmallDisk)> {
+    let disk = SmallDisk::mount(folder, mib)?;
     let serve = serve_command(folder, &["--min-free-mb", min_free_mb]);
-    let mount = format!("mount -t tmpfs -o size={size} none \"$0\" && exec \"$@\"");
-    let mut command = Command::new("unshare");
-    command.args(["-rm", "sh", "-c", &mount]).arg(folder).arg(serve.get_program());
-    let server = Server::spawn(command.args(serve.get_args()));
-    let inside = PathBuf::from(format!("/proc/{}/root{}", server.pid(), folder.display()));
-    Some((server, inside))
+    Some((Server::spawn(&mut disk.enter(&serve)), disk))
 }
 
 /// Ends a trouble of a server.
@@ -71,14 +62,12 @@ type Mend = Box<dyn Fn(&Server)>;
 #[test]
 fn a_full_disk_is_told_and_nothing_is_lost() {
     let folder = TempDir::new().unwrap();
-    let (server, mend): (Server, Mend) = match on_a_small_disk(folder.path(), "3m", "0") {
-        Some((server, inside)) => {
+    let (server, mend): (Server, Mend) = match on_a_small_disk(folder.path(), 3, "0") {
+        Some((server, disk)) => {
             let record = server.wait(&server.submit(&job(1)));
             assert_eq!(record["state"], "succeeded");
-            let ballast = inside.join("ballast");
-            let mut file = fs::File::create(&ballast).unwrap();
-            while file.write_all(&[0; 1024]).is_ok() {}
-            (server, Box::new(move |_| fs::remove_file(&ballast).unwrap()))
+            disk.fill_but(0);
+            (server, Box::new(move |_| disk.free()))
         }
         None => {
             // No file may be written past 1 KiB, and the signal about it is ignored: writes fail.
@@ -294,13 +283,6 @@ fn a_storage_that_does_not_answer_makes_jobs_wait() {
     assert_eq!((&record["state"], &record["attempts"]), (&json!("succeeded"), &json!(1)));
 }
 
-/// Bytes that are free on the disk of a folder.
-fn free_bytes(folder: &Path) -> u64 {
-    let output = Command::new("stat").args(["-f", "-c", "%a %S"]).arg(folder).output().unwrap();
-    let told = String::from_utf8_lossy(&output.stdout).into_owned();
-    told.split_whitespace().map(|number| number.parse::<u64>().unwrap()).product()
-}
-
 /// While less is free than the server keeps free, jobs that wait go on waiting, and the one that
 /// runs ends.
 #[test]
@@ -310,8 +292,8 @@ fn no_job_is_begun_while_the_disk_is_short() {
     fs::write(&rules, "").unwrap();
     let data = folder.path().join("data");
     fs::create_dir(&data).unwrap();
-    let (server, inside) = match on_a_small_disk(&data, "12m", "4") {
-        Some((server, inside)) => (server, Some(inside)),
+    let (server, disk) = match on_a_small_disk(&data, 12, "4") {
+        Some((server, disk)) => (server, Some(disk)),
         None => {
             println!("no mount namespaces here: a failpoint stands for the short disk");
             let variable = format!("@{}", rules.display());
@@ -325,13 +307,8 @@ fn no_job_is_begun_while_the_disk_is_short() {
     }));
     server.wait_until(&running, |job| job["iterations"].as_u64() > Some(0));
     let waiting = [1, 2, 3].map(|seed| server.submit(&job(seed)));
-    match &inside {
-        Some(inside) => {
-            let mut ballast = fs::File::create(inside.join("ballast")).unwrap();
-            while free_bytes(inside) > 2 << 20 {
-                ballast.write_all(&[0; 64 << 10]).unwrap();
-            }
-        }
+    match &disk {
+        Some(disk) => disk.fill_but(2 << 20),
         None => fs::write(&rules, "disk=error").unwrap(),
     }
     // The server looks once a second.
@@ -351,8 +328,8 @@ fn no_job_is_begun_while_the_disk_is_short() {
         }
         assert!(idle(&server), "the device waits");
     }
-    match &inside {
-        Some(inside) => fs::remove_file(inside.join("ballast")).unwrap(),
+    match &disk {
+        Some(disk) => disk.free(),
         None => fs::write(&rules, "").unwrap(),
     }
     for id in &waiting {
