@@ -27,6 +27,7 @@ LABEL org.opencontainers.image.title="Hemilux" \
 RUN groupadd --gid 10001 hemilux \
     && useradd --uid 10001 --gid 10001 --no-create-home --home-dir /data --shell /usr/sbin/nologin hemilux \
     && install -d -o hemilux -g hemilux /data
+COPY LICENSE-APACHE LICENSE-MIT /usr/share/doc/hemilux/
 COPY --from=build /build/target/release/hemilux /usr/local/bin/hemilux
 USER 10001:10001
 WORKDIR /data
