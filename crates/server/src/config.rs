@@ -80,7 +80,8 @@ pub struct Config {
     /// server, or in threads of the server.
     #[arg(long, env = "HEMILUX_ISOLATION", value_enum, default_value_t = Isolation::Process)]
     pub isolation: Isolation,
-    /// Most memory of a device's process, MiB of address space. Without it, the CPU device in a
+    /// Most memory of a device's process, MiB of address space beside the 72 that each of its threads
+    /// reserves. Without it, the CPU device in a
     /// container with a limit may take that less a quarter, at most 512 MiB, for the server; all
     /// else is unlimited: drivers of GPUs reserve much more address space than they use.
     #[arg(long, env = "HEMILUX_JOB_MEMORY_MB", value_parser = clap::value_parser!(u64).range(64..=67_108_864))]

@@ -201,12 +201,11 @@ impl Life {
                 }
                 .put_back())
             }
-            Event::ServerDied { fence } => {
+            Event::ServerDied { fence } | Event::LeaseExpired { fence } => {
                 let held = self.held_by(fence)?;
                 let after = if held.own_process { held.interrupted() } else { held.outage() };
                 Ok(after.put_back())
             }
-            Event::LeaseExpired { fence } => Ok(self.held_by(fence)?.outage().put_back()),
             _ if self.deleted => Err(Refusal::Deleted),
             Event::Claim { own_process } => match self.state {
                 Queued => Ok(Self {
@@ -448,7 +447,7 @@ mod tests {
                     Event::Release { cause, .. } => {
                         matches!(cause, Cause::Circumstances | Cause::OutOfMemory { alone: false })
                     }
-                    Event::ServerDied { .. } => life.own_process,
+                    Event::ServerDied { .. } | Event::LeaseExpired { .. } => life.own_process,
                     _ => false,
                 };
                 let takes_back = innocent || event == Event::Extend;

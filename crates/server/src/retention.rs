@@ -28,6 +28,9 @@ const PURGE_EVERY: Duration = Duration::from_secs(20);
 const EXPIRE_EVERY_ROUNDS: u32 = 3;
 /// How long a deleted job is kept for streams that still follow it.
 const PURGE_AFTER_MS: i64 = 60_000;
+/// Jobs that make room before everything is added up again, for their scenes may have gone with
+/// them.
+const EVICTIONS_BETWEEN_LOOKS: u32 = 10;
 /// Things looked at together.
 const BATCH: u32 = 100;
 /// Where only the space is short, scenes stay at least so long: their jobs may be on the way.
@@ -195,8 +198,15 @@ impl Keeper {
                 );
                 return Ok(removed);
             }
-            let Some(job) = self.store.evictable().await? else { return Ok(removed) };
-            removed.jobs += self.hide(&[job]).await?;
+            let mut over = bytes - most;
+            for _ in 0..EVICTIONS_BETWEEN_LOOKS {
+                let Some((job, freed)) = self.store.evictable().await? else { return Ok(removed) };
+                removed.jobs += self.hide(&[job]).await?;
+                over = over.saturating_sub(freed);
+                if over == 0 {
+                    break;
+                }
+            }
         }
     }
 

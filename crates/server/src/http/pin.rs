@@ -19,6 +19,7 @@ use uuid::Uuid;
         (status = 200, description = "The job as it is now.", body = Job),
         documented::BadRequest,
         documented::NotFound,
+        documented::NotNow,
         documented::OverLimit,
     )
 )]
@@ -45,7 +46,13 @@ pub async fn unpin_job(State(app): State<App>, JobId(id): JobId) -> Result<Json<
 }
 
 async fn set(app: &App, id: Uuid, pinned: bool, most: Option<u64>) -> Result<Json<Job>, Problem> {
-    if let Pinned::OverQuota { pinned, job } = app.store.pin(id, pinned, most).await? {
+    let done = app.store.pin(id, pinned, most).await?;
+    if done == Pinned::NotYet {
+        return Err(Problem::not_now(
+            "the job has not ended, and what this caller may pin is limited: pin it when it has",
+        ));
+    }
+    if let Pinned::OverQuota { pinned, job } = done {
         app.metrics.count_refusal("pinned_bytes");
         let most = most.unwrap_or(0);
         let detail = format!(

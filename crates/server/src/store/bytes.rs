@@ -34,6 +34,9 @@ pub enum Pinned {
     Done,
     /// There is no such job.
     Missing,
+    /// The payer has a quota of pinned bytes, and the job has not ended: how many it will have is not
+    /// known.
+    NotYet,
     /// The payer's pinned jobs would have more bytes than they may.
     OverQuota {
         /// Bytes of the payer's pinned jobs.
@@ -59,8 +62,8 @@ pub trait Bytes: Send + Sync {
     async fn staying(&self, before: Timestamp) -> Result<Staying, StoreError>;
     /// The job to remove next for want of space: of the payer who stores most, scenes that they
     /// hold included, of those who have any that may go, the one that ended first. Pinned jobs stay,
-    /// and those that have not ended.
-    async fn evictable(&self) -> Result<Option<Uuid>, StoreError>;
+    /// and those that have not ended. With its bytes.
+    async fn evictable(&self) -> Result<Option<(Uuid, u64)>, StoreError>;
     /// The snapshots of a job.
     async fn snapshots(&self, job: Uuid) -> Result<Snapshots, StoreError>;
     /// Forgets those snapshots of a claimed job, by the numbers of their events, with the events,

@@ -11,11 +11,12 @@ use http_body_util::Full;
 use hyper_util::rt::TokioIo;
 use jiff::Timestamp;
 use sha2::Sha256;
-use std::net::{IpAddr, SocketAddr};
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
+use tokio::sync::Semaphore;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::rustls::pki_types::ServerName;
 use tokio_rustls::rustls::{ClientConfig, RootCertStore};
@@ -26,6 +27,9 @@ pub const ID: &str = "hemilux-webhook-id";
 pub const SIGNATURE: &str = "hemilux-webhook-signature";
 /// How long a receiver has, from the look-up to its answer.
 const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Look-ups of names at the same time: each may hold a thread of those that files and imports need, too.
+const LOOK_UPS_AT_ONCE: usize = 64;
 
 /// What came of sending a message.
 #[derive(Debug)]
@@ -40,6 +44,8 @@ pub enum Sent {
 
 /// Sends messages.
 pub struct Sender {
+    /// Look-ups at the same time.
+    look_ups: Arc<Semaphore>,
     allowed: Vec<Network>,
     tls: TlsConnector,
 }
@@ -56,7 +62,8 @@ impl Sender {
             .with_safe_default_protocol_versions()?
             .with_root_certificates(roots)
             .with_no_client_auth();
-        Ok(Self { allowed, tls: TlsConnector::from(Arc::new(tls)) })
+        let look_ups = Arc::new(Semaphore::new(LOOK_UPS_AT_ONCE));
+        Ok(Self { look_ups, allowed, tls: TlsConnector::from(Arc::new(tls)) })
     }
 
     /// Sends a message, signed where there is a secret.
@@ -103,10 +110,18 @@ impl Sender {
 
     /// An address of the host that may be connected to.
     async fn look_up(&self, host: &str, port: u16) -> Result<SocketAddr, Sent> {
-        let found = tokio::net::lookup_host((host, port))
-            .await
-            .map_err(|error| Sent::Failed(format!("cannot look the host up: {error}")))?;
-        choose(host, &found.collect::<Vec<_>>(), &self.allowed)
+        let failed = |error: &dyn std::fmt::Display| {
+            Sent::Failed(format!("cannot look the host up: {error}"))
+        };
+        let place = self.look_ups.clone().acquire_owned().await.map_err(|error| failed(&error))?;
+        let name = host.to_owned();
+        // The system's look-up takes a thread for as long as it likes, longer than anyone waits here.
+        let found = tokio::task::spawn_blocking(move || {
+            let _place = place;
+            (name.as_str(), port).to_socket_addrs().map(Iterator::collect::<Vec<_>>)
+        });
+        let found = found.await.map_err(|error| failed(&error))?.map_err(|error| failed(&error))?;
+        choose(host, &found, &self.allowed)
     }
 }
 

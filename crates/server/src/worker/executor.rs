@@ -2,6 +2,7 @@
 
 use super::perform::{ROOM, Switches, perform};
 use super::process::{Epitaph, Process};
+use super::threads;
 use super::wire::{Message, Order, Said, Task};
 use crate::artifacts::Content;
 use crate::config::{Config, Isolation};
@@ -29,7 +30,9 @@ impl Executor {
     pub fn start(device: &str, config: &Config) -> io::Result<Self> {
         let (body, said) = match config.isolation {
             Isolation::Process => {
-                let memory_mb = config.device_memory_mb(device);
+                // Threads reserve address space that they may never use.
+                let reserved_mb = threads::reserved_mb(config.threads);
+                let memory_mb = config.device_memory_mb(device).map(|mb| mb + reserved_mb);
                 let large_parts = config.data_dir.join("tmp");
                 let (process, said) =
                     Process::start(device, memory_mb, config.log_format, large_parts)?;

@@ -79,10 +79,10 @@ pub fn describe_apart(
     bounds: ImportBounds,
 ) -> Result<Scene, ImportError> {
     let size = file.metadata()?.len();
-    let mut child = start(file, format, bounds)?;
-    let output = listen(child.stdout.take(), MAX_RECORD_BYTES);
-    let words = listen(child.stderr.take(), MAX_WORDS_BYTES);
-    let status = wait(&mut child, Duration::from_secs(bounds.seconds))?;
+    let mut child = Ended(start(file, format, bounds)?);
+    let output = listen(child.0.stdout.take(), MAX_RECORD_BYTES)?;
+    let words = listen(child.0.stderr.take(), MAX_WORDS_BYTES)?;
+    let status = wait(&mut child.0, Duration::from_secs(bounds.seconds))?;
     let heard = |bytes: JoinHandle<Vec<u8>>| bytes.join().unwrap_or_default();
     let (output, words) = (heard(output), heard(words));
     let words = String::from_utf8_lossy(&words);
@@ -111,6 +111,17 @@ pub fn describe_apart(
     }
 }
 
+/// A process that is over when this is dropped, whatever went wrong meanwhile.
+struct Ended(Child);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        // It mostly is over already.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 fn start(mut file: &File, format: SceneFormat, bounds: ImportBounds) -> io::Result<Child> {
     // Both descriptors share one position.
     file.rewind()?;
@@ -129,8 +140,8 @@ fn start(mut file: &File, format: SceneFormat, bounds: ImportBounds) -> io::Resu
 
 /// Reads a pipe of the process up to `most` bytes and then lets go of it, so that a process that
 /// says more fails to.
-fn listen(pipe: Option<impl Read + Send + 'static>, most: u64) -> JoinHandle<Vec<u8>> {
-    std::thread::spawn(move || {
+fn listen(pipe: Option<impl Read + Send + 'static>, most: u64) -> io::Result<JoinHandle<Vec<u8>>> {
+    std::thread::Builder::new().name("import".into()).spawn(move || {
         let mut bytes = Vec::new();
         // What was read before an error is what there is.
         let _ = pipe.map(|pipe| pipe.take(most).read_to_end(&mut bytes));
@@ -258,8 +269,8 @@ mod tests {
 
     #[test]
     fn no_more_is_heard_than_may_be_said() {
-        let said = listen(Some(io::repeat(b'x')), 100).join().unwrap();
+        let said = listen(Some(io::repeat(b'x')), 100).unwrap().join().unwrap();
         assert_eq!(said.len(), 100);
-        assert!(listen(None::<File>, 100).join().unwrap().is_empty());
+        assert!(listen(None::<File>, 100).unwrap().join().unwrap().is_empty());
     }
 }

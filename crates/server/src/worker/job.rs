@@ -5,7 +5,7 @@ use super::checkpoints::{self, Start};
 use super::executor::Executor;
 use super::snapshots::Drawn;
 use super::watch::{Ended, Followed, Stop, follow};
-use super::wire::{Failure, Message, Order, Task};
+use super::wire::{Failure, Message, Order, STORAGE, Task};
 use crate::api::jobs::{Job, JobError, Progress, Stats};
 use crate::artifacts::Content;
 use crate::failpoints;
@@ -114,6 +114,9 @@ fn judge(ended: Ended, stop: Stop, alone: bool) -> Ending {
             _ => shut_down(),
         },
         Ended::Rendered(stats, Some(drawn)) => Ending::Done(JobState::Succeeded, stats, drawn),
+        Ended::Failed(failure) if failure.code == STORAGE => {
+            Ending::PutBack { cause: Cause::Circumstances, why: failure.detail }
+        }
         Ended::Failed(failure) if failure.retry => put_back(failure.detail, false),
         Ended::Failed(failure) => Ending::Failed(failure),
         Ended::Lost(epitaph) => put_back(epitaph.how, epitaph.was_killed),

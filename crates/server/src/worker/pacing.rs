@@ -22,12 +22,12 @@ pub struct Pacing {
 impl Pacing {
     /// One every so many seconds, where that is not too often; none with 0. The first one comes
     /// after `first_s` seconds where that is sooner, and the pauses after it double.
-    pub fn new(every_s: f64, first_s: Option<f64>) -> Self {
+    pub fn new(every_s: f64, first_s: Option<f64>, now: Instant) -> Self {
         let seconds = |s: f64| (s > 0.0).then(|| Duration::from_secs_f64(s));
         Self {
             every: seconds(every_s),
             hurry: first_s.and_then(seconds),
-            since: Instant::now(),
+            since: now,
             asked: None,
             underway: false,
             costs: [Duration::ZERO; 2],
@@ -35,22 +35,22 @@ impl Pacing {
     }
 
     /// Whether to take one now.
-    pub fn is_due(&mut self) -> bool {
+    pub fn is_due(&mut self, now: Instant) -> bool {
         let Some(every) = self.every.filter(|_| !self.underway) else { return false };
         let pause = self.hurry.map_or(every, |hurry| hurry.min(every));
         let pause = pause.max((self.costs[0] + self.costs[1]).div_f64(SHARE));
-        let due = self.since.elapsed() >= pause;
+        let due = now.duration_since(self.since) >= pause;
         if due {
-            (self.since, self.asked) = (Instant::now(), Some(Instant::now()));
+            (self.since, self.asked) = (now, Some(now));
         }
         due
     }
 
     /// One was made; whether [`Pacing::is_due`] had asked for it, rather than the end of the run.
-    pub fn made(&mut self) -> bool {
+    pub fn made(&mut self, now: Instant) -> bool {
         let Some(asked) = self.asked.take() else { return false };
-        self.costs[0] = asked.elapsed();
-        (self.since, self.underway) = (Instant::now(), true);
+        self.costs[0] = now.duration_since(asked);
+        (self.since, self.underway) = (now, true);
         self.hurry = self.hurry.map(|pause| 2 * pause).filter(|pause| Some(*pause) < self.every);
         true
     }
@@ -72,40 +72,37 @@ mod tests {
 
     #[test]
     fn checkpoints_are_neither_crowded_nor_dear() {
-        let pause = || std::thread::sleep(Duration::from_millis(40));
-        let mut pacing = Pacing::new(0.03, None);
-        assert!(!pacing.is_due(), "not at once");
-        pause();
-        assert!(pacing.is_due() && pacing.made());
-        pause();
-        assert!(!pacing.is_due(), "the last one is still on its way");
+        let begun = Instant::now();
+        let after = |ms| begun + Duration::from_millis(ms);
+        let mut pacing = Pacing::new(0.03, None, begun);
+        assert!(!pacing.is_due(after(29)));
+        assert!(pacing.is_due(after(30)) && pacing.made(after(30)));
+        assert!(!pacing.is_due(after(90)), "the last one is still on its way");
         pacing.stored(Duration::from_micros(10));
-        pause();
-        assert!(pacing.is_due() && pacing.made());
+        assert!(pacing.is_due(after(90)) && pacing.made(after(90)));
         pacing.stored(Duration::from_secs(10));
-        pause();
-        assert!(!pacing.is_due(), "ten seconds of writing are for five hundred of work");
-        assert!(!pacing.made(), "at the end nobody asked");
-        let mut never = Pacing::new(0.0, Some(0.01));
-        pause();
-        assert!(!never.is_due());
+        assert!(
+            !pacing.is_due(after(499_000)),
+            "ten seconds of writing are for five hundred of work"
+        );
+        assert!(!pacing.made(after(499_000)), "at the end nobody asked");
+        assert!(pacing.is_due(after(501_000)));
+        let mut never = Pacing::new(0.0, Some(0.01), begun);
+        assert!(!never.is_due(after(1_000_000)));
     }
 
     #[test]
     fn a_hurried_run_takes_its_first_checkpoints_sooner() {
-        let pause = |ms| std::thread::sleep(Duration::from_millis(ms));
-        let mut hurried = Pacing::new(3600.0, Some(0.02));
-        assert!(!hurried.is_due(), "not at once");
-        pause(25);
-        assert!(hurried.is_due() && hurried.made());
+        let begun = Instant::now();
+        let after = |ms| begun + Duration::from_millis(ms);
+        let mut hurried = Pacing::new(3600.0, Some(0.02), begun);
+        assert!(!hurried.is_due(after(19)));
+        assert!(hurried.is_due(after(20)) && hurried.made(after(20)));
         hurried.stored(Duration::ZERO);
-        pause(25);
-        assert!(!hurried.is_due(), "twice the first pause has not passed");
-        pause(25);
-        assert!(hurried.is_due() && hurried.made());
-        assert!(!Pacing::new(3600.0, None).is_due());
-        let mut often = Pacing::new(0.02, Some(3600.0));
-        pause(25);
-        assert!(often.is_due(), "never later than without hurry");
+        assert!(!hurried.is_due(after(59)), "twice the first pause has not passed");
+        assert!(hurried.is_due(after(60)) && hurried.made(after(60)));
+        assert!(!Pacing::new(3600.0, None, begun).is_due(after(3_599_000)));
+        let mut often = Pacing::new(0.02, Some(3600.0), begun);
+        assert!(often.is_due(after(20)), "never later than without hurry");
     }
 }

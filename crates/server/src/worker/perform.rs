@@ -4,7 +4,7 @@
 use super::encode;
 use super::pacing::Pacing;
 use super::threads::Crew;
-use super::wire::{Checkpointed, Failure, Message, Said, Task};
+use super::wire::{Checkpointed, Failure, Message, STORAGE, Said, Task};
 use super::{devices, scenes};
 use crate::api::jobs::{self as api, CameraRequest, OptionValue, PictureFormat, SnapshotRequest};
 use crate::api::solutions::Begins;
@@ -159,7 +159,7 @@ fn attempt(
     failpoints::pass("load", about).map_err(|injected| lost(injected.to_string()))?;
     let unread = |error: io::Error| Failure {
         retry: true,
-        ..Failure::new("storage", format!("what the job needs cannot be read: {error}"))
+        ..Failure::new(STORAGE, format!("what the job needs cannot be read: {error}"))
     };
     let mut parts = parts.into_iter().map(Content::into_bytes);
     let scene_bytes = parts.next().transpose().map_err(unread)?.unwrap_or_default();
@@ -266,7 +266,7 @@ struct Watcher<'a> {
     /// Whether a snapshot is on its way and not yet stored.
     underway: bool,
     /// Encodes the latest one.
-    encoder: Option<JoinHandle<()>>,
+    encoder: Option<JoinHandle<bool>>,
     last_snapshot_s: f64,
     most_checkpoint_bytes: u64,
     keeps_solution: bool,
@@ -293,7 +293,7 @@ impl<'a> Watcher<'a> {
             encoder: None,
             most_checkpoint_bytes: task.most_checkpoint_bytes,
             keeps_solution: task.keeps_solution,
-            pacing: Pacing::new(task.checkpoint_every_s, task.first_checkpoint_s),
+            pacing: Pacing::new(task.checkpoint_every_s, task.first_checkpoint_s, Instant::now()),
             ending: None,
             beginning: None,
         }
@@ -318,11 +318,11 @@ impl<'a> Watcher<'a> {
 
     /// Hands over what is known at the end, before the picture, with which the run is over.
     fn hand_over(&mut self) {
-        if self.encoder.take().is_some_and(|encoder| encoder.join().is_err()) {
-            tracing::error!("the encoder of a snapshot panicked");
-        }
         if let Some((checkpoint, baked)) = self.ending.take() {
             self.send(&checkpoint, baked);
+        }
+        if let Some(encoder) = self.encoder.take() {
+            let _ = encoder.join();
         }
     }
 }
@@ -348,6 +348,12 @@ impl Observer for Watcher<'_> {
             self.slower = self.slower.max(self.switches.slower.load(Ordering::Relaxed));
             self.underway = false;
         }
+        if self.encoder.as_ref().is_some_and(JoinHandle::is_finished) {
+            let was_sent =
+                self.encoder.take().is_some_and(|encoder| encoder.join().unwrap_or(false));
+            // What was not sent is not stored, either.
+            self.underway &= was_sent;
+        }
         let Some(snapshots) = self.snapshots.as_ref().filter(|_| !self.underway) else {
             return false;
         };
@@ -365,8 +371,11 @@ impl Observer for Watcher<'_> {
         let encode = move || match encode::message(&picture, &formats, |files| {
             Said::Snapshot(progress, files)
         }) {
-            Ok(message) => drop(mouth.blocking_send(message)),
-            Err(error) => tracing::error!(%error, "a snapshot cannot be encoded"),
+            Ok(message) => mouth.blocking_send(message).is_ok(),
+            Err(error) => {
+                tracing::error!(%error, "a snapshot cannot be encoded");
+                false
+            }
         };
         match std::thread::Builder::new().name("encodes".into()).spawn(encode) {
             Ok(encoder) => self.encoder = Some(encoder),
@@ -383,7 +392,7 @@ impl Observer for Watcher<'_> {
             let micros = self.switches.stored_micros.load(Ordering::Relaxed);
             self.pacing.stored(Duration::from_micros(micros));
         }
-        self.pacing.is_due()
+        self.pacing.is_due(Instant::now())
     }
 
     fn wants_solution(&mut self, _progress: &Progress) -> bool {
@@ -396,7 +405,7 @@ impl Observer for Watcher<'_> {
     }
 
     fn checkpoint(&mut self, checkpoint: Checkpoint) {
-        match self.pacing.made() {
+        match self.pacing.made(Instant::now()) {
             true => self.send(&checkpoint, None),
             false => self.ending = Some((checkpoint, None)),
         }

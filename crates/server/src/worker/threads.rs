@@ -9,6 +9,16 @@ use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 /// Room for the stack of each thread, bytes: as much as the first thread of a program has.
 const STACK_BYTES: usize = 8 << 20;
 
+/// Address space that the system's allocator reserves for each thread, bytes (glibc on 64 bits).
+const ARENA_BYTES: usize = 64 << 20;
+
+/// Address space that so many threads of a process reserve beside what they allocate, MiB; without a
+/// number, as many as this process may use.
+pub fn reserved_mb(threads: Option<usize>) -> u64 {
+    let threads = threads.unwrap_or_else(available) as u64;
+    threads * ((STACK_BYTES + ARENA_BYTES) >> 20) as u64
+}
+
 /// How many threads each of so many devices gets of `budget`: those that are left over go to the
 /// first ones, and none gets less than one.
 pub fn shares(budget: usize, devices: usize) -> Vec<usize> {

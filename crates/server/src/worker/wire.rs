@@ -177,6 +177,9 @@ pub struct Failure {
     pub device_is_sound: bool,
 }
 
+/// The code of failures of the storage, which say nothing of the job.
+pub const STORAGE: &str = "storage";
+
 impl Failure {
     /// A failure that another attempt would meet again, on a device that can go on.
     pub fn new(code: &str, detail: impl Into<String>) -> Self {

@@ -52,7 +52,8 @@ pub async fn who_had_no_turn_for_longest_goes_first(place: &dyn Place) {
         }
         assert_eq!(expected.len(), 3 * (round + 1));
     }
-    // Also across a restart, and far more payers than are remembered at a time.
+    // Also across a restart, and with many who come anew: they go before the one who had the last
+    // turn, `c`, and behind the others who wait.
     for id in &expected[..4] {
         assert_eq!(next(&*store).await, *id);
     }
@@ -60,13 +61,33 @@ pub async fn who_had_no_turn_for_longest_goes_first(place: &dyn Place) {
     for guest in 0..200 {
         queue(&*store, of(&format!("guest {guest:03}"))).await;
     }
-    for _ in 0..200 {
-        assert!(!expected[4..].contains(&next(&*store).await), "newcomers had no turn yet");
+    for id in &expected[4..6] {
+        assert_eq!(next(&*store).await, *id);
     }
-    for id in &expected[4..] {
+    for _ in 0..200 {
+        assert!(!expected[6..].contains(&next(&*store).await), "newcomers are next");
+    }
+    for id in &expected[6..] {
         assert_eq!(next(&*store).await, *id);
     }
     assert!(store.claim(&ASKING).await.unwrap().is_none());
+}
+
+/// However many come, each with one job: who waits has a turn within a round.
+pub async fn nobody_starves_behind_ever_new_payers(place: &dyn Place) {
+    let store = furnished(place).await;
+    let waits = [queue(&*store, of("waits")).await, queue(&*store, of("waits")).await];
+    let mut claimed = Vec::new();
+    for guest in 0..300 {
+        for twin in ["a", "b"] {
+            queue(&*store, of(&format!("guest {guest} {twin}"))).await;
+        }
+        claimed.push(next(&*store).await);
+    }
+    let turn = |id| claimed.iter().position(|claimed| *claimed == id);
+    assert_eq!(turn(waits[0]), Some(0));
+    // Two came before its second turn was due, and those who came with its first.
+    assert!(turn(waits[1]).is_some_and(|turn| turn <= 5), "{:?}", turn(waits[1]));
 }
 
 pub async fn jobs_that_pause_are_not_claimed(place: &dyn Place) {

@@ -55,7 +55,7 @@ impl Bytes for SqliteStore {
     async fn pin(&self, job: Uuid, pinned: bool, most: Option<u64>) -> Result<Pinned, StoreError> {
         let mut transaction = self.begin().await?;
         let row = sqlx::query(
-            "SELECT pinned, jobs.bytes, coalesce(pinned_bytes, 0) AS pinned_bytes FROM jobs
+            "SELECT pinned, finished_ms IS NOT NULL AS has_ended, jobs.bytes, coalesce(pinned_bytes, 0) AS pinned_bytes FROM jobs
              LEFT JOIN payers ON payers.billed_to = jobs.billed_to
              WHERE id = ? AND deleted_ms IS NULL",
         )
@@ -66,6 +66,9 @@ impl Bytes for SqliteStore {
         let bytes = |column| row.get::<i64, _>(column).unsigned_abs();
         let (own, others) = (bytes("bytes"), bytes("pinned_bytes"));
         let is_new = pinned && !row.get::<bool, _>("pinned");
+        if is_new && most.is_some() && !row.get::<bool, _>("has_ended") {
+            return Ok(Pinned::NotYet);
+        }
         if is_new && most.is_some_and(|most| others.saturating_add(own) > most) {
             return Ok(Pinned::OverQuota { pinned: others, job: own });
         }
@@ -85,13 +88,15 @@ impl Bytes for SqliteStore {
                  SELECT json_extract(record, '$.size') AS size, used_ms >= ?1 AS is_new,
                    EXISTS (SELECT 1 FROM jobs WHERE scene_id = scenes.id AND deleted_ms IS NULL)
                        AS is_named,
-                   EXISTS (SELECT 1 FROM jobs WHERE scene_id = scenes.id AND deleted_ms IS NULL
+                   EXISTS (SELECT 1 FROM jobs INDEXED BY jobs_that_stay
+                           WHERE scene_id = scenes.id AND deleted_ms IS NULL
                              AND (pinned = 1 OR finished_ms IS NULL OR bytes = 0)) AS is_fixed
                  FROM scenes)
              SELECT (SELECT coalesce(sum(bytes), 0) FROM payers)
                       + coalesce(sum(iif(is_new OR is_named, size, 0)), 0) AS bytes,
-                    (SELECT coalesce(sum(bytes), 0) FROM jobs
-                     WHERE deleted_ms IS NULL AND (pinned = 1 OR finished_ms IS NULL))
+                    (SELECT coalesce(sum(bytes), 0) FROM jobs INDEXED BY jobs_that_stay
+                     WHERE deleted_ms IS NULL
+                       AND (pinned = 1 OR finished_ms IS NULL OR bytes = 0))
                       + coalesce(sum(iif(is_new OR is_fixed, size, 0)), 0) AS fixed
              FROM needed",
         )
@@ -102,9 +107,10 @@ impl Bytes for SqliteStore {
         Ok(Staying { bytes: bytes("bytes"), fixed: bytes("fixed") })
     }
 
-    async fn evictable(&self) -> Result<Option<Uuid>, StoreError> {
+    async fn evictable(&self) -> Result<Option<(Uuid, u64)>, StoreError> {
         let row = sqlx::query(
-            "SELECT (SELECT id FROM jobs
+            "SELECT job, (SELECT jobs.bytes FROM jobs WHERE id = job) AS bytes FROM (
+             SELECT (SELECT id FROM jobs
                      WHERE jobs.billed_to = payers.billed_to AND finished_ms IS NOT NULL
                        AND pinned = 0 AND deleted_ms IS NULL AND jobs.bytes > 0
                      ORDER BY finished_ms, id LIMIT 1) AS job
@@ -113,11 +119,15 @@ impl Bytes for SqliteStore {
                    FROM scene_holders JOIN scenes ON scenes.id = scene_id GROUP BY holder)
                   ON holder = billed_to
              WHERE job IS NOT NULL
-             ORDER BY bytes + coalesce(scene_bytes, 0) DESC, billed_to DESC LIMIT 1",
+             ORDER BY bytes + coalesce(scene_bytes, 0) DESC, billed_to DESC LIMIT 1)",
         )
         .fetch_optional(&self.reader)
         .await?;
-        row.map(|row| rows::parse_id(row.get("job"))).transpose()
+        row.map(|row| {
+            let bytes = row.get::<i64, _>("bytes").unsigned_abs();
+            Ok((rows::parse_id(row.get("job"))?, bytes))
+        })
+        .transpose()
     }
 
     async fn snapshots(&self, job: Uuid) -> Result<Snapshots, StoreError> {

@@ -3,6 +3,10 @@
 //! Higher priority goes first. Within one, those who pay for jobs take turns: who had none for
 //! longest gets the next, however many jobs the others have waiting. Of one payer's jobs the first
 //! by place is taken. Only the store's own counters decide, no clock.
+//!
+//! Who comes, or comes back after they were forgotten, goes before the one who had the last turn and
+//! behind all others who wait: so a payer waits for as many turns as there are payers, however many
+//! new ones come.
 
 use super::rows;
 use crate::store::{Asking, StoreError};
@@ -219,16 +223,31 @@ async fn pass_over(connection: &mut SqliteConnection, job: Uuid) -> Result<(), S
     Ok(())
 }
 
+/// Writes down that a payer has jobs, unless that is known. Turns have even numbers, so that there is
+/// a place just before the last one.
+pub async fn join(connection: &mut SqliteConnection, payer: &str) -> Result<(), StoreError> {
+    sqlx::query(
+        "INSERT INTO turns (payer, last)
+         VALUES (?, (SELECT max(coalesce(max(last), 0) / 2 * 2 - 1, 0) FROM turns))
+         ON CONFLICT DO NOTHING",
+    )
+    .bind(payer)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
 /// Writes down that a payer has its turn now, and forgets those who have no jobs any more.
 async fn take_turn(connection: &mut SqliteConnection, payer: &str) -> Result<(), StoreError> {
     let row = sqlx::query(
-        "INSERT INTO turns (payer, last) VALUES (?, (SELECT coalesce(max(last), 0) + 1 FROM turns))
+        "INSERT INTO turns (payer, last)
+         VALUES (?, (SELECT coalesce(max(last), 0) / 2 * 2 + 2 FROM turns))
          ON CONFLICT (payer) DO UPDATE SET last = excluded.last RETURNING last",
     )
     .bind(payer)
     .fetch_one(&mut *connection)
     .await?;
-    if row.get::<i64, _>("last") % TURNS_BETWEEN_TIDYING == 0 {
+    if row.get::<i64, _>("last") / 2 % TURNS_BETWEEN_TIDYING == 0 {
         sqlx::query(
             "DELETE FROM turns WHERE payer <> ? AND NOT EXISTS (
                  SELECT 1 FROM jobs WHERE billed_to = turns.payer

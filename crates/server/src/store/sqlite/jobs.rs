@@ -108,6 +108,7 @@ pub async fn accept(
             .execute(&mut *connection)
             .await?;
     }
+    claims::join(connection, &job.submitter.billed_to).await?;
     append_state(connection, job.id, Life::NEW, None, None).await?;
     Ok(Accepted::New(Box::new(expect(connection, job.id).await?)))
 }
@@ -115,28 +116,26 @@ pub async fn accept(
 /// How many jobs wait.
 pub async fn waiting(connection: &mut SqliteConnection) -> Result<u64, StoreError> {
     let row = sqlx::query(
-        "SELECT count(*) AS waiting FROM jobs WHERE state = 'queued' AND deleted_ms IS NULL",
+        // By another index every waiting job's row would be read, at every post.
+        "SELECT count(*) AS waiting FROM jobs INDEXED BY jobs_queue
+         WHERE state = 'queued' AND deleted_ms IS NULL",
     )
     .fetch_one(connection)
     .await?;
     Ok(row.get::<i64, _>("waiting").unsigned_abs())
 }
 
-/// Whether as many jobs of whoever pays for that job wait as may.
-pub async fn payers_queue_is_full(
-    connection: &mut SqliteConnection,
-    job: Uuid,
-    most: Option<u64>,
-) -> Result<bool, StoreError> {
+/// Under which name a job counts.
+pub async fn payer(connection: &mut SqliteConnection, job: Uuid) -> Result<String, StoreError> {
     let row = sqlx::query("SELECT billed_to FROM jobs WHERE id = ?")
         .bind(job.to_string())
-        .fetch_one(&mut *connection)
+        .fetch_one(connection)
         .await?;
-    own_queue_is_full(connection, row.get("billed_to"), most).await
+    Ok(row.get("billed_to"))
 }
 
 /// Whether as many jobs under that name wait as may.
-async fn own_queue_is_full(
+pub async fn own_queue_is_full(
     connection: &mut SqliteConnection,
     billed_to: &str,
     most: Option<u64>,

@@ -1,5 +1,6 @@
 //! The outbox in SQLite. A trigger of the tables fills it; see the migration.
 
+use super::retention::ROWS_AT_ONCE;
 use super::{SqliteStore, now_ms, rows};
 use crate::api::webhooks::{
     Delivery, DeliveryState, Ending, WebhookMessage, WebhookTarget, host_and_port,
@@ -229,10 +230,23 @@ impl Outbox for SqliteStore {
     }
 
     async fn forget_messages(&self, age: Duration) -> Result<u64, StoreError> {
-        let done = sqlx::query("DELETE FROM outbox WHERE next_ms IS NULL AND created_ms < ?")
-            .bind(now_ms().saturating_sub(milliseconds(age)))
+        let before = now_ms().saturating_sub(milliseconds(age));
+        let mut forgotten = 0;
+        loop {
+            // A few in each write, so that whoever wants to write meanwhile waits for milliseconds.
+            let done = sqlx::query(
+                "DELETE FROM outbox WHERE id IN
+                     (SELECT id FROM outbox INDEXED BY outbox_over
+                      WHERE next_ms IS NULL AND created_ms < ? LIMIT ?)",
+            )
+            .bind(before)
+            .bind(ROWS_AT_ONCE)
             .execute(&self.writer)
             .await?;
-        Ok(done.rows_affected())
+            forgotten += done.rows_affected();
+            if done.rows_affected() < ROWS_AT_ONCE.into() {
+                return Ok(forgotten);
+            }
+        }
     }
 }

@@ -12,8 +12,8 @@ use uuid::Uuid;
 
 /// Hidden jobs that one call forgets.
 const JOBS_AT_ONCE: u32 = 100;
-/// Events or pictures that one write removes.
-const ROWS_AT_ONCE: u32 = 500;
+/// Rows that one write removes.
+pub const ROWS_AT_ONCE: u32 = 500;
 /// A job that was hidden so far in the future was hidden by a clock that was wrong.
 const CLOCK_WAS_AHEAD_MS: i64 = 3_600_000;
 

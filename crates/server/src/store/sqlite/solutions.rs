@@ -1,6 +1,6 @@
 //! Solutions in SQLite.
 
-use super::{SqliteStore, jobs, rows};
+use super::{SqliteStore, claims, jobs, rows};
 use crate::api::jobs::JobRequest;
 use crate::api::solutions::Solution;
 use crate::job_state::JobState;
@@ -86,7 +86,8 @@ impl Solutions for SqliteStore {
         if jobs::waiting(&mut transaction).await? >= max_queued {
             return Ok(Extended::QueueFull);
         }
-        if jobs::payers_queue_is_full(&mut transaction, id, max_own).await? {
+        let payer = jobs::payer(&mut transaction, id).await?;
+        if jobs::own_queue_is_full(&mut transaction, &payer, max_own).await? {
             return Ok(Extended::OwnQueueFull);
         }
         match jobs::extend(&mut transaction, id, request).await? {
@@ -94,6 +95,7 @@ impl Solutions for SqliteStore {
             Some(false) => return Ok(Extended::NotNow(Box::new(job))),
             None => return Ok(Extended::Missing),
         }
+        claims::join(&mut transaction, &payer).await?;
         let job = jobs::get(&mut transaction, id).await?;
         transaction.commit().await?;
         Ok(job.map_or(Extended::Missing, |job| Extended::Queued(Box::new(job))))
