@@ -216,10 +216,12 @@ pub fn open(id: &str) -> Result<Box<dyn Device>, DeviceError> {
 /// neither.
 pub fn free_memory() -> u64 {
     const UNKNOWN: u64 = 4 << 30;
-    let read = |path| std::fs::read_to_string(path).unwrap_or_default();
-    let of_machine = kibibytes(&read("/proc/meminfo"), "MemAvailable:");
-    let taken = kibibytes(&read("/proc/self/status"), "VmSize:").unwrap_or(0);
-    let left = address_space(&read("/proc/self/limits")).map(|limit| limit.saturating_sub(taken));
+    let memory = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let limits = std::fs::read_to_string("/proc/self/limits").unwrap_or_default();
+    let of_machine = kibibytes(&memory, "MemAvailable:");
+    let taken = kibibytes(&status, "VmSize:").unwrap_or(0);
+    let left = address_space(&limits).map(|limit| limit.saturating_sub(taken));
     of_machine.into_iter().chain(left).min().unwrap_or(UNKNOWN)
 }
 
