@@ -113,6 +113,45 @@ pub enum ServeError {
     Io(#[from] std::io::Error),
 }
 
+impl Service {
+    fn new(
+        config: Config,
+        devices: &[String],
+        (store, artifacts): (Arc<dyn Store>, Artifacts),
+        clock: Clock,
+        audit: Audit,
+        stop: &CancellationToken,
+    ) -> Self {
+        let bell = Bell::default();
+        let of_process = config.job_memory_mb.map(|mb| mb << 20);
+        let max_job_bytes = config.guard.max_job_memory_mb.map(|mb| mb << 20);
+        Self {
+            queue: Queue::new(store.clone(), bell.clone()),
+            keeper: Keeper::new(store.clone(), artifacts.clone(), bell.clone()),
+            store,
+            artifacts,
+            clock,
+            bell,
+            leases: Arc::default(),
+            metrics: Metrics::default(),
+            pool: Pool::new(devices, config.threads),
+            vocabulary: worker::vocabulary(),
+            uploads: Places::new(config.intake.max_uploads, config.intake.max_uploads_each),
+            imports: ImportTurns::new(IMPORTS_AT_ONCE),
+            inline_room: Arc::new(Semaphore::new(http::INLINE_BYTES_AT_ONCE)),
+            probes: http::Probes::default(),
+            rates: RateLimiter::default(),
+            key_uses: KeyUses::default(),
+            key_watch: KeyWatch::default(),
+            audit,
+            disk: Disk::new(config.data_dir.clone(), config.guard.min_free_mb),
+            max_job_bytes: max_job_bytes.or_else(|| memory::default_estimate_limit(of_process)),
+            shutdown: stop.clone(),
+            config,
+        }
+    }
+}
+
 /// Runs the service until `stop` is cancelled. `ready` hears the address once it listens.
 ///
 /// # Errors
@@ -146,47 +185,21 @@ pub async fn serve(
         .map_err(|error| ServeError::Listen(config.listen, error))?;
     let address = listener.local_addr()?;
 
-    let bell = Bell::default();
-    let keeper = Keeper::new(store.clone(), artifacts.clone(), bell.clone());
     let grace = Duration::from_secs_f64(3600.0 * config.guard.clock_grace_hours);
     let clock = retention::clock(&*store, grace).await.map_err(trouble)?;
-    let service =
-        Arc::new(Service {
-            queue: Queue::new(store.clone(), bell.clone()),
-            store,
-            artifacts,
-            keeper,
-            clock,
-            bell,
-            leases: Arc::default(),
-            metrics: Metrics::default(),
-            pool: Pool::new(&devices, config.threads),
-            vocabulary: worker::vocabulary(),
-            uploads: Places::new(config.intake.max_uploads, config.intake.max_uploads_each),
-            imports: ImportTurns::new(IMPORTS_AT_ONCE),
-            inline_room: Arc::new(Semaphore::new(http::INLINE_BYTES_AT_ONCE)),
-            probes: http::Probes::default(),
-            rates: RateLimiter::default(),
-            key_uses: KeyUses::default(),
-            key_watch: KeyWatch::default(),
-            audit,
-            disk: Disk::new(config.data_dir.clone(), config.guard.min_free_mb),
-            max_job_bytes: config.guard.max_job_memory_mb.map(|mb| mb << 20).or_else(|| {
-                memory::default_estimate_limit(config.job_memory_mb.map(|mb| mb << 20))
-            }),
-            shutdown: stop.clone(),
-            config,
-        });
+    let service = Arc::new(Service::new(config, &devices, (store, artifacts), clock, audit, &stop));
     let (news, of_expiry) = (service.bell.clone(), (leases::BEAT, leases::LEASE));
     let (store, held) = (service.store.clone(), service.leases.clone());
     leases::supervise(store, held, stop.clone(), of_expiry, move |lease| {
         news.ring(lease.claim.job);
     })?;
     let workers = worker::start(&service)?;
-    let purge = tokio::spawn(retention::keep_order(service.clone()));
-    let sweep = tokio::spawn(retention::sweep::keep_sweeping(service.clone()));
-    let webhooks = tokio::spawn(webhooks::deliver(service.clone()));
-    let keys = tokio::spawn(key_watch::look_after(service.clone()));
+    let tasks = [
+        tokio::spawn(retention::keep_order(service.clone())),
+        tokio::spawn(retention::sweep::keep_sweeping(service.clone())),
+        tokio::spawn(webhooks::deliver(service.clone())),
+        tokio::spawn(key_watch::look_after(service.clone())),
+    ];
     if is_closed && !any_keys {
         tracing::warn!(
             "keys are required and there is none: make the first with `hemilux keys --data-dir {} add NAME` (in a container: docker exec CONTAINER hemilux keys --data-dir {0} add NAME)",
@@ -210,10 +223,9 @@ pub async fn serve(
     if tokio::time::timeout_at(deadline, workers.joined()).await.is_err() {
         tracing::warn!("some workers did not stop in time; their jobs go back to the queue");
     }
-    purge.abort();
-    sweep.abort();
-    webhooks.abort();
-    keys.abort();
+    for task in tasks {
+        task.abort();
+    }
     let released = service.store.release_all().await?;
     if released > 0 {
         tracing::info!(released, "running jobs went back to the queue");

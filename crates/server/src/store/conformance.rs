@@ -165,7 +165,7 @@ pub async fn a_repeated_key_finds_its_job_and_no_other(place: &dyn Place) {
     let store = furnished(place).await;
     let keyed = |hash: &str| NewJob {
         idempotency_key: Some("key".into()),
-        request_hash: RequestHash { now: hash.into(), former: Some("former".into()) },
+        request_hash: RequestHash { now: hash.into(), former: "former".into() },
         ..wish(0)
     };
     let id = queue(&*store, keyed("one")).await;

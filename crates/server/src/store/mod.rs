@@ -229,6 +229,7 @@ impl Outcome {
         let done = |stats: Option<&Stats>| stats.map_or(0, |stats| stats.iterations);
         match self.state {
             JobState::Succeeded => true,
+            JobState::Failed => false,
             _ => !self.pictures.is_empty() && done(self.stats.as_ref()) >= done(earlier),
         }
     }

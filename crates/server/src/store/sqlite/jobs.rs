@@ -51,17 +51,32 @@ pub async fn accept(
             return Ok(Accepted::Again(Box::new(expect(connection, id).await?)));
         }
     }
+    if let Some(refused) = refusal(connection, &job, max_queued).await? {
+        return Ok(refused);
+    }
+    insert(connection, &job).await?;
+    claims::join(connection, &job.submitter.billed_to).await?;
+    append_state(connection, job.id, Life::NEW, None, None).await?;
+    Ok(Accepted::New(Box::new(expect(connection, job.id).await?)))
+}
+
+/// Why a job is not queued, if so; its scene counts as used.
+async fn refusal(
+    connection: &mut SqliteConnection,
+    job: &NewJob,
+    max_queued: u64,
+) -> Result<Option<Accepted>, StoreError> {
     if waiting(connection).await? >= max_queued {
-        return Ok(Accepted::QueueFull);
+        return Ok(Some(Accepted::QueueFull));
     }
     let Submitter { billed_to, max_queued: most, max_stored, .. } = &job.submitter;
     if own_queue_is_full(connection, billed_to, *most).await? {
-        return Ok(Accepted::OwnQueueFull);
+        return Ok(Some(Accepted::OwnQueueFull));
     }
     if let Some(most) = max_stored {
         let stored = bytes::of_payer(connection, billed_to).await?;
         if stored >= *most {
-            return Ok(Accepted::StoreFull { stored });
+            return Ok(Some(Accepted::StoreFull { stored }));
         }
     }
     let scene = sqlx::query("UPDATE scenes SET used_ms = max(used_ms, ?) WHERE id = ?")
@@ -69,9 +84,10 @@ pub async fn accept(
         .bind(&job.scene_id)
         .execute(&mut *connection)
         .await?;
-    if scene.rows_affected() == 0 {
-        return Ok(Accepted::SceneGone);
-    }
+    Ok((scene.rows_affected() == 0).then_some(Accepted::SceneGone))
+}
+
+async fn insert(connection: &mut SqliteConnection, job: &NewJob) -> Result<(), StoreError> {
     let quota = |most: Option<u64>| most.map(|most| i64::try_from(most).unwrap_or(i64::MAX));
     sqlx::query(
         "INSERT INTO jobs (id, scene_id, state, priority, created_ms, idempotency_key,
@@ -108,9 +124,7 @@ pub async fn accept(
             .execute(&mut *connection)
             .await?;
     }
-    claims::join(connection, &job.submitter.billed_to).await?;
-    append_state(connection, job.id, Life::NEW, None, None).await?;
-    Ok(Accepted::New(Box::new(expect(connection, job.id).await?)))
+    Ok(())
 }
 
 /// How many jobs wait.
@@ -251,48 +265,62 @@ async fn happens(
         Ok(after) => after,
         Err(refusal) => return Ok(Some(Err(refusal))),
     };
+    let change = Change { row, before, after };
     if after != before {
-        let now = now_ms();
-        let started: Option<i64> = match (before.state, after.state) {
-            (JobState::Queued, JobState::Running) => Some(now),
-            (_, JobState::Queued) => None,
-            _ => row.get("started_ms"),
-        };
-        let finished: Option<i64> = match (before.state.is_terminal(), after.state.is_terminal()) {
-            (false, true) => Some(now),
-            (true, true) => row.get("finished_ms"),
-            (_, false) => None,
-        };
-        let runs = after.state == JobState::Running;
-        let holder = owner.or(row.get("lease_owner")).filter(|_| runs);
-        sqlx::query(
-            "UPDATE jobs SET state = ?, attempts = ?, outages = ?, interruptions = ?,
-                 memory_deaths = ?, own_process = ?, runs_alone = ?, fence = ?,
-                 cancel_requested = ?, deleted_ms = ?, started_ms = ?, finished_ms = ?, lease_owner = ?,
-                 render_key = iif(?, NULL, render_key), mishaps = iif(?, '[]', mishaps)
-             WHERE id = ?",
-        )
-        .bind(after.state.as_str())
-        .bind(after.attempts)
-        .bind(after.outages)
-        .bind(after.interruptions)
-        .bind(after.memory_deaths)
-        .bind(after.own_process)
-        .bind(after.runs_alone())
-        .bind(after.fence as i64)
-        .bind(after.cancel_requested)
-        .bind(after.deleted.then_some(now))
-        .bind(started)
-        .bind(finished)
-        .bind(holder)
-        // An extended job's picture is not what its first request determined.
-        .bind(event == Event::Extend)
-        .bind(event == Event::Extend)
-        .bind(id.to_string())
-        .execute(&mut *connection)
-        .await?;
+        write(connection, id, &change, event, owner).await?;
     }
-    Ok(Some(Ok(Change { row, before, after })))
+    Ok(Some(Ok(change)))
+}
+
+/// Writes down a change of a job's life.
+async fn write(
+    connection: &mut SqliteConnection,
+    id: Uuid,
+    change: &Change,
+    event: Event,
+    owner: Option<&str>,
+) -> Result<(), StoreError> {
+    let Change { row, before, after } = change;
+    let now = now_ms();
+    let started: Option<i64> = match (before.state, after.state) {
+        (JobState::Queued, JobState::Running) => Some(now),
+        (_, JobState::Queued) => None,
+        _ => row.get("started_ms"),
+    };
+    let finished: Option<i64> = match (before.state.is_terminal(), after.state.is_terminal()) {
+        (false, true) => Some(now),
+        (true, true) => row.get("finished_ms"),
+        (_, false) => None,
+    };
+    let runs = after.state == JobState::Running;
+    let holder = owner.or(row.get("lease_owner")).filter(|_| runs);
+    sqlx::query(
+        "UPDATE jobs SET state = ?, attempts = ?, outages = ?, interruptions = ?,
+             memory_deaths = ?, own_process = ?, runs_alone = ?, fence = ?,
+             cancel_requested = ?, deleted_ms = ?, started_ms = ?, finished_ms = ?, lease_owner = ?,
+             render_key = iif(?, NULL, render_key), mishaps = iif(?, '[]', mishaps)
+         WHERE id = ?",
+    )
+    .bind(after.state.as_str())
+    .bind(after.attempts)
+    .bind(after.outages)
+    .bind(after.interruptions)
+    .bind(after.memory_deaths)
+    .bind(after.own_process)
+    .bind(after.runs_alone())
+    .bind(after.fence as i64)
+    .bind(after.cancel_requested)
+    .bind(after.deleted.then_some(now))
+    .bind(started)
+    .bind(finished)
+    .bind(holder)
+    // An extended job's picture is not what its first request determined.
+    .bind(event == Event::Extend)
+    .bind(event == Event::Extend)
+    .bind(id.to_string())
+    .execute(&mut *connection)
+    .await?;
+    Ok(())
 }
 
 /// What happens to a claimed job; an error where the claim is over.

@@ -38,16 +38,19 @@ pub async fn ensure_id(writer: &SqlitePool) -> Result<(), StoreError> {
 /// a running server must not change them under it.
 pub async fn check_version(connection: &mut SqliteConnection) -> Result<(), StoreError> {
     let is_there = "SELECT 1 FROM sqlite_master WHERE name = '_sqlx_migrations'";
-    let version = if sqlx::query(is_there).fetch_optional(&mut *connection).await?.is_some() {
-        let row = sqlx::query("SELECT coalesce(max(version), 0) AS version FROM _sqlx_migrations")
-            .fetch_one(&mut *connection)
-            .await?;
-        row.get("version")
+    let done: Vec<i64> = if sqlx::query(is_there).fetch_optional(&mut *connection).await?.is_some()
+    {
+        let done = "SELECT version FROM _sqlx_migrations ORDER BY version";
+        let done = sqlx::query(done).fetch_all(&mut *connection).await?;
+        done.iter().map(|row| row.get("version")).collect()
     } else {
-        0
+        Vec::new()
     };
-    let own = newest_version();
-    if version == own { Ok(()) } else { Err(StoreError::OtherVersion { version, own }) }
+    if MIGRATIONS.iter().map(|migration| migration.version).eq(done.iter().copied()) {
+        return Ok(());
+    }
+    let version = done.last().copied().unwrap_or(0);
+    Err(StoreError::OtherVersion { version, own: newest_version() })
 }
 
 /// The id in the database `live`, which is read and not changed; `None` where it has none, as those

@@ -3,7 +3,7 @@
 use super::{SqliteStore, claims, jobs, rows};
 use crate::api::jobs::JobRequest;
 use crate::api::solutions::Solution;
-use crate::job_state::JobState;
+use crate::job_state::{Event, JobState};
 use crate::store::solutions::{Extended, Solutions};
 use crate::store::{Accepted, Claim, NewJob, StoreError};
 use async_trait::async_trait;
@@ -19,17 +19,8 @@ impl Solutions for SqliteStore {
         solution: &Solution,
     ) -> Result<Option<Solution>, StoreError> {
         let mut transaction = self.begin().await?;
-        let held = sqlx::query(
-            "SELECT 1 FROM jobs
-             WHERE id = ? AND fence = ? AND state = 'running' AND deleted_ms IS NULL",
-        )
-        .bind(claim.job.to_string())
-        .bind(claim.fence as i64)
-        .fetch_optional(&mut *transaction)
-        .await?;
-        if held.is_none() {
-            return Err(StoreError::ClaimLost(claim.job));
-        }
+        let held = Event::Report { fence: claim.fence };
+        jobs::happens_to_held(&mut transaction, claim, held).await?;
         let before = find(&mut transaction, claim.job).await?;
         put(&mut transaction, claim.job, solution).await?;
         transaction.commit().await?;
