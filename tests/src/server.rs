@@ -23,8 +23,10 @@ pub fn program() -> &'static Path {
         let outer = folder.parent().filter(|_| folder.ends_with("deps"));
         let folder = outer.unwrap_or(folder).to_owned();
         let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+        // Of the whole workspace, as scripts/test builds it: packages by themselves have their
+        // dependencies with fewer features, which would be a second build.
         let mut build = Command::new(cargo);
-        build.args(["build", "--quiet", "--package", "hemilux", "--bin", "hemilux"]);
+        build.args(["build", "--quiet", "--workspace", "--bin", "hemilux"]);
         if folder.ends_with("release") {
             build.arg("--release");
         }
