@@ -314,7 +314,7 @@ fn scenes_without_light_or_surface_agree() {
     }
 }
 
-/// Shots per second, to be run alone: `cargo test --release -p hemilux-tests --test light
+/// Shots per second, to be run alone: `cargo test --release -p hemilux-tests --test engine
 /// shooting_rate -- --ignored --nocapture`.
 #[test]
 #[ignore = "measures; needs a quiet machine"]

@@ -1,5 +1,5 @@
-//! Light: the engine against oracles in f64, other methods, itself on another device, and scenes on
-//! which it could fail. One program, so that it is linked once and its tests share the cores.
+//! The engine, called in process: against oracles in f64, other methods, itself on another device, and
+//! on scenes on which it could fail. One program, so that it is linked once and its tests share the cores.
 
 mod checkpoints;
 mod comparators;
