@@ -3,6 +3,7 @@
 pub mod bombs;
 pub mod comparison;
 pub mod devices;
+pub mod import_graph;
 pub mod iterations;
 pub mod keys;
 pub mod kill_loop;
@@ -14,5 +15,6 @@ pub mod replicas;
 pub mod scenes;
 pub mod server;
 pub mod small_disk;
+pub mod sources;
 pub mod stability;
 pub mod twins;

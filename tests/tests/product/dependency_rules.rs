@@ -1,58 +1,18 @@
-//! Imports point one way. Each rule reads the sources as text, and each has a planted violation
-//! that it must find.
+//! What may depend on what, beyond the order of files that `import_graph.rs` tests. Each rule reads the
+//! sources as text, and each has a planted violation that it must find.
 
 use hemilux_tests::server::repository;
-use std::path::{Path, PathBuf};
+use hemilux_tests::sources::{Source, all_sources, shipped};
+use std::path::Path;
 
-/// A source file: path relative to its crate's `src`, with `/`, and the text.
-struct Source {
-    path: String,
-    text: String,
-}
-
-impl Source {
-    fn planted(path: &str, text: &str) -> Self {
-        Self { path: path.into(), text: text.into() }
-    }
-
-    /// The module path, `scene/gltf/node.rs` being `scene::gltf::node`.
-    fn module(&self) -> String {
-        let path = self.path.trim_end_matches(".rs").trim_end_matches("/mod");
-        path.replace('/', "::")
-    }
-
-    /// Lines of code: without comments and without what follows `#[cfg(test)]`.
-    fn code(&self) -> impl Iterator<Item = &str> {
-        let shipped = self.text.split("#[cfg(test)]").next().unwrap_or("");
-        shipped.lines().map(|line| line.split("//").next().unwrap_or("")).filter(|l| !l.is_empty())
-    }
-
-    fn is_within(&self, modules: &[&str]) -> bool {
-        let module = self.module();
-        modules.iter().any(|m| module == *m || module.starts_with(&format!("{m}::")))
-    }
+/// Whether a file belongs to one of these modules, or lies below it.
+fn is_within(source: &Source, modules: &[&str]) -> bool {
+    let module = source.module().join("::");
+    modules.iter().any(|m| module == *m || module.starts_with(&format!("{m}::")))
 }
 
 fn sources(krate: &str) -> Vec<Source> {
-    let root = repository().join("crates").join(krate).join("src");
-    let mut found = Vec::new();
-    let mut folders: Vec<PathBuf> = vec![root.clone()];
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(&folder).expect("sources can be listed") {
-            let path = entry.expect("sources can be listed").path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|ending| ending == "rs") {
-                found.push(Source { path: relative(&root, &path), text: read(&path) });
-            }
-        }
-    }
-    assert!(found.len() > 5, "the sources of {krate} are not where they were");
-    found
-}
-
-fn relative(root: &Path, path: &Path) -> String {
-    path.strip_prefix(root).expect("below the root").to_string_lossy().replace('\\', "/")
+    shipped(all_sources(&format!("crates/{krate}/src")))
 }
 
 fn read(path: &Path) -> String {
@@ -87,9 +47,9 @@ fn forbidden_dependencies(manifest: &str) -> Vec<String> {
 /// Rule 2: in the server, only the worker and the commands that render name the engine.
 fn engine_users(sources: &[Source]) -> Vec<String> {
     let allowed = ["worker", "cli::render", "cli::compare"];
-    let users = sources.iter().filter(|source| !source.is_within(&allowed));
+    let users = sources.iter().filter(|source| !is_within(source, &allowed));
     users
-        .filter(|source| source.code().any(|line| names(line, "hemilux_engine")))
+        .filter(|source| source.code().lines().any(|line| names(line, "hemilux_engine")))
         .map(|source| source.path.clone())
         .collect()
 }
@@ -103,8 +63,8 @@ fn renderers_by_charts(sources: &[Source]) -> Vec<String> {
         let all_draw = uses.all(|(at, word)| line[at + word.len()..].starts_with("::chart"));
         !named || all_draw
     };
-    let users = sources.iter().filter(|source| !source.is_within(&["cli::compare"]));
-    users.filter(|s| !s.code().all(drawn)).map(|s| s.path.clone()).collect()
+    let users = sources.iter().filter(|source| !is_within(source, &["cli::compare"]));
+    users.filter(|s| !s.code().lines().all(drawn)).map(|s| s.path.clone()).collect()
 }
 
 /// Rule 3: in the engine, only the importer, the made scenes and pictures know file formats or
@@ -119,59 +79,8 @@ fn file_users(sources: &[Source]) -> Vec<String> {
             || line.trim_start().starts_with("use gltf")
             || (names(line, "image") && line.contains("image::load"))
     };
-    let users = sources.iter().filter(|source| !source.is_within(&allowed));
-    users.filter(|s| s.code().any(touches)).map(|s| s.path.clone()).collect()
-}
-
-/// The engine's modules in the order that light takes; each may name those before it.
-const ORDER: [&str; 14] = [
-    "radiometry",
-    "random",
-    "scene",
-    "checkpoint",
-    "rays",
-    "patches",
-    "hemicube",
-    "raster",
-    "device",
-    "form_factors",
-    "image",
-    "measurement",
-    "render",
-    "transport",
-];
-
-/// Names that point against [`ORDER`] on purpose: the facade calls the methods, which speak its
-/// words (requests and progress).
-const FACADE: (&str, &str) = ("render", "transport");
-
-/// Rule 4: engine modules name only modules before them.
-fn backward_imports(sources: &[Source]) -> Vec<String> {
-    let rank = |module: &str| ORDER.iter().position(|known| *known == module);
-    let mut violations = Vec::new();
-    for source in sources {
-        let module = source.module();
-        let top = module.split("::").next().unwrap_or("");
-        let Some(own) = rank(top) else { continue };
-        for line in source.code() {
-            for (at, _) in line.match_indices("crate::") {
-                let rest = &line[at + "crate::".len()..];
-                let named: Vec<&str> = match rest.strip_prefix('{') {
-                    Some(list) => list.split(',').map(str::trim).collect(),
-                    None => vec![rest],
-                };
-                for target in named {
-                    let target = target.split(|c: char| !(c.is_alphanumeric() || c == '_')).next();
-                    let target = target.unwrap_or("");
-                    let backward = rank(target).is_some_and(|rank| rank > own);
-                    if backward && (top, target) != FACADE {
-                        violations.push(format!("{}: {}", source.path, line.trim()));
-                    }
-                }
-            }
-        }
-    }
-    violations
+    let users = sources.iter().filter(|source| !is_within(source, &allowed));
+    users.filter(|s| s.code().lines().any(touches)).map(|s| s.path.clone()).collect()
 }
 
 #[test]
@@ -222,25 +131,4 @@ fn only_importer_and_pictures_know_files() {
         Source::planted("random.rs", "#[cfg(test)]\nmod tests { use std::fs; }"),
     ];
     assert_eq!(file_users(&planted), ["patches/mod.rs", "device/cpu/mod.rs"]);
-}
-
-#[test]
-fn engine_modules_follow_the_light() {
-    let engine = sources("engine");
-    assert_eq!(backward_imports(&engine), Vec::<String>::new());
-    for source in &engine {
-        let module = source.module();
-        let top = module.split("::").next().unwrap_or("");
-        assert!(top == "lib" || ORDER.contains(&top), "{top} has no place in the order yet");
-    }
-    let planted = [
-        Source::planted("scene/mod.rs", "use crate::radiometry::Rgb;"),
-        Source::planted("scene/mod.rs", "use crate::patches::PatchedScene;"),
-        Source::planted("hemicube.rs", "fn f() { crate::device::open(\"cpu\"); }"),
-        Source::planted("radiometry.rs", "use crate::{random, scene};"),
-        Source::planted("render.rs", "crate::transport::run(device, request, observer)"),
-    ];
-    let found = backward_imports(&planted);
-    assert_eq!(found.len(), 4, "{found:?}");
-    assert!(!found.iter().any(|violation| violation.starts_with("render.rs")));
 }

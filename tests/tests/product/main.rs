@@ -4,5 +4,6 @@
 
 mod compare_command;
 mod dependency_rules;
+mod import_graph;
 mod kill_loop;
 mod load;
