@@ -7,3 +7,4 @@ mod dependency_rules;
 mod import_graph;
 mod kill_loop;
 mod load;
+mod promises;
