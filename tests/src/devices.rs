@@ -8,6 +8,7 @@ use hemilux_engine::radiometry::Rgb;
 use std::sync::Arc;
 
 use crate::oracle::statistics::Moments;
+use crate::skips::{partly_skipped, without_wgpu};
 
 /// Every kind of device with its name: the CPU device, and the first wgpu adapter unless
 /// `HEMILUX_NO_WGPU=1`.
@@ -17,8 +18,8 @@ use crate::oracle::statistics::Moments;
 pub fn all() -> Vec<(&'static str, Box<dyn Device>)> {
     let cpu = CpuDevice::new(None).expect("threads");
     let mut devices: Vec<(&'static str, Box<dyn Device>)> = vec![("cpu", Box::new(cpu))];
-    if std::env::var_os("HEMILUX_NO_WGPU").is_some_and(|value| value == "1") {
-        println!("wgpu skipped: HEMILUX_NO_WGPU=1");
+    if without_wgpu() {
+        partly_skipped("HEMILUX_NO_WGPU=1 leaves the wgpu device out");
     } else {
         let found = wgpu::list();
         let first = found

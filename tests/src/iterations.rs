@@ -1,6 +1,7 @@
 //! Iterating on two devices: runs from the same random numbers, averages, and comparators for
 //! both.
 
+use crate::skips::{skipped, without_wgpu};
 use crate::twins::{Batches, distance};
 use glam::Vec3;
 use hemilux_engine::device::wgpu::{self, WgpuDevice};
@@ -10,8 +11,8 @@ use std::sync::Arc;
 
 /// The first wgpu adapter; `None` where the environment says to do without.
 pub fn adapter() -> Option<WgpuDevice> {
-    if std::env::var_os("HEMILUX_NO_WGPU").is_some_and(|value| value == "1") {
-        println!("skipped: HEMILUX_NO_WGPU=1");
+    if without_wgpu() {
+        skipped("HEMILUX_NO_WGPU=1");
         return None;
     }
     let found = wgpu::list();

@@ -14,6 +14,7 @@ pub mod oracle;
 pub mod replicas;
 pub mod scenes;
 pub mod server;
+pub mod skips;
 pub mod small_disk;
 pub mod sources;
 pub mod stability;

@@ -7,23 +7,7 @@ use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
 use hemilux_engine::scene::{Material, Scene, Triangle, Vertex};
-use std::path::PathBuf;
 use std::sync::Arc;
-
-/// The repository root.
-pub fn root() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("..")
-}
-
-/// A file of the shared test data beside the repository, where that is there.
-pub fn shared(path: &str) -> Option<Vec<u8>> {
-    let file = root().join("../shared").join(path);
-    let bytes = std::fs::read(&file).ok();
-    if bytes.is_none() {
-        println!("skipped: {} is not there", file.display());
-    }
-    bytes
-}
 
 /// Imports a scene that must be valid.
 pub fn imported(glb: &[u8]) -> Arc<Scene> {

@@ -136,6 +136,7 @@ impl Drop for SmallDisk {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::skips::skipped;
     use std::io::Read;
     use tempfile::TempDir;
 
@@ -143,7 +144,7 @@ mod tests {
     fn a_small_disk_is_full_where_it_says_so() {
         let folder = TempDir::new().unwrap();
         let Some(disk) = SmallDisk::mount(folder.path(), 2) else {
-            println!("skipped: the system allows no mount namespaces");
+            skipped("the system allows no mount namespaces");
             return;
         };
         disk.fill_but(64 << 10);
@@ -183,7 +184,7 @@ mod tests {
         let Some((keeper, mut inside)) =
             std::thread::scope(|scope| scope.spawn(|| on_it(path)).join().unwrap())
         else {
-            println!("skipped: the system allows no mount namespaces");
+            skipped("the system allows no mount namespaces");
             return;
         };
         let mounts = format!("/proc/{keeper}/mounts");

@@ -10,6 +10,7 @@ use hemilux_engine::render::{
 use hemilux_engine::scene::{Scene, made};
 use hemilux_tests::comparison::relative_rmse;
 use hemilux_tests::scenes::imported;
+use hemilux_tests::skips::{skipped, without_wgpu};
 use std::sync::Arc;
 
 /// Takes checkpoints, and stops where it is told to.
@@ -140,8 +141,8 @@ fn stochastic_goes_on_bit_for_bit() {
 
 #[test]
 fn stochastic_goes_on_on_a_gpu() {
-    if std::env::var_os("HEMILUX_NO_WGPU").is_some_and(|value| value == "1") {
-        println!("skipped: HEMILUX_NO_WGPU=1");
+    if without_wgpu() {
+        skipped("HEMILUX_NO_WGPU=1");
         return;
     }
     let scene = imported(&made::phong_cornell());

@@ -10,7 +10,8 @@ use hemilux_engine::render::{
 };
 use hemilux_engine::scene::{Camera, Projection, Scene, made};
 use hemilux_tests::comparison::{mean_ratio, relative_rmse};
-use hemilux_tests::scenes::{Builder, imported, shared};
+use hemilux_tests::scenes::{Builder, imported};
+use hemilux_tests::skips::shared_or_skip;
 use std::sync::Arc;
 
 fn request(scene: &Arc<Scene>, method: &str, iterations: u64) -> RenderRequest {
@@ -86,15 +87,8 @@ fn error_by_halves(x: &Picture, a: &Picture, b: &Picture, counted: impl Fn(usize
 fn cornell_box_reaches_two_percent_of_the_shared_reference() {
     let files =
         ["scenes/cornell.glb", "reference/cornell-half-a.exr", "reference/cornell-half-b.exr"];
-    let Some([scene, a, b]) = files
-        .map(shared)
-        .into_iter()
-        .collect::<Option<Vec<_>>>()
-        .and_then(|files| <[Vec<u8>; 3]>::try_from(files).ok())
-    else {
-        eprintln!("the shared reference is not there; the next test compares with our own");
-        return;
-    };
+    // The next test compares with our own.
+    let Some([scene, a, b]) = shared_or_skip(files) else { return };
     let (a, b) = (Picture::from_exr(&a).unwrap(), Picture::from_exr(&b).unwrap());
     let scene = imported(&scene);
     let mut request = request(&scene, "hemilux", 4);

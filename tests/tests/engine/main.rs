@@ -13,6 +13,7 @@ mod methods;
 mod oracles;
 mod pictures;
 mod ray_traced;
+mod shared_scenes;
 mod stability;
 mod stability_geometry;
 mod stability_switches;

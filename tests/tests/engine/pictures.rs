@@ -10,7 +10,8 @@ use hemilux_engine::render::{
 };
 use hemilux_engine::scene::{Material, Scene, made};
 use hemilux_tests::comparison::{mean_ratio, relative_rmse};
-use hemilux_tests::scenes::{Builder, imported, shared};
+use hemilux_tests::scenes::{Builder, imported};
+use hemilux_tests::skips::shared_or_skip;
 use std::sync::Arc;
 
 fn request(scene: Arc<Scene>, side: u32, iterations: u64) -> RenderRequest {
@@ -110,11 +111,8 @@ fn a_phong_surface_in_a_furnace_shows_its_albedo() {
 /// reference, and the estimated error says so.
 #[test]
 fn cornell_box_matches_the_reference() {
-    let (Some(glb), Some(reference)) =
-        (shared("scenes/cornell.glb"), shared("reference/cornell.exr"))
-    else {
-        return;
-    };
+    let files = ["scenes/cornell.glb", "reference/cornell.exr"];
+    let Some([glb, reference]) = shared_or_skip(files) else { return };
     let reference = Picture::from_exr(&reference).unwrap();
     let rendered = run(None, &request(imported(&glb), 500, 1200));
     let emitter = |index: usize| reference.pixels[index].x > 5.0;

@@ -15,7 +15,8 @@ use hemilux_tests::oracle::paths::Walks;
 use hemilux_tests::oracle::rays::Generator;
 use hemilux_tests::oracle::statistics::{Moments, Scores};
 use hemilux_tests::replicas::Replicas;
-use hemilux_tests::scenes::{Builder, imported, shared};
+use hemilux_tests::scenes::{Builder, imported};
+use hemilux_tests::skips::shared_or_skip;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 use std::time::Instant;
@@ -85,13 +86,9 @@ fn looking(eye: [f32; 3], target: [f32; 3], yfov_degrees: f32) -> CameraChoice {
 /// The Cornell box at full depth is the reference, within the noise of both.
 #[test]
 fn the_cornell_box_is_the_shared_reference() {
-    let (Some(glb), Some(a), Some(b)) = (
-        shared("scenes/cornell.glb"),
-        shared("reference/cornell-half-a.exr"),
-        shared("reference/cornell-half-b.exr"),
-    ) else {
-        return;
-    };
+    let files =
+        ["scenes/cornell.glb", "reference/cornell-half-a.exr", "reference/cornell-half-b.exr"];
+    let Some([glb, a, b]) = shared_or_skip(files) else { return };
     let reduced = |exr: &[u8]| {
         let full = Picture::from_exr(exr).expect("a picture");
         let mut small = Picture::black(100, 100);

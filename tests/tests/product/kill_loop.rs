@@ -2,6 +2,7 @@
 //! first test at full size, 200 kills over 100 jobs, and what else its flags say.
 
 use hemilux_tests::kill_loop::{Plan, Uptime, run};
+use hemilux_tests::skips::skipped;
 use hemilux_tests::small_disk::SmallDisk;
 use std::time::Duration;
 
@@ -55,11 +56,11 @@ fn nothing_is_lost_or_doubled_by_kill_9() {
 #[test]
 fn nothing_is_lost_where_the_disk_is_short_and_the_database_is_put_back() {
     if setting("KILLS").is_some() {
-        println!("skipped: the other test runs at the size that was asked for");
+        skipped("the other test runs at the size that was asked for");
         return;
     }
     if !plan().short_disk && !SmallDisk::is_allowed() {
-        println!("skipped: the system allows no mount namespaces");
+        skipped("the system allows no mount namespaces");
         return;
     }
     let plan = Plan { short_disk: true, restore: true, jobs: 6, kills: 8, ..plan() };

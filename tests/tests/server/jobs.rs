@@ -5,6 +5,7 @@ use hemilux_engine::render::{CameraChoice, Limits, Observer, Plan, RenderRequest
 use hemilux_engine::scene::Warning;
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
 use hemilux_tests::server::{Event, PATIENCE, Server, program, scene};
+use hemilux_tests::skips::skipped;
 use serde_json::{Value, json};
 use std::io::Cursor;
 use std::time::{Duration, Instant};
@@ -515,7 +516,7 @@ fn until_all_devices_are_idle(server: &Server) {
 fn devices_share_the_threads_and_stats_name_what_computed() {
     let listed = std::process::Command::new(program()).arg("devices").output().unwrap();
     if !String::from_utf8_lossy(&listed.stdout).lines().any(|line| line.starts_with("0 ")) {
-        println!("skipped: there is no GPU, not even a software one");
+        skipped("there is no GPU, not even a software one");
         return;
     }
     let server = Server::start_with(&["--devices", "0", "--threads", "3"]);
