@@ -231,34 +231,3 @@ fn overlap(a: &[DVec3; 3], b: &[DVec3; 3]) -> bool {
     };
     !separates(&a, &b) && !separates(&b, &a)
 }
-
-#[test]
-fn cornell_is_the_shared_one() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/scenes/cornell.glb");
-    let Ok(bytes) = std::fs::read(&path) else {
-        println!("skipped: {} is not there", path.display());
-        return;
-    };
-    let (ours, theirs) = (imported("ours", &cornell()), imported("theirs", &bytes));
-    // Triangles with their surfaces, whatever the order of triangles and first corners.
-    let surfaces = |scene: &Scene| {
-        let mut list: Vec<_> = scene
-            .triangles
-            .iter()
-            .map(|triangle| {
-                let mut corners = scene.corners(triangle).map(key);
-                let first = (0..3).min_by_key(|i| corners[*i]).unwrap();
-                corners.rotate_left(first);
-                let codes = |color: Vec3| color.to_array().map(|x| (x * 1e5).round() as i64);
-                let material = &scene.materials[triangle.material as usize];
-                let diffuse = material.reflectance(material.base_color).diffuse;
-                (corners, codes(diffuse), codes(material.emission))
-            })
-            .collect();
-        list.sort();
-        list
-    };
-    assert_eq!(surfaces(&ours), surfaces(&theirs));
-    assert!(ours.cameras[0].to_world.abs_diff_eq(theirs.cameras[0].to_world, 1e-6));
-    assert_eq!(ours.cameras[0].projection, theirs.cameras[0].projection);
-}
