@@ -61,6 +61,20 @@ pub fn estimate(
     settings: &ShootingSettings,
     effort: Effort,
 ) -> Estimate {
+    estimate_until(device, scene, settings, effort, |_| true)
+}
+
+/// The same with further batches until `is_enough`.
+///
+/// # Panics
+/// Where a thousand times as many are not enough.
+pub fn estimate_until(
+    device: &mut dyn Device,
+    scene: &Arc<PatchedScene>,
+    settings: &ShootingSettings,
+    effort: Effort,
+    is_enough: impl Fn(&Estimate) -> bool,
+) -> Estimate {
     let mut shooting = device.begin(scene.clone(), settings).expect("begins");
     if effort.burn_in > 0 {
         shooting.iterate(effort.burn_in).expect("iterates");
@@ -73,7 +87,10 @@ pub fn estimate(
         landed: [Moments::default(); 3],
         tally: Tally::default(),
     };
-    for _ in 0..effort.batches {
+    let mut batches = 0;
+    while batches < effort.batches || !is_enough(&estimate) {
+        assert!(batches < 1000 * effort.batches, "the standard error does not fall");
+        batches += 1;
         estimate.tally += shooting.iterate(effort.iterations).expect("iterates");
         let sums = shooting.drain().expect("drains");
         let means: Vec<Rgb> =

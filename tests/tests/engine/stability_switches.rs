@@ -11,7 +11,7 @@ use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, StopReason};
 use hemilux_engine::scene::made;
 use hemilux_engine::transport::known::{ConstantRadiance, known_light};
 use hemilux_tests::comparison::largest_relative_deviation;
-use hemilux_tests::devices::{Effort, means};
+use hemilux_tests::devices::{Effort, Estimate, estimate_until, means};
 use hemilux_tests::oracle::radiosity::Radiosity;
 use hemilux_tests::oracle::rooms;
 use hemilux_tests::oracle::statistics::Moments;
@@ -53,11 +53,7 @@ fn switches() -> Vec<Switch> {
     let constant = ConstantRadiance::Corrected;
     vec![
         plain("none", base.clone()),
-        // Few of many uniform picks hit a light.
-        plain(
-            "uniform picks",
-            ShootingSettings { selection: Selection::Uniform, ..settings(16, 32, 6) },
-        ),
+        plain("uniform picks", ShootingSettings { selection: Selection::Uniform, ..base.clone() }),
         plain("independent picks", ShootingSettings { stratified: false, ..base.clone() }),
         plain("top and one side", faces(Faces::TopAndSide)),
         plain("the paper's faces", faces(Faces::Randomised)),
@@ -118,6 +114,34 @@ fn dense(scene: &PatchedScene) -> [f64; 3] {
     [0, 1, 2].map(|channel| area * system.mean(&system.solve(channel)))
 }
 
+/// Largest standard error of a channel's power that a run ends with, relative to the power that is
+/// expected, and the share more that must be seen then. Software GPUs shoot an order slower than the
+/// CPU device, with which `twins.rs` compares them shot by shot.
+fn wanted_error(device: &dyn Device) -> (f64, f64) {
+    if device.description().kind == "cpu" { (0.005, 0.06) } else { (0.02, 0.2) }
+}
+
+/// Deviation of a channel's mean power from what is expected, and its standard error, both relative.
+#[derive(Clone, Copy, Debug)]
+struct Deviation {
+    mean: f64,
+    error: f64,
+}
+
+impl Deviation {
+    fn new(landed: &Moments, expected: f64) -> Self {
+        let (mean, error) = (landed.mean(), landed.standard_error());
+        assert!(mean.is_finite() && error.is_finite());
+        Self { mean: mean / expected - 1.0, error: error / expected }
+    }
+
+    /// Whether only chance differs, within four standard errors, beside the percent that hemicubes of
+    /// 16² pixels are off at the edges of an opening.
+    fn is_chance(self) -> bool {
+        self.mean.abs() < 0.01 + 4.0 * self.error
+    }
+}
+
 #[test]
 fn every_switch_on_scenes_that_strain() {
     let closed = |scene: &PatchedScene| [0, 1, 2].map(|c| emitted(scene, c) / (1.0 - 0.5));
@@ -127,41 +151,51 @@ fn every_switch_on_scenes_that_strain() {
         ("red and cyan walls", closed(&colours), colours),
         ("open box", dense(&open), open),
     ];
-    let effort = Effort { burn_in: 20, batches: 10, iterations: 6 };
     for (scene_name, expected, scene) in &scenes {
         for Switch { name, settings, constant, first_shot, unbiased } in switches() {
             on_every_device(&format!("{scene_name} | {name}"), |device| {
                 let settings = with_known(device, scene, &settings, constant, first_shot);
-                let estimate = if unbiased {
-                    solved(device, scene, &settings, effort)
+                let [deviation, planted] = power_deviations(device, scene, &settings, expected);
+                if unbiased {
+                    assert!(deviation.is_chance(), "{name}: {deviation:?}");
                 } else {
-                    hemilux_tests::devices::estimate(device, scene, &settings, effort)
-                };
-                let mut worst = (0.0f64, 0.0);
-                for (landed, expected) in estimate.landed.iter().zip(expected) {
-                    let (mean, error) = (landed.mean(), landed.standard_error());
-                    assert!(mean.is_finite() && error.is_finite());
-                    let deviation = (mean - expected) / expected;
-                    // Few batches: their scatter is itself uncertain.
-                    let bound = 0.02 + 6.0 * error / expected;
-                    if unbiased {
-                        assert!(
-                            deviation.abs() < bound,
-                            "{name}: {deviation} ± {}",
-                            error / expected
-                        );
-                        assert!(error / expected < 0.3, "{name}: the test says nothing");
-                    } else {
-                        assert!(deviation.abs() < 0.9, "{name}: {deviation}");
-                    }
-                    if deviation.abs() >= worst.0.abs() {
-                        worst = (deviation, error / expected);
-                    }
+                    // What the rule takes or the centroid misses is a few percent here.
+                    assert!(deviation.mean.abs() < 0.05, "{name}: {deviation:?}");
                 }
-                format!("power {:+.1} ± {:.1} %", 100.0 * worst.0, 100.0 * worst.1)
+                assert!(!planted.is_chance(), "{name}: more power passes: {planted:?}");
+                let Deviation { mean, error } = deviation;
+                format!("power {:+.1} ± {:.1} %", 100.0 * mean, 100.0 * error)
             });
         }
     }
+}
+
+/// The worst channel's deviation from the expected power, with as many shots as it takes to know; and
+/// that of the same run where it should be less, which must be seen.
+fn power_deviations(
+    device: &mut dyn Device,
+    scene: &Arc<PatchedScene>,
+    settings: &ShootingSettings,
+    expected: &[f64; 3],
+) -> [Deviation; 2] {
+    let mut settings = settings.clone();
+    let mut effort = Effort { burn_in: 20, batches: 20, iterations: 6 };
+    if settings.selection == Selection::Uniform {
+        // As many as there are patches, or the one that is the light decides about everything.
+        settings.shots_per_iteration = scene.patches.len() as u32;
+        effort.iterations = 3;
+    }
+    let (wanted, more) = wanted_error(device);
+    let of = |landed: &[Moments; 3], factor: f64| -> [Deviation; 3] {
+        std::array::from_fn(|c| Deviation::new(&landed[c], factor * expected[c]))
+    };
+    let is_enough = |e: &Estimate| of(&e.landed, 1.0).iter().all(|d| d.error < wanted);
+    let estimate = estimate_until(device, scene, &settings, effort, is_enough);
+    checked_largest(&estimate.sum);
+    [1.0, 1.0 / (1.0 + more)].map(|factor| {
+        let all = of(&estimate.landed, factor).into_iter();
+        all.max_by(|a, b| a.mean.abs().total_cmp(&b.mean.abs())).expect("three channels")
+    })
 }
 
 /// Five walls of albedo .7: the constant term as printed takes the opening for a wall and makes the
