@@ -31,3 +31,36 @@ pub fn mean_ratio(x: &Picture, reference: &Picture, counted: impl Fn(usize) -> b
     };
     mean(x) / mean(reference)
 }
+
+/// Pixels that see no emitter, in a picture where emitters are brighter than `limit`.
+pub fn away_from_light(picture: &Picture, limit: f32) -> impl Fn(usize) -> bool {
+    let (width, height) = (picture.width as i32, picture.height as i32);
+    let bright: Vec<bool> = picture.pixels.iter().map(|p| p.max_element() > limit).collect();
+    move |index| {
+        let (x, y) = (index as i32 % width, index as i32 / width);
+        !(-2..=2).any(|dy| {
+            (-2..=2).any(|dx| {
+                let (x, y) = (x + dx, y + dy);
+                x >= 0 && y >= 0 && x < width && y < height && bright[(y * width + x) as usize]
+            })
+        })
+    }
+}
+
+/// rRMSE against two independent halves of a reference, free of their noise:
+/// √mean((x − a)(x − b)) over the mean.
+pub fn error_by_halves(
+    x: &Picture,
+    a: &Picture,
+    b: &Picture,
+    counted: impl Fn(usize) -> bool,
+) -> f64 {
+    let (mut product, mut sum, mut count) = (0.0, 0.0, 0.0);
+    let all = x.pixels.iter().zip(a.pixels.iter().zip(&b.pixels)).enumerate();
+    for (_, (x, (a, b))) in all.filter(|(index, _)| counted(*index)) {
+        product += (*x - *a).as_dvec3().dot((*x - *b).as_dvec3());
+        sum += f64::from((*a + *b).element_sum()) / 2.0;
+        count += 3.0;
+    }
+    (product / count).max(0.0).sqrt() / (sum / count)
+}

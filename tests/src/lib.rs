@@ -3,6 +3,7 @@
 pub mod bombs;
 pub mod comparison;
 pub mod devices;
+pub mod halves;
 pub mod import_graph;
 pub mod iterations;
 pub mod keys;

@@ -1,15 +1,17 @@
 //! The three tiers against closed forms, against path tracing and against stochastic iteration;
 //! what must be exactly dark, and what must be the same bits.
 
+use crate::references::cornell_halves;
 use glam::Vec3;
 use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
-    CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, StopReason, Unobserved, render,
+    CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, Unobserved, render,
 };
 use hemilux_engine::scene::{Camera, Projection, Scene, made};
-use hemilux_tests::comparison::{mean_ratio, relative_rmse};
+use hemilux_tests::comparison::{away_from_light, error_by_halves, mean_ratio, relative_rmse};
+use hemilux_tests::halves::Halves;
 use hemilux_tests::scenes::{Builder, imported};
 use hemilux_tests::skips::shared_or_skip;
 use std::sync::Arc;
@@ -53,34 +55,6 @@ fn furnace_is_exact() {
     }
 }
 
-/// Pixels that see no emitter, in a picture where emitters are brighter than `limit`.
-fn away_from_light(picture: &Picture, limit: f32) -> impl Fn(usize) -> bool {
-    let (width, height) = (picture.width as i32, picture.height as i32);
-    let bright: Vec<bool> = picture.pixels.iter().map(|p| p.max_element() > limit).collect();
-    move |index| {
-        let (x, y) = (index as i32 % width, index as i32 / width);
-        !(-2..=2).any(|dy| {
-            (-2..=2).any(|dx| {
-                let (x, y) = (x + dx, y + dy);
-                x >= 0 && y >= 0 && x < width && y < height && bright[(y * width + x) as usize]
-            })
-        })
-    }
-}
-
-/// rRMSE against two independent halves of a reference, free of their noise:
-/// √mean((x − a)(x − b)) over the mean.
-fn error_by_halves(x: &Picture, a: &Picture, b: &Picture, counted: impl Fn(usize) -> bool) -> f64 {
-    let (mut product, mut sum, mut count) = (0.0, 0.0, 0.0);
-    let all = x.pixels.iter().zip(a.pixels.iter().zip(&b.pixels)).enumerate();
-    for (_, (x, (a, b))) in all.filter(|(index, _)| counted(*index)) {
-        product += (*x - *a).as_dvec3().dot((*x - *b).as_dvec3());
-        sum += f64::from((*a + *b).element_sum()) / 2.0;
-        count += 3.0;
-    }
-    (product / count).max(0.0).sqrt() / (sum / count)
-}
-
 /// The Cornell box of the shared reference at full size; two halves of the reference leave its
 /// noise out.
 #[test]
@@ -106,14 +80,9 @@ fn cornell_box_reaches_two_percent_of_the_shared_reference() {
 #[test]
 fn cornell_box_agrees_with_path_tracing() {
     let scene = imported(&made::cornell());
-    let mut halves = request(&scene, "ray-traced", 800);
-    let reference = run(&halves).picture;
-    halves.seed += 1;
-    let other = run(&halves).picture;
-    let counted = away_from_light(&reference, 4.0);
+    let halves = cornell_halves();
     let picture = run(&request(&scene, "hemilux", 6)).picture;
-    let error = error_by_halves(&picture, &reference, &other, &counted);
-    let mean = mean_ratio(&picture, &reference, &counted);
+    let (error, mean) = (halves.error(&picture), halves.mean_ratio(&picture));
     println!("rRMSE {error:.4}, mean ratio {mean:.4}");
     assert!(error < 0.045, "{error}");
     assert!((mean - 1.0).abs() < 0.01, "{mean}");
@@ -124,7 +93,7 @@ fn cornell_box_agrees_with_path_tracing() {
         if off != "none" {
             request.options.insert(off.into(), "false".into());
         }
-        let error = error_by_halves(&run(&request).picture, &reference, &other, &counted);
+        let error = halves.error(&run(&request).picture);
         println!("300 patches, off {off}: {error:.4}");
         assert!(range.contains(&error), "off {off}: {error}");
     }
@@ -165,16 +134,9 @@ fn against_paths(name: &str, glb: &[u8]) -> (f64, f64) {
         let request = request(&scene, method, iterations);
         RenderRequest { width: 64, height: 64, ..request }
     };
-    let mut half = sized("ray-traced", 400);
-    let reference = run(&half).picture;
-    half.seed += 1;
-    let other = run(&half).picture;
-    let counted = away_from_light(&reference, 5.0);
-    let rendered = run(&sized("hemilux", 4));
-    let error = error_by_halves(&rendered.picture, &reference, &other, &counted);
-    let mean = 2.0
-        / (1.0 / mean_ratio(&rendered.picture, &reference, &counted)
-            + 1.0 / mean_ratio(&rendered.picture, &other, &counted));
+    let halves = Halves::traced(&sized("ray-traced", 400), 5.0);
+    let picture = run(&sized("hemilux", 4)).picture;
+    let (error, mean) = (halves.error(&picture), halves.mean_ratio(&picture));
     println!("{name}: mean ratio {mean:.4}, rRMSE {error:.4}");
     (mean, error)
 }
@@ -277,18 +239,4 @@ fn touching_bodies_look_like_bodies_that_nearly_touch() {
     let error = relative_rmse(&touching, &hovering, |_| true);
     println!("rRMSE {error:.4}");
     assert!(error < 0.03, "{error}");
-}
-
-/// A target is reached by the method's own estimate, and the estimate is right.
-#[test]
-fn a_target_error_ends_the_job() {
-    let scene = imported(&made::cornell());
-    let reference = run(&request(&scene, "hemilux", 40)).picture;
-    let mut wanted = request(&scene, "hemilux", 1);
-    wanted.limits = Limits { target_error: Some(0.03), seconds: Some(60.0), ..Limits::default() };
-    let rendered = run(&wanted);
-    assert_eq!(rendered.stats.stopped, StopReason::TargetError);
-    let error = relative_rmse(&rendered.picture, &reference, away_from_light(&reference, 4.0));
-    println!("{error:.4} after {} iterations", rendered.stats.iterations);
-    assert!(error < 0.045, "{error}");
 }
