@@ -13,6 +13,7 @@ pub mod malformed;
 pub mod mutate;
 pub mod oracle;
 pub mod replicas;
+pub mod rooms_by_chance;
 pub mod scenes;
 pub mod server;
 pub mod skips;

@@ -3,6 +3,7 @@
 
 mod checkpoints;
 mod comparators;
+mod convergence;
 mod expectation;
 mod furnace;
 mod glossy;
