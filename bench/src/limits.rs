@@ -11,10 +11,9 @@ use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::device::{Device, ShootingSettings};
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::rays::{Eye, Hit, Rays};
-use hemilux_engine::render::{
-    Begin, CameraChoice, Limits, RenderRequest, Rendered, Unobserved, render,
-};
+use hemilux_engine::render::{Begin, CameraChoice, Limits, RenderRequest, Rendered, Unobserved};
 use hemilux_engine::scene::made;
+use hemilux_engine::transport::render;
 use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::path::PathBuf;

@@ -8,10 +8,10 @@ use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::render::{
     Begin, CameraChoice, ExplicitCamera, Limits, Observer, Progress, RenderRequest, Rendered,
-    render,
 };
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
 use hemilux_engine::scene::{Scene, made};
+use hemilux_engine::transport::render;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;

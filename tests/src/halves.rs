@@ -4,7 +4,8 @@
 use crate::comparison::{away_from_light, error_by_halves, mean_ratio};
 use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
-use hemilux_engine::render::{RenderRequest, Unobserved, render};
+use hemilux_engine::render::{RenderRequest, Unobserved};
+use hemilux_engine::transport::render;
 
 /// Two pictures of one view that differ by their noise only.
 pub struct Halves {

@@ -5,7 +5,8 @@ use crate::oracle::statistics::Moments;
 use hemilux_engine::device::{Device, ShootingSettings};
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::Rgb;
-use hemilux_engine::render::{RenderRequest, Rendered, Unobserved, render};
+use hemilux_engine::render::{RenderRequest, Rendered, Unobserved};
+use hemilux_engine::transport::render;
 use std::cell::RefCell;
 use std::sync::Arc;
 

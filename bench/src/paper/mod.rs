@@ -14,8 +14,9 @@ mod variants;
 
 use crate::results::{self, Failure};
 use hemilux_engine::device::{self, Device};
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, Rendered, Unobserved, render};
+use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, Rendered, Unobserved};
 use hemilux_engine::scene::Scene;
+use hemilux_engine::transport::render;
 use measure::{Series, measure};
 use scenes::View;
 use std::collections::BTreeMap;

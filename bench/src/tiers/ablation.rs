@@ -5,7 +5,8 @@ use crate::page::percent;
 use crate::results::Failure;
 use hemilux_charts::statistics::median;
 use hemilux_charts::table::Table;
-use hemilux_engine::render::{Limits, Unobserved, render};
+use hemilux_engine::render::{Limits, Unobserved};
+use hemilux_engine::transport::render;
 
 /// Seconds of a render.
 const SECONDS: f64 = 2.0;

@@ -8,7 +8,8 @@ use crate::results::{self, Failure};
 use hemilux_charts::chart::{Chart, Line, Panel};
 use hemilux_charts::statistics::median;
 use hemilux_charts::table::Table;
-use hemilux_engine::render::{Limits, Rendered, Unobserved, render};
+use hemilux_engine::render::{Limits, Rendered, Unobserved};
+use hemilux_engine::transport::render;
 
 /// Iterations after which errors are compared.
 const ITERATIONS: [u64; 6] = [1, 2, 4, 8, 16, 32];

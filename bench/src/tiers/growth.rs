@@ -8,8 +8,9 @@ use crate::views::imported;
 use hemilux_charts::chart::{Chart, Line, Panel};
 use hemilux_charts::statistics::log_slope;
 use hemilux_charts::table::Table;
-use hemilux_engine::render::{Limits, Unobserved, render};
+use hemilux_engine::render::{Limits, Unobserved};
 use hemilux_engine::scene::made;
+use hemilux_engine::transport::render;
 
 /// The error to reach.
 const GOAL: f64 = 0.03;

@@ -10,9 +10,10 @@ use hemilux_engine::device::Device;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
-    Begin, CameraChoice, Limits, RenderRequest, Rendered, Unobserved, choose_camera, render,
+    Begin, CameraChoice, Limits, RenderRequest, Rendered, Unobserved, choose_camera,
 };
 use hemilux_engine::scene::{Camera, Material, Scene, Triangle, Vertex, made};
+use hemilux_engine::transport::render;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;

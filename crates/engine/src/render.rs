@@ -1,7 +1,7 @@
 //! One job from scene to picture: what is asked, what is reported on the way, what comes out.
 
 use crate::checkpoint::{Checkpoint, CheckpointError};
-use crate::device::{Device, DeviceError};
+use crate::device::DeviceError;
 use crate::image::Picture;
 use crate::scene::gltf::BakedMesh;
 use crate::scene::{Camera, Scene, Warning};
@@ -442,19 +442,6 @@ impl RenderRequest {
         crate::transport::options::Settings::new(&self.options)?;
         Ok(())
     }
-}
-
-/// Renders one picture on `device`.
-///
-/// # Errors
-/// [`RenderError::Parameter`] where the request cannot be met as asked, [`RenderError::Device`]
-/// where the device failed.
-pub fn render(
-    device: &mut dyn Device,
-    request: &RenderRequest,
-    observer: &mut dyn Observer,
-) -> Result<Rendered, RenderError> {
-    crate::transport::run(device, request, observer)
 }
 
 #[cfg(test)]

@@ -5,9 +5,10 @@ use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::device::{Device, open};
 use hemilux_engine::render::{
     Begin, CameraChoice, ExplicitCamera, Limits, Observer, Progress, RenderError, RenderRequest,
-    Rendered, StopReason, render,
+    Rendered, StopReason,
 };
 use hemilux_engine::scene::{Scene, made};
+use hemilux_engine::transport::render;
 use hemilux_tests::comparison::relative_rmse;
 use hemilux_tests::scenes::imported;
 use hemilux_tests::skips::{skipped, without_wgpu};

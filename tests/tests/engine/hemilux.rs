@@ -7,9 +7,10 @@ use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
-    CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, Unobserved, render,
+    CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, Unobserved,
 };
 use hemilux_engine::scene::{Camera, Projection, Scene, made};
+use hemilux_engine::transport::render;
 use hemilux_tests::comparison::{away_from_light, error_by_halves, mean_ratio, relative_rmse};
 use hemilux_tests::halves::Halves;
 use hemilux_tests::scenes::{Builder, imported};

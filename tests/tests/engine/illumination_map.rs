@@ -6,10 +6,11 @@ use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
-    CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, StopReason, Unobserved, render,
+    CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, StopReason, Unobserved,
 };
 use hemilux_engine::scene::{Material, Scene, made};
 use hemilux_engine::transport::METHODS;
+use hemilux_engine::transport::render;
 use hemilux_tests::oracle::quadrature::Rule;
 use hemilux_tests::oracle::statistics::{Moments, Scores};
 use hemilux_tests::scenes::{Builder, imported};

@@ -5,9 +5,10 @@ use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
     CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest, Rendered, StopReason,
-    Unobserved, render,
+    Unobserved,
 };
 use hemilux_engine::scene::{Scene, made};
+use hemilux_engine::transport::render;
 use hemilux_tests::comparison::{mean_ratio, relative_rmse};
 use hemilux_tests::scenes::imported;
 use std::sync::Arc;

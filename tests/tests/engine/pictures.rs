@@ -6,9 +6,10 @@ use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::{Rgb, lobe_albedo};
 use hemilux_engine::render::{
     CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest, Rendered, StopReason,
-    Unobserved, render,
+    Unobserved,
 };
 use hemilux_engine::scene::{Material, Scene, made};
+use hemilux_engine::transport::render;
 use hemilux_tests::comparison::{mean_ratio, relative_rmse};
 use hemilux_tests::scenes::{Builder, imported};
 use hemilux_tests::skips::shared_or_skip;

@@ -7,9 +7,10 @@ use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::{Rgb, lobe_albedo};
 use hemilux_engine::render::{
     CameraChoice, ExplicitCamera, Limits, Observer, Progress, RenderRequest, Rendered, StopReason,
-    Unobserved, render,
+    Unobserved,
 };
 use hemilux_engine::scene::{Material, Scene, made};
+use hemilux_engine::transport::render;
 use hemilux_tests::comparison::mean_ratio;
 use hemilux_tests::oracle::paths::Walks;
 use hemilux_tests::oracle::rays::Generator;

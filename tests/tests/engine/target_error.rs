@@ -3,8 +3,9 @@
 
 use crate::references::{CORNELL_SIDE, cornell_halves};
 use hemilux_engine::device::cpu::CpuDevice;
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, StopReason, Unobserved, render};
+use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, StopReason, Unobserved};
 use hemilux_engine::scene::made;
+use hemilux_engine::transport::render;
 use hemilux_tests::halves::Halves;
 use hemilux_tests::scenes::imported;
 use std::sync::Arc;

@@ -1,9 +1,10 @@
 //! The life of jobs over HTTP, with real renders.
 
 use hemilux_engine::device::cpu::CpuDevice;
-use hemilux_engine::render::{CameraChoice, Limits, Observer, Plan, RenderRequest, render};
+use hemilux_engine::render::{CameraChoice, Limits, Observer, Plan, RenderRequest};
 use hemilux_engine::scene::Warning;
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
+use hemilux_engine::transport::render;
 use hemilux_tests::server::{Event, PATIENCE, Server, program, scene};
 use hemilux_tests::skips::skipped;
 use serde_json::{Value, json};

@@ -17,9 +17,9 @@ use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
     CameraChoice, Limits, Observer, Progress, RenderError, RenderRequest, Rendered, StopReason,
-    render,
 };
 use hemilux_engine::scene::Scene;
+use hemilux_engine::transport::render;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;

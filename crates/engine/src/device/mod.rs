@@ -12,6 +12,7 @@ use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use glam::Vec3;
 use serde::Serialize;
+use std::fmt;
 use std::sync::Arc;
 
 pub use settings::{
@@ -31,6 +32,13 @@ pub struct DeviceDescription {
     pub kind: String,
     /// Driver or instruction set.
     pub driver: String,
+}
+
+impl fmt::Display for DeviceDescription {
+    /// Its name and driver.
+    fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(to, "{} ({})", self.name, self.driver)
+    }
 }
 
 /// Why a device failed.

@@ -44,6 +44,7 @@ fn moved(plane: PixelPlane, offset: Vec2) -> PixelPlane {
 }
 
 /// World to homogeneous picture coordinates: x and y over z in [−1, 1] inside the picture.
+#[derive(Clone, Copy)]
 pub struct Frame {
     eye: Vec3,
     right: Vec3,

@@ -3,49 +3,29 @@
 
 mod bake;
 mod batches;
+mod budget;
+mod checkpoints;
+mod driver;
 mod hemilux;
 mod illumination_map;
-mod kept;
+mod job;
 pub mod known;
 pub mod options;
 mod radiosity;
 mod ray_traced;
 mod run;
-mod stage;
+mod solver;
 mod stochastic;
 mod unseen;
 
 use crate::device::Device;
 use crate::render::{Begin, Observer, RenderError, RenderRequest, Rendered};
+use options::Settings;
+use solver::Extent;
+use std::collections::BTreeMap;
 
 pub use options::OPTIONS;
-
-/// A way to solve the light transport of a scene and take a picture of it.
-pub trait Method: Sync {
-    /// The name that requests use.
-    fn name(&self) -> &'static str;
-
-    /// The format of its checkpoints. One more whenever what it keeps is laid out otherwise or means
-    /// something else, and whenever it would go on from it to other bits than before: with other
-    /// random numbers, another order of sums, another default. Versions of the program with the
-    /// same number read each other's checkpoints.
-    fn checkpoint_format(&self) -> u32;
-
-    /// One sentence on what it is.
-    fn summary(&self) -> &'static str;
-
-    /// Solves and measures until a limit is reached.
-    ///
-    /// # Errors
-    /// See [`crate::render::render`].
-    fn render(
-        &self,
-        device: &mut dyn Device,
-        request: &RenderRequest,
-        reasons: Vec<String>,
-        observer: &mut dyn Observer,
-    ) -> Result<Rendered, RenderError>;
-}
+pub use solver::Method;
 
 /// All methods by name.
 pub const REGISTRY: &[&dyn Method] = &[
@@ -70,54 +50,59 @@ pub const METHODS: &[&str] = &[
     "hemilux",
 ];
 
-/// Memory that a method takes at least, bytes, for so many triangles, wanted patches and a picture
-/// of that size; `None` for names of no method. Of `auto`, which picks a method by the scene and the
-/// memory that is free, it is that of the most modest one that it may pick.
-pub fn needed_bytes(
-    method: &str,
-    triangles: u64,
-    patches: u64,
-    [width, height]: [u32; 2],
-) -> Option<u64> {
-    let of = |method| needed_bytes(method, triangles, patches, [width, height]);
-    match method {
-        "hemilux" => Some(hemilux::needed_bytes_for(triangles, width, height)),
-        "ray-traced" | "illumination-map" => {
-            Some(ray_traced::needed_bytes(triangles, width, height))
-        }
-        "stochastic" | "monte-carlo" | "progressive" => {
-            Some(stage::needed_bytes(triangles, patches, width, height))
-        }
-        "gauss-seidel" => {
-            let rest = stage::needed_bytes(triangles, patches, width, height);
-            Some(rest.saturating_add(radiosity::matrix_bytes(patches.max(triangles))))
-        }
-        "auto" => ["hemilux", "stochastic", "illumination-map"].into_iter().filter_map(of).min(),
-        _ => None,
-    }
-}
-
-/// The method that `auto` stands for, and why.
-fn pick(request: &RenderRequest) -> (&'static str, Vec<String>) {
-    if unseen::lets_light_through(&request.scene) {
-        let why = "illumination-map, because something lets light through, which only rays show";
-        return ("illumination-map", vec![why.into()]);
-    }
-    let needed = hemilux::needed_bytes(&request.scene, request.width, request.height);
-    if needed > crate::device::free_memory() / 2 {
-        let why =
-            "stochastic, because scene and picture are too large for the memory that hemilux takes";
-        return ("stochastic", vec![why.into()]);
-    }
-    let why = "hemilux, which reached every accuracy first in the scenes that were compared";
-    ("hemilux", vec![why.into()])
-}
-
-/// Runs a request with the method that it names; `auto` picks one and says why.
+/// Memory that a job takes at its peak by a method with these settings, bytes, of a scene of so
+/// many triangles and a picture of that size; `None` for names of no method. Of `auto`, which picks
+/// a method by the scene and the memory that is free, it is that of the most modest one that it may
+/// pick.
 ///
 /// # Errors
-/// See [`crate::render::render`].
-pub fn run(
+/// [`RenderError::Parameter`] for a setting that there is not or whose value is out of range.
+pub fn needed_bytes(
+    method: &str,
+    options: &BTreeMap<String, String>,
+    triangles: u64,
+    size: [u32; 2],
+) -> Result<Option<u64>, RenderError> {
+    let settings = Settings::new(options)?;
+    let extent = Extent { triangles, size, settings: &settings };
+    let candidates = match method {
+        "auto" => AUTO.as_slice(),
+        _ => &[method],
+    };
+    let candidates = REGISTRY.iter().filter(|known| candidates.contains(&known.name()));
+    let bytes = candidates.map(|method| method.needed_bytes(&extent));
+    Ok(bytes.collect::<Result<Vec<_>, _>>()?.into_iter().min())
+}
+
+/// The methods that `auto` may stand for.
+const AUTO: [&str; 3] = ["hemilux", "stochastic", "illumination-map"];
+
+/// The method that `auto` stands for, and why.
+fn pick(request: &RenderRequest) -> Result<(&'static str, Vec<String>), RenderError> {
+    if unseen::lets_light_through(&request.scene) {
+        let why = "illumination-map, because something lets light through, which only rays show";
+        return Ok(("illumination-map", vec![why.into()]));
+    }
+    let triangles = request.scene.triangles.len() as u64;
+    let size = [request.width, request.height];
+    let needed = needed_bytes("hemilux", &request.options, triangles, size)?;
+    if needed.is_none_or(|needed| needed > crate::device::free_memory() / 2) {
+        let why =
+            "stochastic, because scene and picture are too large for the memory that hemilux takes";
+        return Ok(("stochastic", vec![why.into()]));
+    }
+    let why = "hemilux, which reached every accuracy first in the scenes that were compared";
+    Ok(("hemilux", vec![why.into()]))
+}
+
+/// Renders one picture on `device`, with the method that the request names; `auto` picks one and
+/// says why.
+///
+/// # Errors
+/// [`RenderError::Parameter`] where the request cannot be met as asked, [`RenderError::Device`]
+/// where the device failed or the job needs more memory than is free, [`RenderError::Checkpoint`]
+/// where the job can't begin with what it names.
+pub fn render(
     device: &mut dyn Device,
     request: &RenderRequest,
     observer: &mut dyn Observer,
@@ -127,7 +112,7 @@ pub fn run(
         ("auto", Begin::Continue(past) | Begin::View(past)) => {
             (past.header().method.as_str(), vec!["the method is the one of before".into()])
         }
-        ("auto", Begin::Afresh) => pick(request),
+        ("auto", Begin::Afresh) => pick(request)?,
         (name, _) => (name, vec![format!("{name} was asked for")]),
     };
     match &request.begin {
@@ -146,7 +131,7 @@ pub fn run(
             format!("there is no method {name:?}; there are {METHODS:?}"),
         )
     })?;
-    method.render(device, request, reasons, observer)
+    driver::drive(*method, reasons, device, request, observer)
 }
 
 #[cfg(test)]

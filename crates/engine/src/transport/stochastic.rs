@@ -1,31 +1,28 @@
 //! Stochastic hemicube iteration (Antal): the device iterates, batches collect, the camera
 //! measures the average.
 
-use super::Method;
 use super::batches::Batches;
-use super::kept::{Parts, Past};
+use super::checkpoints::{Parts, Past};
+use super::job::Job;
 use super::known::known_light;
-use super::options::{ExpectedShots, Settings, StochasticSettings};
+use super::options::{ExpectedShots, StochasticSettings};
 use super::run::Run;
-use super::stage::{Asked, Stage};
+use super::solver::{Estimate, Extent, Method, STEP_SECONDS, Solver, patched_bytes};
 use crate::checkpoint::{CheckpointError, Writer};
 use crate::device::{
     Device, DeviceError, KnownLight, Shooting, ShootingSettings, VarianceReduction,
 };
 use crate::image::Picture;
-use crate::measurement::{Measurement, Solution, viewpoint};
+use crate::measurement::{Measurement, Solution, VertexWeights, viewpoint};
 use crate::patches::PatchedScene;
 use crate::radiometry::{Rgb, SHARP_EXPONENT};
-use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
+use crate::render::{RenderError, StopReason};
 use crate::scene::Warning;
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Aim of one call to the device, seconds: short enough to cancel, long enough not to matter.
-const STEP_SECONDS: f64 = 0.04;
-/// Pause between error estimates, in times of what the last one took.
-const ESTIMATE_PAUSE: f64 = 10.0;
+/// Most iterations of one call to the device.
+const MOST_TOGETHER: u64 = 4096;
 /// Iterations that the limits let expect, in checkpoints; 0 for none.
 const EXPECTED: &str = "expected_iterations";
 /// A mean albedo that lets light bounce for hundreds of iterations.
@@ -48,54 +45,59 @@ impl Method for Stochastic {
         "stochastic hemicube iteration on patches, diffuse and Phong"
     }
 
-    fn render(
+    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
+        patched_bytes(extent)
+    }
+
+    fn begin<'a>(
         &self,
-        device: &mut dyn Device,
-        request: &RenderRequest,
-        reasons: Vec<String>,
-        observer: &mut dyn Observer,
-    ) -> Result<Rendered, RenderError> {
-        let settings = Settings::new(&request.options)?;
-        let options = settings.stochastic()?;
-        let mut past = Past::of(request, self.name(), &settings)?;
-        let stage = Stage::new(
-            Asked { method: self.name(), reasons, request, settings: &settings },
-            request.scene.clone(),
-            device.description(),
-            strains,
-            observer,
-        )?;
-        let mut run = stage.run(request, observer);
-        if !stage.scene.patches.any_light() {
-            let black = (stage.black(), StopReason::NoLight);
-            return Ok(stage.rendered(run, black, BTreeMap::new()));
+        job: &mut Job<'a>,
+        device: &'a mut dyn Device,
+    ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
+        let options = job.settings.stochastic()?;
+        let patches = job.settings.mesh()?.patches;
+        let scene =
+            job.cut(job.request.scene.clone(), patches, device.description().to_string(), strains);
+        if !scene.patches.any_light() {
+            return Ok(None);
         }
-        let measurement = stage.measurement();
-        let expected = match &past {
-            Some(past) => past.decided::<u64>(EXPECTED)?,
-            None => request.limits.iterations.unwrap_or(0),
-        };
-        run.owner.decided.insert(EXPECTED.into(), expected.to_string());
+        let measurement = job.measurement(&scene)?;
+        let expected = job.decide(EXPECTED, job.request.limits.iterations.unwrap_or(0))?;
         let expected = (expected > 0).then_some(expected);
-        let mut shooting = ShootingSettings {
-            seed: request.seed,
+        let mut settings = ShootingSettings {
+            seed: job.request.seed,
             variance_reduction: variance_reduction(&options, expected),
-            viewpoint: Some(viewpoint(&stage.camera)),
+            viewpoint: Some(viewpoint(&job.camera)),
             ..options.shooting
         };
-        let known = match &mut past {
-            Some(past) => restored_light(past, stage.scene.patches.len())?,
-            None => {
-                known_light(device, &stage.scene, &shooting, options.constant, options.first_shot)?
-            }
+        let known = match &mut job.past {
+            Some(past) => restored_light(past, scene.patches.len())?,
+            None => known_light(device, &scene, &settings, options.constant, options.first_shot)?,
         };
-        shooting.known = known.map(Arc::new);
+        settings.known = known.map(Arc::new);
+        let known = settings.known.clone();
+        let shooting = device.begin(scene.clone(), &settings)?;
+        let weights = measurement.vertex_weights();
+        let priced = Instant::now();
+        measurement.picture(&Solution::dark(scene.patches.len()));
+        job.run.standing.picture_seconds = priced.elapsed().as_secs_f64();
         let batches = Batches::new(options.burn_in);
-        let scene = stage.scene.clone();
-        let (result, irradiance) =
-            solve(&mut run, batches, device, scene, &shooting, &measurement, past)?;
-        run.bake(&stage.scene, || irradiance);
-        Ok(stage.rendered(run, result, BTreeMap::new()))
+        let mut solver = Iteration {
+            scene,
+            known,
+            shooting,
+            batches,
+            measurement,
+            weights,
+            step: 1,
+            undrained: 0,
+            news: false,
+        };
+        if let Some(past) = job.past.take() {
+            solver.restore(past)?;
+            job.run.standing.estimated_error = solver.estimated_error();
+        }
+        Ok(Some(Box::new(solver)))
     }
 }
 
@@ -167,99 +169,102 @@ fn strains(scene: &PatchedScene) -> Vec<Warning> {
     warnings
 }
 
-/// Iterates until a limit is reached.
-fn solve(
-    run: &mut Run<'_>,
-    mut batches: Batches,
-    device: &mut dyn Device,
+/// The iteration at work.
+struct Iteration<'a> {
     scene: Arc<PatchedScene>,
-    settings: &ShootingSettings,
-    measurement: &Measurement,
-    past: Option<Past<'_>>,
-) -> Result<((Picture, StopReason), Vec<Rgb>), RenderError> {
-    let patches = scene.patches.len();
-    let known = settings.known.clone();
-    let mut shooting = device.begin(scene, settings)?;
-    let weights = measurement.vertex_weights();
-    let priced = Instant::now();
-    measurement.picture(&Solution::dark(patches));
-    run.picture_seconds = priced.elapsed().as_secs_f64();
+    known: Option<Arc<KnownLight>>,
+    shooting: Box<dyn Shooting + 'a>,
+    batches: Batches,
+    measurement: Measurement,
+    weights: VertexWeights,
+    /// Iterations of the next call to the device.
+    step: u64,
+    /// Iterations whose sums are still on the device.
+    undrained: u64,
+    /// Whether a batch was completed since the last estimate.
+    news: bool,
+}
 
-    let (mut step, mut undrained, mut news) = (1u64, 0u64, false);
-    if let Some(mut past) = past {
-        undrained = past.shared.value()?;
-        batches.restore(&mut past.shared, patches)?;
-        let summed = shooting.restore(&mut past.shared)?;
+impl Iteration<'_> {
+    /// Goes on from what [`Solver::save`] wrote.
+    fn restore(&mut self, mut past: Past<'_>) -> Result<(), DeviceError> {
+        self.undrained = past.shared.value()?;
+        self.batches.restore(&mut past.shared, self.scene.patches.len())?;
+        let summed = self.shooting.restore(&mut past.shared)?;
         past.shared.end()?;
-        if summed != undrained || undrained >= batches.room() {
+        if summed != self.undrained || self.undrained >= self.batches.room() {
             return Err(CheckpointError::damaged("its last batch is too long").into());
         }
         if past.bound.is_none() {
-            let settled = shooting.drain()?;
+            let settled = self.shooting.drain()?;
             if settled.glossy.is_empty() {
-                batches.add(settled);
+                self.batches.add(settled);
             } else {
-                batches.turn(settled);
+                self.batches.turn(settled);
             }
-            undrained = 0;
+            self.undrained = 0;
         }
-        run.estimated_error = batches.relative_error(measurement, &weights);
+        Ok(())
     }
-    let (mut estimated, mut estimate_seconds) = (Instant::now(), 0.0);
-    let stopped = loop {
-        if let Some(reason) = run.stop() {
-            break reason;
-        }
-        let count = step.min(batches.room() - undrained).min(run.iterations_left());
-        let began = Instant::now();
-        run.tally += shooting.iterate(count as u32)?;
-        let seconds = began.elapsed().as_secs_f64().max(1e-6);
-        step = ((STEP_SECONDS / seconds * count as f64) as u64).clamp(1, 4096);
 
-        // Sums leave the device at batch boundaries only, wherever the clock stands, so that the
-        // same iterations give the same bits.
-        undrained += count;
-        if undrained == batches.room() {
-            news |= batches.add(shooting.drain()?);
-            undrained = 0;
-        }
-        if run.report_is_due() {
-            // With millions of patches an estimate takes longer than a step: keep its share of
-            // the time small.
-            if news && estimated.elapsed().as_secs_f64() >= ESTIMATE_PAUSE * estimate_seconds {
-                let began = Instant::now();
-                run.estimated_error = batches.relative_error(measurement, &weights);
-                run.without_estimate = run.estimated_error.is_none() && batches.enough();
-                estimate_seconds = began.elapsed().as_secs_f64();
-                (estimated, news) = (Instant::now(), false);
-            }
-            run.report(batches.any(), || measurement.picture(&batches.mean()));
-        }
-        run.keep_if_wanted(|parts| {
-            save(parts, known.as_deref(), undrained, &batches, &mut *shooting)
-        })?;
-    };
-    // Before the open batch leaves the device: it goes on there.
-    run.keep_solution(|parts| save(parts, known.as_deref(), undrained, &batches, &mut *shooting))?;
-    if undrained > 0 {
-        batches.add(shooting.drain()?);
+    fn estimated_error(&self) -> Option<f64> {
+        self.batches.relative_error(&self.measurement, &self.weights)
     }
-    run.estimated_error = batches.relative_error(measurement, &weights);
-    let mean = batches.mean();
-    Ok(((measurement.picture(&mean), stopped), mean.irradiance))
 }
 
-/// All of it is on the surfaces, but for sums of lobes towards the camera; those of another one
-/// are dropped when they are read.
-fn save(
-    parts: &mut Parts,
-    known: Option<&KnownLight>,
-    undrained: u64,
-    batches: &Batches,
-    shooting: &mut dyn Shooting,
-) -> Result<(), DeviceError> {
-    save_light(known, &mut parts.shared);
-    parts.shared.value(undrained);
-    batches.save(&mut parts.shared);
-    shooting.save(&mut parts.shared)
+impl Solver for Iteration<'_> {
+    fn advance(&mut self, run: &mut Run<'_>) -> Result<Option<StopReason>, RenderError> {
+        let room = self.batches.room() - self.undrained;
+        let count = self.step.min(room).min(run.iterations_left());
+        let began = Instant::now();
+        run.standing.tally += self.shooting.iterate(count as u32)?;
+        let seconds = began.elapsed().as_secs_f64().max(1e-6);
+        self.step = ((STEP_SECONDS / seconds * count as f64) as u64).clamp(1, MOST_TOGETHER);
+        // Sums leave the device at batch boundaries only, wherever the clock stands, so that the
+        // same iterations give the same bits.
+        self.undrained += count;
+        if self.undrained == self.batches.room() {
+            self.news |= self.batches.add(self.shooting.drain()?);
+            self.undrained = 0;
+        }
+        Ok(None)
+    }
+
+    fn is_visible(&self) -> bool {
+        self.batches.any()
+    }
+
+    fn has_news(&self) -> bool {
+        self.news
+    }
+
+    fn estimate(&mut self) -> Estimate {
+        self.news = false;
+        Estimate::of_batches(self.estimated_error(), self.batches.enough())
+    }
+
+    fn picture(&mut self) -> Picture {
+        self.measurement.picture(&self.batches.mean())
+    }
+
+    /// All of it is on the surfaces, but for sums of lobes towards the camera; those of another one
+    /// are dropped when they are read.
+    fn save(&mut self, parts: &mut Parts) -> Result<(), DeviceError> {
+        save_light(self.known.as_deref(), &mut parts.shared);
+        parts.shared.value(self.undrained);
+        self.batches.save(&mut parts.shared);
+        self.shooting.save(&mut parts.shared)
+    }
+
+    fn settle(&mut self) -> Result<(), DeviceError> {
+        if self.undrained > 0 {
+            self.batches.add(self.shooting.drain()?);
+            self.undrained = 0;
+        }
+        Ok(())
+    }
+
+    fn irradiance(&self) -> Option<(Arc<PatchedScene>, Vec<Rgb>)> {
+        Some((self.scene.clone(), self.batches.mean().irradiance))
+    }
 }

@@ -8,9 +8,9 @@ use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::image::{Exposure, Picture};
 use hemilux_engine::render::{
     Begin, CameraChoice, Limits, Observer, Plan, Progress, RenderError, RenderRequest, Rendered,
-    render,
 };
 use hemilux_engine::scene::{Scene, Warning};
+use hemilux_engine::transport::render;
 use indicatif::{ProgressBar, ProgressStyle};
 use percent_encoding::percent_decode_str;
 use std::collections::BTreeMap;

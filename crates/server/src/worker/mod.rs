@@ -115,9 +115,8 @@ pub fn request_problem(job: &JobRequest) -> Option<FieldError> {
 /// cannot be understood.
 pub fn needed_bytes(job: &JobRequest, triangles: u64) -> Option<u64> {
     let options = job.options.iter().map(|(name, value)| (name.clone(), value.to_string()));
-    let mesh = Settings::new(&options.collect()).and_then(|settings| settings.mesh()).ok()?;
     let size = [job.width, job.height];
-    transport::needed_bytes(&job.method, triangles, mesh.patches as u64, size)
+    transport::needed_bytes(&job.method, &options.collect(), triangles, size).ok()?
 }
 
 /// What the devices do, for whoever asks.

@@ -16,10 +16,11 @@ use hemilux_engine::device::{Device, DeviceError};
 use hemilux_engine::image;
 use hemilux_engine::render::{
     Begin, CameraChoice, ExplicitCamera, Limits, Observer, Plan, Progress, RenderError,
-    RenderRequest, Rendered, Stats, StopReason, render,
+    RenderRequest, Rendered, Stats, StopReason,
 };
 use hemilux_engine::scene::Warning;
 use hemilux_engine::scene::gltf::BakedMesh;
+use hemilux_engine::transport::render;
 use std::collections::BTreeMap;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -110,7 +110,7 @@ impl Cache {
     pub fn refine(
         &mut self,
         world: &World,
-        coarse: &Coarse<'_>,
+        coarse: &Coarse,
         gathering: Gathering,
         enough: u32,
         turn: usize,
@@ -131,7 +131,7 @@ impl Cache {
     pub fn fill(
         &mut self,
         world: &World,
-        coarse: &Coarse<'_>,
+        coarse: &Coarse,
         seen: &Seen,
         gathering: Gathering,
         look: Option<Look<'_>>,

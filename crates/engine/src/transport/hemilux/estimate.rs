@@ -1,7 +1,7 @@
 //! The picture from what the three tiers know, and how far it may be off.
 
-use super::Tiers;
 use super::cache::Bounced;
+use super::solver::Tiers;
 use crate::image::Picture;
 use crate::radiometry::Rgb;
 use rayon::prelude::*;
@@ -44,8 +44,8 @@ pub struct Errors {
 /// The picture with its estimated error; `None` of a black picture. `bounced` is the indirect
 /// irradiance of every fragment, with its variance.
 pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<Bounced>]) -> (Picture, Option<Errors>) {
-    let (seen, options) = (tiers.seen, tiers.options);
-    let (light, coarse, lights) = (&tiers.direct, &tiers.coarse, tiers.lights);
+    let (seen, options) = (&tiers.seen, tiers.options);
+    let (light, coarse, lights) = (&tiers.direct, &tiers.coarse, &*tiers.lights);
     let mut gloss = Vec::new();
     if tiers.gloss.len() > 0 {
         gloss = tiers.gloss.of_fragments(seen, options.lobe_filter);

@@ -102,14 +102,7 @@ impl Record {
     }
 
     /// Traces more rays.
-    pub fn gather(
-        &mut self,
-        world: &World,
-        coarse: &Coarse<'_>,
-        seed: Seed,
-        rays: u32,
-        afresh: bool,
-    ) {
+    pub fn gather(&mut self, world: &World, coarse: &Coarse, seed: Seed, rays: u32, afresh: bool) {
         let [tangent, bitangent] = self.tangents;
         let guide = coarse.guide.as_ref().filter(|_| rays >= AIMED);
         // Rays so far that were aimed, or would have been.

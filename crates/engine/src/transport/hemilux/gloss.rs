@@ -117,7 +117,7 @@ impl Gloss {
 
     /// Casts another pass of rays: of all lobes alike at first; later, if `adaptive`, by how much
     /// they scatter.
-    pub fn pass(&mut self, coarse: &Coarse<'_>, seen: &Seen, seed: Seed, adaptive: bool) {
+    pub fn pass(&mut self, coarse: &Coarse, seen: &Seen, seed: Seed, adaptive: bool) {
         let wanted = (adaptive && self.passes > 0).then(|| self.wanted(seen));
         let all = self.sums.par_iter_mut().zip(&seen.lobes).enumerate().with_max_len(256);
         all.for_each(|(index, (sums, lobe))| {
@@ -130,7 +130,7 @@ impl Gloss {
             let place = BAYER[(y % 4 * 4 + x % 4) as usize];
             for ray in sums.rays..sums.rays + rays {
                 let at = sequence.at(ray.wrapping_mul(16).wrapping_add(place));
-                let surface = seen.surface(coarse.world, lobe, ray);
+                let surface = seen.surface(&coarse.world, lobe, ray);
                 let viewer = seen.frame.towards_eye(surface.spot.point);
                 let through = Through { xi: at.pair(), numbers: at.afresh(), most: MOST_LOBES };
                 let (radiance, nearness) = reflected(coarse, surface, viewer, through);

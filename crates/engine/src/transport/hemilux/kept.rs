@@ -1,14 +1,14 @@
 //! What the three tiers keep. The coarse solution and the records are for any camera; direct light
 //! and lobes are of the fragments that one camera sees.
 
-use super::Tiers;
 use super::gather::{Obstacle, Record, SECTORS};
 use super::links::{COVERED, Links, MOST_LINKS, Round};
 use super::patch_light::Sampled;
+use super::solver::Tiers;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::device::{DeviceError, Sums};
 use crate::radiometry::Rgb;
-use crate::transport::kept::Parts;
+use crate::transport::checkpoints::Parts;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
@@ -48,9 +48,9 @@ struct KeptLight {
 
 impl Tiers<'_> {
     /// Writes everything.
-    pub fn save(&mut self, parts: &mut Parts, iterations: u64) -> Result<(), DeviceError> {
+    pub fn write(&mut self, parts: &mut Parts) -> Result<(), DeviceError> {
         let to = &mut parts.shared;
-        to.value([iterations.max(self.before), self.before]);
+        to.value([self.done.max(self.before), self.before]);
         to.slice(&self.coarse.sampled);
         save_links(&self.coarse.links, self.coarse.sampled.len(), to);
         let records: Vec<KeptRecord> = self.cache.records.iter().map(KeptRecord::from).collect();

@@ -61,7 +61,7 @@ impl Links {
 
     /// Traces `rays` more rays from each patch of ordinary size, fewer from smaller ones, which
     /// fewer rays meet; as long as there is room for them.
-    pub fn trace(&mut self, world: &World, coarse: &Coarse<'_>, seed: Seed, rays: u32) {
+    pub fn trace(&mut self, world: &World, coarse: &Coarse, seed: Seed, rays: u32) {
         let area = &coarse.elements.area;
         let patches = area.len();
         // Meshes of very many triangles have very many patches; the picture must not wait.

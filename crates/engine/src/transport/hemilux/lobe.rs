@@ -28,13 +28,13 @@ pub struct Through {
 /// to the lights from each lobe on its way; and 1 over the distance to what it met first, 0 where
 /// that is nothing.
 pub fn reflected(
-    coarse: &Coarse<'_>,
+    coarse: &Coarse,
     surface: Surface,
     mut viewer: Vec3,
     through: Through,
 ) -> (Rgb, f32) {
     let Through { mut xi, mut numbers, most } = through;
-    let (world, lights) = (coarse.world, coarse.lights);
+    let (world, lights) = (&*coarse.world, &*coarse.lights);
     let mut surface = surface.lobe_only();
     let (mut sum, mut carried, mut nearness) = (Rgb::ZERO, Rgb::ONE, 0.0);
     for lobe in 1.. {

@@ -41,9 +41,9 @@ const MOST_LOBES: u32 = 2;
 const MOST_CHANGE: f32 = 2.5;
 
 /// The coarse solution.
-pub struct Coarse<'a> {
-    pub(super) world: &'a World,
-    pub(super) lights: &'a Lights,
+pub struct Coarse {
+    pub(super) world: Arc<World>,
+    pub(super) lights: Arc<Lights>,
     /// The mesh.
     pub scene: Arc<PatchedScene>,
     reconstruction: Reconstruction,
@@ -79,11 +79,11 @@ struct Values {
     vertices: Vec<Rgb>,
 }
 
-impl<'a> Coarse<'a> {
+impl Coarse {
     /// Lights the patches directly, by `points` points each, unless `sampled` already says how.
     pub fn new(
-        world: &'a World,
-        lights: &'a Lights,
+        world: Arc<World>,
+        lights: Arc<Lights>,
         scene: Arc<PatchedScene>,
         elements: Elements,
         points: u32,
@@ -144,7 +144,7 @@ impl<'a> Coarse<'a> {
 
     /// Lights more points of each element.
     fn light(&mut self, seed: Seed, points: u32) {
-        let (world, lights) = (self.world, self.lights);
+        let (world, lights) = (&*self.world, &*self.lights);
         let (scene, elements) = (&self.scene, &self.elements);
         self.sampled.par_iter_mut().enumerate().with_max_len(256).for_each(|(element, sampled)| {
             sampled.add(world, lights, scene, elements, element, points, seed);
@@ -188,7 +188,7 @@ impl<'a> Coarse<'a> {
             self.look();
         }
         let mut links = std::mem::take(&mut self.links);
-        links.trace(self.world, self, seed, rays);
+        links.trace(&self.world, self, seed, rays);
         links.solve(&self.elements.albedo, &self.direct);
         self.links = links;
         self.refresh();
@@ -243,7 +243,7 @@ impl<'a> Coarse<'a> {
             importance(*albedo * self.both.patches[patch as usize].max(Rgb::ZERO))
         });
         let radiosity: Vec<f32> = radiosity.collect();
-        self.guide = Guide::new(self.world, &self.scene, &self.elements, &self.links, &radiosity);
+        self.guide = Guide::new(&self.world, &self.scene, &self.elements, &self.links, &radiosity);
     }
 
     /// The patch at a hit; `None` at a black back.

@@ -1,10 +1,9 @@
-use super::Hemilux;
 use crate::device::cpu::CpuDevice;
 use crate::image::Picture;
 use crate::render::{CameraChoice, Limits, RenderRequest, Unobserved};
 use crate::scene::gltf::{ImportLimits, Resources, import};
 use crate::scene::made;
-use crate::transport::Method;
+use crate::transport::render;
 use std::sync::Arc;
 
 fn picture(glb: &[u8], threads: usize, seed: u64, solver: &str) -> Picture {
@@ -28,9 +27,7 @@ fn lit_picture(glb: &[u8], threads: usize, seed: u64, solver: &str, brightness: 
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let mut device = CpuDevice::new(Some(threads)).unwrap();
-    let rendered = pool
-        .install(|| Hemilux.render(&mut device, &request, Vec::new(), &mut Unobserved))
-        .unwrap();
+    let rendered = pool.install(|| render(&mut device, &request, &mut Unobserved)).unwrap();
     rendered.picture
 }
 

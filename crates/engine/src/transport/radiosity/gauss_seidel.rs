@@ -1,28 +1,28 @@
-//! The full matrix of form factors, row by row from hemicubes, and Gauss–Seidel iteration
-//! (Rogers §5-17: the matrix is strictly diagonally dominant, so it converges).
+//! The full matrix of form factors and Gauss–Seidel iteration (Rogers §5-17: the matrix is strictly
+//! diagonally dominant, so it converges).
 
-use super::{Point, diffuse_stage, shot_from, solution};
+use super::diffuse::{cut_diffuse, solution};
+use super::form_factor_matrix::{FormFactorMatrix, matrix_bytes};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
-use crate::device::{Device, DeviceError, Shooting, ShootingSettings, Tally, free_memory};
-use crate::hemicube::Shot;
+use crate::device::{Device, DeviceError, Shooting, ShootingSettings};
+use crate::image::Picture;
 use crate::measurement::Measurement;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
-use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
-use crate::transport::Method;
-use crate::transport::kept::Past;
-use crate::transport::options::Settings;
+use crate::render::{RenderError, StopReason};
+use crate::transport::checkpoints::Parts;
+use crate::transport::job::Job;
 use crate::transport::run::Run;
-use crate::transport::stage::Asked;
+use crate::transport::solver::{Estimate, Extent, Method, Solver, patched_bytes};
 use glam::DVec3;
-use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// A sweep that changes no radiance by more than this share of the largest ends the iteration.
 const CONVERGED: f64 = 1e-9;
-/// Hemicubes that are asked of the device at a time.
-const TOGETHER: usize = 64;
+/// Share of the work that is done once the matrix is there.
+const MATRIX_SHARE: f64 = 0.98;
 
 /// Solves the whole system: memory and hemicubes grow with the square of the patches.
 pub struct GaussSeidel;
@@ -40,213 +40,132 @@ impl Method for GaussSeidel {
         "full-matrix radiosity by Gauss–Seidel iteration, diffuse"
     }
 
-    fn render(
+    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
+        let patches = extent.settings.mesh()?.patches as u64;
+        let matrix = matrix_bytes(patches.max(extent.triangles));
+        Ok(patched_bytes(extent)?.saturating_add(matrix))
+    }
+
+    fn begin<'a>(
         &self,
-        device: &mut dyn Device,
-        request: &RenderRequest,
-        reasons: Vec<String>,
-        observer: &mut dyn Observer,
-    ) -> Result<Rendered, RenderError> {
-        let settings = Settings::new(&request.options)?;
-        let options = settings.radiosity()?;
-        let mut past = Past::of(request, self.name(), &settings)?;
-        let asked = Asked { method: self.name(), reasons, request, settings: &settings };
-        let stage = diffuse_stage(asked, device, observer)?;
-        let mut run = stage.run(request, observer);
-        run.without_estimate = true;
-        let scene = stage.scene.clone();
-        if !scene.patches.any_light() {
-            let black = (stage.black(), StopReason::NoLight);
-            return Ok(stage.rendered(run, black, BTreeMap::new()));
-        }
-        let measurement = stage.measurement();
-        let shooting = ShootingSettings { seed: request.seed, ..options.shooting };
-        let mut matrix = FormFactors::reserve(&scene)?;
-        let mut shooter = device.begin(scene.clone(), &shooting)?;
-        let points = options.points;
-        if let Some(past) = &mut past {
+        job: &mut Job<'a>,
+        device: &'a mut dyn Device,
+    ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
+        let options = job.settings.radiosity()?;
+        job.run.standing.without_estimate = true;
+        let Some(scene) = cut_diffuse(job, device)? else { return Ok(None) };
+        let measurement = job.measurement(&scene)?;
+        let settings = ShootingSettings { seed: job.request.seed, ..options.shooting };
+        let mut matrix = FormFactorMatrix::reserve(&scene)?;
+        let shooter = device.begin(scene.clone(), &settings)?;
+        let mut balance = Balance::new(&scene.patches.emission, &scene.patches.diffuse);
+        if let Some(mut past) = job.past.take() {
             matrix.restore(&mut past.shared)?;
-        }
-        let result = match matrix.fill(&scene, &shooting, points, &mut *shooter, &mut run)? {
-            // Without all rows nothing can be solved: the emission is all there is to see.
-            Some(reason) => {
-                run.keep_solution(|parts| matrix.save(&mut parts.shared))?;
-                let dark = vec![Rgb::ZERO; scene.patches.len()];
-                (measurement.picture(&solution(&dark)), reason)
+            match matrix.is_full() {
+                true => balance.restore(past.shared)?,
+                false => past.shared.end()?,
             }
-            None => {
-                let emission = &scene.patches.emission;
-                let mut balance = Balance::new(&matrix, emission, &scene.patches.diffuse);
-                if let Some(past) = past {
-                    balance.restore(past.shared)?;
-                }
-                sweep(&scene, balance, &measurement, &mut run)?
-            }
-        };
-        let mut diagnostics = matrix.diagnostics(&scene);
-        diagnostics.insert("matrix_bytes".into(), (4 * matrix.values.len()) as f64);
-        Ok(stage.rendered(run, result, diagnostics))
-    }
-}
-
-/// Bytes of the form factors between so many patches.
-pub fn matrix_bytes(patches: u64) -> u64 {
-    patches.saturating_mul(patches).saturating_mul(size_of::<f32>() as u64)
-}
-
-/// F_ij, row by row.
-pub struct FormFactors {
-    count: usize,
-    rows: usize,
-    values: Vec<f32>,
-}
-
-impl FormFactors {
-    /// Room for the matrix, if the machine has it.
-    fn reserve(scene: &PatchedScene) -> Result<Self, DeviceError> {
-        let count = scene.patches.len();
-        let needed_bytes = matrix_bytes(count as u64);
-        let available_bytes = free_memory();
-        let mut values = Vec::new();
-        let fits =
-            needed_bytes <= available_bytes && values.try_reserve_exact(count * count).is_ok();
-        if !fits {
-            let device = "gauss-seidel".into();
-            return Err(DeviceError::OutOfMemory { device, needed_bytes, available_bytes });
         }
-        Ok(Self { count, rows: 0, values })
+        let points = options.points as usize;
+        Ok(Some(Box::new(Full { scene, measurement, settings, points, shooter, matrix, balance })))
     }
+}
 
-    /// Writes the rows that there are.
-    fn save(&self, to: &mut Writer) -> Result<(), DeviceError> {
-        to.value(self.rows as u64);
-        to.slice(&self.values);
-        Ok(())
-    }
+/// The system at work: the matrix in the making, and its balance once it is there.
+struct Full<'a> {
+    scene: Arc<PatchedScene>,
+    measurement: Measurement,
+    settings: ShootingSettings,
+    /// Hemicubes whose mean is a row.
+    points: usize,
+    shooter: Box<dyn Shooting + 'a>,
+    matrix: FormFactorMatrix,
+    balance: Balance,
+}
 
-    /// Takes what [`FormFactors::save`] wrote of the same scene.
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
-        self.rows = from.count(self.count as u64)? as usize;
-        self.values.extend(from.exactly::<f32>(self.rows * self.count)?);
-        Ok(())
-    }
-
-    /// Fills all rows, each the mean of `points` hemicubes on its patch. Why not, if it had to
-    /// stop.
-    fn fill(
-        &mut self,
-        scene: &PatchedScene,
-        settings: &ShootingSettings,
-        points: u32,
-        shooter: &mut dyn Shooting,
-        run: &mut Run<'_>,
-    ) -> Result<Option<StopReason>, DeviceError> {
-        let points = points as usize;
-        let rows_together = (TOGETHER / points).max(1);
-        while self.rows < self.count {
+impl Solver for Full<'_> {
+    /// Some rows of the matrix, or a sweep; one follows the last row at once. Without all rows
+    /// nothing can be solved: the emission is all there is to see.
+    fn advance(&mut self, run: &mut Run<'_>) -> Result<Option<StopReason>, RenderError> {
+        if !self.matrix.is_full() {
             if let Some(reason) = run.stop_early() {
                 return Ok(Some(reason));
             }
-            let rows = self.rows..(self.rows + rows_together).min(self.count);
-            let point = |k: usize| match points {
-                1 => Point::Centroid,
-                _ => Point::Spread(k as u64),
-            };
-            let shots: Vec<Shot> = rows
-                .clone()
-                .flat_map(|i| (0..points).map(move |k| (i, k)))
-                .map(|(i, k)| shot_from(scene, settings, i, &point(k)))
-                .collect();
-            for row in shooter.form_factors(&shots)?.chunks(points) {
-                let start = self.values.len();
-                self.values.extend_from_slice(&row[0]);
-                for more in &row[1..] {
-                    self.values[start..].iter_mut().zip(more).for_each(|(sum, f)| *sum += f);
-                }
-                self.values[start..].iter_mut().for_each(|f| *f /= points as f32);
+            let (scene, settings) = (&self.scene, &self.settings);
+            run.standing.tally +=
+                self.matrix.fill(scene, settings, self.points, &mut *self.shooter)?;
+            run.standing.known_fraction = Some(MATRIX_SHARE * self.matrix.share());
+            if !self.matrix.is_full() {
+                return Ok(None);
             }
-            self.rows = rows.end;
-            let lights = shots.iter().filter(|shot| scene.patches.emits(shot.patch as usize));
-            run.tally += Tally {
-                iterations: 0,
-                shots: shots.len() as u64,
-                light_shots: lights.count() as u64,
-            };
-            run.known_fraction = Some(0.98 * self.rows as f64 / self.count as f64);
-            if run.report_is_due() {
-                run.report_progress();
-            }
-            run.keep_if_wanted(|parts| self.save(&mut parts.shared))?;
         }
+        self.balance.sweep(&self.matrix);
+        run.standing.tally.iterations += 1;
         Ok(None)
     }
 
-    /// Row i: F_ij for all j.
-    fn row(&self, i: usize) -> &[f32] {
-        &self.values[i * self.count..(i + 1) * self.count]
+    fn finished(&self) -> Option<StopReason> {
+        self.balance.settled.then_some(StopReason::Converged)
     }
 
-    /// Closure |Σ_j F_ij − 1| (mean and largest over the rows) and the violation of reciprocity,
-    /// Σ|A_i F_ij − A_j F_ji|/Σ A_i F_ij.
-    fn diagnostics(&self, scene: &PatchedScene) -> BTreeMap<String, f64> {
-        if self.rows < self.count {
-            return BTreeMap::new();
+    fn is_visible(&self) -> bool {
+        self.matrix.is_full()
+    }
+
+    fn estimate(&mut self) -> Estimate {
+        Estimate::Never
+    }
+
+    fn picture(&mut self) -> Picture {
+        self.measurement.picture(&solution(&self.balance.irradiance))
+    }
+
+    fn save(&mut self, parts: &mut Parts) -> Result<(), DeviceError> {
+        self.matrix.save(&mut parts.shared)?;
+        if self.matrix.is_full() {
+            self.balance.save(&mut parts.shared);
         }
-        let areas = &scene.patches.area;
-        let area = |i: usize| f64::from(areas[i]);
-        let (open, widest, asymmetry, exchanged) = (0..self.count)
-            .into_par_iter()
-            .map(|i| {
-                let sum: f64 = self.row(i).iter().map(|f| f64::from(*f)).sum();
-                let (mut asymmetry, mut exchanged) = (0.0, 0.0);
-                for (j, f) in self.row(i).iter().enumerate() {
-                    let there = area(i) * f64::from(*f);
-                    let back = area(j) * f64::from(self.values[j * self.count + i]);
-                    asymmetry += (there - back).abs();
-                    exchanged += there;
-                }
-                ((sum - 1.0).abs(), (sum - 1.0).abs(), asymmetry, exchanged)
-            })
-            .reduce(
-                || (0.0, 0.0, 0.0, 0.0),
-                |a, b| (a.0 + b.0, f64::max(a.1, b.1), a.2 + b.2, a.3 + b.3),
-            );
-        BTreeMap::from([
-            ("closure_mean".into(), open / self.count as f64),
-            ("closure_largest".into(), widest),
-            ("reciprocity".into(), asymmetry / exchanged.max(f64::MIN_POSITIVE)),
-        ])
+        Ok(())
+    }
+
+    fn irradiance(&self) -> Option<(Arc<PatchedScene>, Vec<Rgb>)> {
+        self.matrix.is_full().then(|| (self.scene.clone(), self.balance.irradiance.clone()))
+    }
+
+    fn diagnostics(&self, _run: &Run<'_>) -> BTreeMap<String, f64> {
+        let mut figures = self.matrix.diagnostics(&self.scene);
+        figures.insert("matrix_bytes".into(), self.matrix.bytes() as f64);
+        figures
     }
 }
 
 /// Radiance and irradiance while L_i = L^e_i + ρ_i Σ_j F_ij L_j is swept.
-struct Balance<'a> {
-    matrix: &'a FormFactors,
+struct Balance {
     emission: Vec<DVec3>,
     albedo: Vec<DVec3>,
     radiance: Vec<DVec3>,
     irradiance: Vec<Rgb>,
+    /// Whether the last sweep changed next to nothing.
+    settled: bool,
 }
 
-impl<'a> Balance<'a> {
-    fn new(matrix: &'a FormFactors, emission: &[Rgb], albedo: &[Rgb]) -> Self {
+impl Balance {
+    fn new(emission: &[Rgb], albedo: &[Rgb]) -> Self {
         let doubles = |values: &[Rgb]| values.iter().map(|v| v.as_dvec3()).collect::<Vec<_>>();
         let emission = doubles(emission);
         Self {
-            matrix,
             radiance: emission.clone(),
             irradiance: vec![Rgb::ZERO; emission.len()],
             albedo: doubles(albedo),
             emission,
+            settled: false,
         }
     }
 
-    /// Writes the matrix, and where the sweeps are.
-    fn save(&self, to: &mut Writer) -> Result<(), DeviceError> {
-        self.matrix.save(to)?;
+    /// Writes where the sweeps are.
+    fn save(&self, to: &mut Writer) {
         to.slice(&self.radiance);
         to.slice(&self.irradiance);
-        Ok(())
     }
 
     /// Goes on with sweeps behind a restored matrix, where there were any.
@@ -258,12 +177,12 @@ impl<'a> Balance<'a> {
         from.end()
     }
 
-    /// One sweep in place; whether nothing changes any more.
-    fn sweep(&mut self) -> bool {
+    /// One sweep in place.
+    fn sweep(&mut self, matrix: &FormFactorMatrix) {
         let (mut change, mut largest) = (0f64, 0f64);
         for i in 0..self.emission.len() {
             let mut incident = DVec3::ZERO;
-            for (f, radiance) in self.matrix.row(i).iter().zip(&self.radiance) {
+            for (f, radiance) in matrix.row(i).iter().zip(&self.radiance) {
                 incident += *radiance * f64::from(*f);
             }
             let next = self.emission[i] + self.albedo[i] * incident;
@@ -272,39 +191,8 @@ impl<'a> Balance<'a> {
             self.radiance[i] = next;
             self.irradiance[i] = (incident * PI).as_vec3();
         }
-        change <= CONVERGED * largest
+        self.settled = change <= CONVERGED * largest;
     }
-}
-
-/// Sweeps until nothing changes any more.
-fn sweep(
-    scene: &PatchedScene,
-    mut balance: Balance<'_>,
-    measurement: &Measurement,
-    run: &mut Run<'_>,
-) -> Result<(crate::image::Picture, StopReason), DeviceError> {
-    let stopped = loop {
-        // At least one, but none beyond the limit of a run that goes on.
-        if run.tally.iterations > 0
-            && let Some(reason) = run.stop()
-        {
-            break reason;
-        }
-        let settled = balance.sweep();
-        run.tally.iterations += 1;
-        if settled {
-            break StopReason::Converged;
-        }
-        if run.report_is_due() {
-            run.report(true, || measurement.picture(&solution(&balance.irradiance)));
-        }
-        run.keep_if_wanted(|parts| balance.save(&mut parts.shared))?;
-    };
-    run.known_fraction = Some(1.0);
-    run.keep_solution(|parts| balance.save(&mut parts.shared))?;
-    let picture = measurement.picture(&solution(&balance.irradiance));
-    run.bake(scene, || balance.irradiance);
-    Ok((picture, stopped))
 }
 
 #[cfg(test)]
@@ -348,14 +236,18 @@ mod tests {
             let sum: f32 = row.iter().sum();
             values.extend(row.iter().map(|f| 0.95 * f / sum));
         }
-        let matrix = FormFactors { count, rows: count, values };
+        let matrix = FormFactorMatrix::of_values(count, values);
         let colour = |k: usize, scale: f32| {
             Rgb::new(draw(10_000 + k), draw(20_000 + k), draw(30_000 + k)) * scale
         };
         let emission: Vec<Rgb> = (0..count).map(|i| colour(i, 5.0)).collect();
         let albedo: Vec<Rgb> = (0..count).map(|i| colour(count + i, 0.9)).collect();
-        let mut balance = Balance::new(&matrix, &emission, &albedo);
-        let sweeps = (1..1000).find(|_| balance.sweep()).expect("settles");
+        let mut balance = Balance::new(&emission, &albedo);
+        let mut settles = |_: &u32| {
+            balance.sweep(&matrix);
+            balance.settled
+        };
+        let sweeps = (1..1000).find(&mut settles).expect("settles");
         assert!(sweeps < 60, "{sweeps} sweeps");
         for channel in 0..3 {
             let row = |i: usize| {

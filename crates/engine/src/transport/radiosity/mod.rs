@@ -1,124 +1,12 @@
 //! Radiosity: the diffuse balance B_i = E_i + ρ_i Σ_j F_ij B_j (Rogers §5-17), solved in three
 //! classic ways from the same hemicubes. All in radiance, L = B/π.
 
+mod diffuse;
+mod form_factor_matrix;
 mod gauss_seidel;
 mod monte_carlo;
 mod progressive;
 
-pub use gauss_seidel::{GaussSeidel, matrix_bytes};
+pub use gauss_seidel::GaussSeidel;
 pub use monte_carlo::MonteCarlo;
 pub use progressive::Progressive;
-
-use super::stage::{Asked, Stage};
-use crate::device::{Device, ShootingSettings};
-use crate::hemicube::{Shot, frame};
-use crate::measurement::Solution;
-use crate::patches::PatchedScene;
-use crate::radiometry::{Rgb, importance};
-use crate::random::{Stream, uniform};
-use crate::render::{Observer, RenderError};
-use crate::scene::{Material, Scene, Warning};
-use glam::Vec2;
-use std::f32::consts::{PI, TAU};
-use std::sync::Arc;
-
-/// Sets up a method that knows diffuse reflection only.
-fn diffuse_stage(
-    asked: Asked<'_>,
-    device: &dyn Device,
-    observer: &mut dyn Observer,
-) -> Result<Stage, RenderError> {
-    let (scene, warnings) = diffuse_scene(&asked.request.scene);
-    let description = device.description();
-    let warn = |_: &PatchedScene| warnings;
-    Stage::new(asked, scene, description, warn, observer)
-}
-
-/// The scene with every glossy material made Lambertian in its base colour, and a warning for
-/// each.
-fn diffuse_scene(scene: &Arc<Scene>) -> (Arc<Scene>, Vec<Warning>) {
-    let glossy = |material: &Material| material.reflectance(Rgb::ONE).is_glossy();
-    if !scene.materials.iter().any(glossy) {
-        return (scene.clone(), Vec::new());
-    }
-    let mut warnings = Vec::new();
-    let mut diffuse = Scene::clone(scene);
-    for (index, material) in diffuse.materials.iter_mut().enumerate() {
-        if glossy(material) {
-            let name = &material.name;
-            warnings.push(Warning::new(
-                format!("materials[{index}]"),
-                format!("{name:?} is glossy; this method shows it as diffuse in its base colour"),
-            ));
-            (material.metallic, material.specular_factor) = (0.0, 0.0);
-        }
-    }
-    (Arc::new(diffuse), warnings)
-}
-
-/// A point for a hemicube on a patch.
-enum Point {
-    /// The centroid, without azimuth or jitter.
-    Centroid,
-    /// The given number of a sequence that is well spread over the patch, shifted by the seed.
-    Spread(u64),
-    /// Uniformly random with random azimuth and jitter, by the number of the shot.
-    Random(u64),
-}
-
-/// A hemicube that stands on a patch and sends unit radiance.
-fn shot_from(
-    scene: &PatchedScene,
-    settings: &ShootingSettings,
-    patch: usize,
-    point: &Point,
-) -> Shot {
-    let normal = scene.patches.normal[patch];
-    let draw = |stream, counter| uniform(settings.seed, stream, counter);
-    let (position, azimuth, jitter) = match point {
-        Point::Centroid => (scene.patches.centroid[patch], 0.0, Vec2::ZERO),
-        Point::Spread(number) => {
-            let shift = Vec2::new(draw(Stream::PointU, 0), draw(Stream::PointV, 0));
-            // The additive recurrence of the plastic number.
-            let xi = (shift + Vec2::new(0.754_877_7, 0.569_840_3) * *number as f32).fract();
-            let turn = (*number as f32 * 0.618_034).fract();
-            (scene.point_on_patch(patch as u32, xi), TAU * turn, Vec2::ZERO)
-        }
-        Point::Random(counter) => {
-            let xi = Vec2::new(draw(Stream::PointU, *counter), draw(Stream::PointV, *counter));
-            let jitter =
-                Vec2::new(draw(Stream::JitterX, *counter), draw(Stream::JitterY, *counter)) - 0.5;
-            let azimuth = TAU * draw(Stream::Azimuth, *counter);
-            (scene.point_on_patch(patch as u32, xi), azimuth, jitter)
-        }
-    };
-    let (tangent, bitangent) = frame(normal, azimuth);
-    Shot { patch: patch as u32, position, tangent, bitangent, normal, jitter, ..Shot::default() }
-}
-
-/// Adds the irradiance that a patch's radiance causes by its form factors Σ ΔF:
-/// E_i += π·L_j·A_j/A_i·ΣΔF_i.
-fn add_irradiance(
-    scene: &PatchedScene,
-    irradiance: &mut [Rgb],
-    patch: usize,
-    radiance: Rgb,
-    form_factors: &[f32],
-) {
-    let areas = &scene.patches.area;
-    let power = radiance * (PI * areas[patch]);
-    for ((total, form_factor), area) in irradiance.iter_mut().zip(form_factors).zip(areas) {
-        if *form_factor > 0.0 {
-            *total += power * (form_factor / area);
-        }
-    }
-}
-
-/// Importance of the power that a patch of this radiance sends.
-fn power(scene: &PatchedScene, patch: usize, radiance: Rgb) -> f32 {
-    importance(PI * scene.patches.area[patch] * radiance)
-}
-
-fn solution(irradiance: &[Rgb]) -> Solution {
-    Solution { irradiance: irradiance.to_vec(), glossy: Vec::new() }
-}

@@ -1,19 +1,20 @@
 //! Monte-Carlo radiosity (Neumann et al. 1995; Antal §1): bounce by bounce, random patches shoot
 //! what they hold over the probability of being picked, in place of all the others.
 
-use super::{Point, add_irradiance, diffuse_stage, power, shot_from};
-use crate::checkpoint::CheckpointError;
+use super::diffuse::{Point, add_irradiance, cut_diffuse, power, shot_from, total_power};
+use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::device::{Device, DeviceError, Shooting, ShootingSettings, Sums, Tally};
+use crate::image::Picture;
+use crate::measurement::{Measurement, VertexWeights};
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::random::{Stream, uniform};
-use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
-use crate::transport::Method;
+use crate::render::{RenderError, StopReason};
 use crate::transport::batches::Batches;
-use crate::transport::kept::{Parts, Past};
-use crate::transport::options::Settings;
-use crate::transport::stage::Asked;
-use std::collections::BTreeMap;
+use crate::transport::checkpoints::{Parts, Past};
+use crate::transport::job::Job;
+use crate::transport::run::Run;
+use crate::transport::solver::{Estimate, Extent, Method, Solver, patched_bytes};
 use std::f32::consts::PI;
 use std::sync::Arc;
 
@@ -39,91 +40,118 @@ impl Method for MonteCarlo {
         "Monte-Carlo radiosity, bounce by bounce, diffuse"
     }
 
-    fn render(
+    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
+        patched_bytes(extent)
+    }
+
+    fn begin<'a>(
         &self,
-        device: &mut dyn Device,
-        request: &RenderRequest,
-        reasons: Vec<String>,
-        observer: &mut dyn Observer,
-    ) -> Result<Rendered, RenderError> {
-        let settings = Settings::new(&request.options)?;
-        let options = settings.radiosity()?;
-        let past = Past::of(request, self.name(), &settings)?;
-        let asked = Asked { method: self.name(), reasons, request, settings: &settings };
-        let stage = diffuse_stage(asked, device, observer)?;
-        let mut run = stage.run(request, observer);
-        let scene = stage.scene.clone();
-        if !scene.patches.any_light() {
-            let black = (stage.black(), StopReason::NoLight);
-            return Ok(stage.rendered(run, black, BTreeMap::new()));
-        }
-        let measurement = stage.measurement();
-        let weights = measurement.vertex_weights();
-        let shooting = ShootingSettings { seed: request.seed, ..options.shooting };
-        let mut shooter = device.begin(scene.clone(), &shooting)?;
-        let mut batches = Batches::new(0);
-        let mut pass = Pass { scene: scene.clone(), settings: shooting, tally: Tally::default() };
-        // Another camera's passes are in the mean, but they are not this run's.
-        let mut earlier = Tally::default();
-        if let Some(mut past) = past {
-            let tally = |[iterations, shots, light_shots]: [u64; 3]| Tally {
-                iterations,
-                shots,
-                light_shots,
-            };
-            pass.tally = tally(past.shared.value()?);
-            earlier = tally(past.shared.value()?);
-            if past.bound.is_none() {
-                earlier = pass.tally;
-            }
-            if earlier.iterations > pass.tally.iterations {
-                return Err(
-                    CheckpointError::damaged("it has fewer passes than it began with").into()
-                );
-            }
-            batches.restore(&mut past.shared, scene.patches.len())?;
-            past.shared.end()?;
-        }
-        let save = |parts: &mut Parts, tally: Tally, batches: &Batches| {
-            for Tally { iterations, shots, light_shots } in [tally, earlier] {
-                parts.shared.value([iterations, shots, light_shots]);
-            }
-            batches.save(&mut parts.shared);
-            Ok(())
+        job: &mut Job<'a>,
+        device: &'a mut dyn Device,
+    ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
+        let options = job.settings.radiosity()?;
+        let Some(scene) = cut_diffuse(job, device)? else { return Ok(None) };
+        let measurement = job.measurement(&scene)?;
+        let settings = ShootingSettings { seed: job.request.seed, ..options.shooting };
+        let mut solver = Passes {
+            weights: measurement.vertex_weights(),
+            measurement,
+            shooter: device.begin(scene.clone(), &settings)?,
+            batches: Batches::new(0),
+            pass: Pass { scene, settings, tally: Tally::default() },
+            earlier: Tally::default(),
+            whole: Tally::default(),
         };
-        // A pass that is given up leaves its shots in the count: it is begun again from here.
-        let mut kept = pass.tally;
-        run.estimated_error = batches.relative_error(&measurement, &weights);
-        let stopped = loop {
-            if let Some(reason) = run.stop() {
-                break reason;
-            }
-            let irradiance = pass.shoot(&mut *shooter, || run.stop_early().is_some())?;
-            let Some(irradiance) = irradiance else {
-                break run.stop_early().unwrap_or(StopReason::TimeBudget);
-            };
-            run.tally = Tally {
-                iterations: pass.tally.iterations.saturating_sub(earlier.iterations),
-                shots: pass.tally.shots.saturating_sub(earlier.shots),
-                light_shots: pass.tally.light_shots.saturating_sub(earlier.light_shots),
-            };
-            batches.add(Sums { iterations: 1, irradiance, glossy: Vec::new() });
-            kept = pass.tally;
-            if run.report_is_due() {
-                run.estimated_error = batches.relative_error(&measurement, &weights);
-                run.without_estimate = run.estimated_error.is_none() && batches.enough();
-                run.report(true, || measurement.picture(&batches.mean()));
-            }
-            run.keep_if_wanted(|parts| save(parts, kept, &batches))?;
-        };
-        run.keep_solution(|parts| save(parts, kept, &batches))?;
-        run.estimated_error = batches.relative_error(&measurement, &weights);
-        let mean = batches.mean();
-        let picture = measurement.picture(&mean);
-        if batches.any() {
-            run.bake(&scene, || mean.irradiance);
+        if let Some(past) = job.past.take() {
+            solver.restore(past)?;
+            job.run.standing.estimated_error = solver.estimated_error();
         }
-        Ok(stage.rendered(run, (picture, stopped), BTreeMap::new()))
+        Ok(Some(Box::new(solver)))
+    }
+}
+
+/// The passes at work.
+struct Passes<'a> {
+    measurement: Measurement,
+    weights: VertexWeights,
+    shooter: Box<dyn Shooting + 'a>,
+    batches: Batches,
+    pass: Pass,
+    /// What was done for another camera's picture: it is in the mean, but it is not this run's.
+    earlier: Tally,
+    /// What the whole passes took. One that is given up leaves its shots in the count of
+    /// [`Pass`], and is begun again from here.
+    whole: Tally,
+}
+
+impl Passes<'_> {
+    /// Goes on from what [`Solver::save`] wrote.
+    fn restore(&mut self, mut past: Past<'_>) -> Result<(), CheckpointError> {
+        self.pass.tally = restored_tally(&mut past.shared)?;
+        self.earlier = restored_tally(&mut past.shared)?;
+        self.whole = self.pass.tally;
+        if past.bound.is_none() {
+            self.earlier = self.whole;
+        }
+        if self.earlier.iterations > self.whole.iterations {
+            return Err(CheckpointError::damaged("it has fewer passes than it began with"));
+        }
+        self.batches.restore(&mut past.shared, self.pass.scene.patches.len())?;
+        past.shared.end()
+    }
+
+    fn estimated_error(&self) -> Option<f64> {
+        self.batches.relative_error(&self.measurement, &self.weights)
+    }
+}
+
+fn save_tally(tally: Tally, to: &mut Writer) {
+    to.value([tally.iterations, tally.shots, tally.light_shots]);
+}
+
+fn restored_tally(from: &mut Reader<'_>) -> Result<Tally, CheckpointError> {
+    let [iterations, shots, light_shots] = from.value()?;
+    Ok(Tally { iterations, shots, light_shots })
+}
+
+impl Solver for Passes<'_> {
+    fn advance(&mut self, run: &mut Run<'_>) -> Result<Option<StopReason>, RenderError> {
+        let irradiance = self.pass.shoot(&mut *self.shooter, || run.stop_early().is_some())?;
+        let Some(irradiance) = irradiance else {
+            return Ok(Some(run.stop_early().unwrap_or(StopReason::TimeBudget)));
+        };
+        self.batches.add(Sums { iterations: 1, irradiance, glossy: Vec::new() });
+        self.whole = self.pass.tally;
+        run.standing.tally = Tally {
+            iterations: self.whole.iterations.saturating_sub(self.earlier.iterations),
+            shots: self.whole.shots.saturating_sub(self.earlier.shots),
+            light_shots: self.whole.light_shots.saturating_sub(self.earlier.light_shots),
+        };
+        Ok(None)
+    }
+
+    fn is_visible(&self) -> bool {
+        self.batches.any()
+    }
+
+    fn estimate(&mut self) -> Estimate {
+        Estimate::of_batches(self.estimated_error(), self.batches.enough())
+    }
+
+    fn picture(&mut self) -> Picture {
+        self.measurement.picture(&self.batches.mean())
+    }
+
+    fn save(&mut self, parts: &mut Parts) -> Result<(), DeviceError> {
+        save_tally(self.whole, &mut parts.shared);
+        save_tally(self.earlier, &mut parts.shared);
+        self.batches.save(&mut parts.shared);
+        Ok(())
+    }
+
+    fn irradiance(&self) -> Option<(Arc<PatchedScene>, Vec<Rgb>)> {
+        let any = self.batches.any();
+        any.then(|| (self.pass.scene.clone(), self.batches.mean().irradiance))
     }
 }
 
@@ -217,8 +245,4 @@ impl Pass {
         self.tally.shots += u64::from(count);
         Ok(())
     }
-}
-
-fn total_power(scene: &PatchedScene, radiance: &[Rgb]) -> f64 {
-    radiance.iter().enumerate().map(|(i, l)| f64::from(power(scene, i, *l))).sum()
 }

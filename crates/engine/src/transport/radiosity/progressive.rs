@@ -1,16 +1,20 @@
 //! Progressive refinement (Southwell iteration; Cohen et al. 1988): always shoot from where most
 //! light waits to be shot.
 
-use super::{Point, add_irradiance, diffuse_stage, power, shot_from, solution};
-use crate::device::{Device, ShootingSettings, Tally};
+use super::diffuse::{Point, add_irradiance, cut_diffuse, power, shot_from, solution, total_power};
+use crate::device::{Device, DeviceError, Shooting, ShootingSettings, Tally};
+use crate::image::Picture;
+use crate::measurement::Measurement;
+use crate::patches::PatchedScene;
 use crate::radiometry::{Rgb, importance};
-use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
-use crate::transport::Method;
-use crate::transport::kept::{Parts, Past};
-use crate::transport::options::Settings;
-use crate::transport::stage::Asked;
+use crate::render::{RenderError, StopReason};
+use crate::transport::checkpoints::Parts;
+use crate::transport::job::Job;
+use crate::transport::run::Run;
+use crate::transport::solver::{Estimate, Extent, Method, Solver, patched_bytes};
 use std::collections::BTreeMap;
 use std::f32::consts::PI;
+use std::sync::Arc;
 
 /// Stops when this share of the emitted power is left to be shot.
 const REST: f64 = 1e-5;
@@ -32,105 +36,144 @@ impl Method for Progressive {
         "progressive refinement radiosity with an ambient term, diffuse"
     }
 
-    fn render(
-        &self,
-        device: &mut dyn Device,
-        request: &RenderRequest,
-        reasons: Vec<String>,
-        observer: &mut dyn Observer,
-    ) -> Result<Rendered, RenderError> {
-        let settings = Settings::new(&request.options)?;
-        let options = settings.radiosity()?;
-        let past = Past::of(request, self.name(), &settings)?;
-        let asked = Asked { method: self.name(), reasons, request, settings: &settings };
-        let stage = diffuse_stage(asked, device, observer)?;
-        let mut run = stage.run(request, observer);
-        run.without_estimate = true;
-        let scene = stage.scene.clone();
-        let patches = &scene.patches;
-        if !patches.any_light() {
-            let black = (stage.black(), StopReason::NoLight);
-            return Ok(stage.rendered(run, black, BTreeMap::new()));
-        }
-        let measurement = stage.measurement();
-        let shooting = ShootingSettings { seed: request.seed, ..options.shooting };
-        let together = shooting.shots_per_iteration as usize;
-        let mut shooter = device.begin(scene.clone(), &shooting)?;
+    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
+        patched_bytes(extent)
+    }
 
-        let mut irradiance = vec![Rgb::ZERO; patches.len()];
-        let mut unshot = patches.emission.clone();
-        let emitted: f64 = (0..patches.len()).map(|i| f64::from(power(&scene, i, unshot[i]))).sum();
-        let mut gained = vec![Rgb::ZERO; patches.len()];
-        if let Some(mut past) = past {
-            past.shared.replace(&mut irradiance)?;
-            past.shared.replace(&mut unshot)?;
+    fn begin<'a>(
+        &self,
+        job: &mut Job<'a>,
+        device: &'a mut dyn Device,
+    ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
+        let options = job.settings.radiosity()?;
+        job.run.standing.without_estimate = true;
+        let Some(scene) = cut_diffuse(job, device)? else { return Ok(None) };
+        let settings = ShootingSettings { seed: job.request.seed, ..options.shooting };
+        let mut solver = Refinement {
+            measurement: job.measurement(&scene)?,
+            shooter: device.begin(scene.clone(), &settings)?,
+            emitted: total_power(&scene, &scene.patches.emission),
+            irradiance: vec![Rgb::ZERO; scene.patches.len()],
+            unshot: scene.patches.emission.clone(),
+            ambient: options.ambient,
+            rest: 1.0,
+            scene,
+            settings,
+        };
+        if let Some(mut past) = job.past.take() {
+            past.shared.replace(&mut solver.irradiance)?;
+            past.shared.replace(&mut solver.unshot)?;
             past.shared.end()?;
         }
-        let save = |parts: &mut Parts, irradiance: &[Rgb], unshot: &[Rgb]| {
-            parts.shared.slice(irradiance);
-            parts.shared.slice(unshot);
-            Ok(())
-        };
-        let (stopped, rest) = loop {
-            let mut order: Vec<usize> = (0..patches.len()).collect();
-            let powers: Vec<f32> = order.iter().map(|i| power(&scene, *i, unshot[*i])).collect();
-            let rest = powers.iter().map(|power| f64::from(*power)).sum::<f64>() / emitted;
-            run.known_fraction = Some((rest.max(REST).ln() / REST.ln()).clamp(0.0, 1.0));
-            if rest <= REST {
-                break (StopReason::Converged, rest);
-            }
-            if let Some(reason) = run.stop() {
-                break (reason, rest);
-            }
-            // The patches with the most unshot power.
-            let count = together.min(order.len());
-            order.select_nth_unstable_by(count - 1, |a, b| {
-                powers[*b].total_cmp(&powers[*a]).then(a.cmp(b))
-            });
-            order.truncate(count);
-            order.retain(|i| powers[*i] > 0.0);
-            order.sort_unstable();
-            let shots: Vec<_> =
-                order.iter().map(|i| shot_from(&scene, &shooting, *i, &Point::Centroid)).collect();
-            gained.fill(Rgb::ZERO);
-            for (shot, form_factors) in shots.iter().zip(shooter.form_factors(&shots)?) {
-                let patch = shot.patch as usize;
-                let radiance = std::mem::take(&mut unshot[patch]);
-                add_irradiance(&scene, &mut gained, patch, radiance, &form_factors);
-            }
-            for i in 0..patches.len() {
-                irradiance[i] += gained[i];
-                unshot[i] += patches.diffuse[i] * gained[i] / PI;
-            }
-            let lights = shots.iter().filter(|shot| patches.emits(shot.patch as usize)).count();
-            run.tally +=
-                Tally { iterations: 1, shots: shots.len() as u64, light_shots: lights as u64 };
-            if run.report_is_due() {
-                let shown = || with_ambient(&scene, &irradiance, &unshot, options.ambient);
-                run.report(true, || measurement.picture(&solution(&shown())));
-            }
-            run.keep_if_wanted(|parts| save(parts, &irradiance, &unshot))?;
-        };
-        run.keep_solution(|parts| save(parts, &irradiance, &unshot))?;
-        let shown = with_ambient(&scene, &irradiance, &unshot, options.ambient);
-        let picture = measurement.picture(&solution(&shown));
-        run.bake(&scene, || shown);
-        let diagnostics = BTreeMap::from([("unshot_power".to_string(), rest)]);
-        Ok(stage.rendered(run, (picture, stopped), diagnostics))
+        solver.weigh(&mut job.run);
+        Ok(Some(Box::new(solver)))
+    }
+}
+
+/// The refinement at work.
+struct Refinement<'a> {
+    scene: Arc<PatchedScene>,
+    measurement: Measurement,
+    settings: ShootingSettings,
+    shooter: Box<dyn Shooting + 'a>,
+    /// Emitted power.
+    emitted: f64,
+    irradiance: Vec<Rgb>,
+    /// Radiance that waits to be shot.
+    unshot: Vec<Rgb>,
+    /// Share of the emitted power that waits to be shot.
+    rest: f64,
+    /// Whether what waits is shown as an ambient term.
+    ambient: bool,
+}
+
+impl Refinement<'_> {
+    /// Finds out how much is left to be shot.
+    fn weigh(&mut self, run: &mut Run<'_>) {
+        self.rest = total_power(&self.scene, &self.unshot) / self.emitted;
+        run.standing.known_fraction = Some((self.rest.max(REST).ln() / REST.ln()).clamp(0.0, 1.0));
+    }
+
+    /// The patches with the most unshot power, in the order of their numbers.
+    fn brightest(&self) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.unshot.len()).collect();
+        let powers: Vec<f32> =
+            order.iter().map(|i| power(&self.scene, *i, self.unshot[*i])).collect();
+        let count = (self.settings.shots_per_iteration as usize).min(order.len());
+        order.select_nth_unstable_by(count - 1, |a, b| {
+            powers[*b].total_cmp(&powers[*a]).then(a.cmp(b))
+        });
+        order.truncate(count);
+        order.retain(|i| powers[*i] > 0.0);
+        order.sort_unstable();
+        order
+    }
+
+    /// Irradiance, with the ambient term if that is to be shown.
+    fn shown(&self) -> Vec<Rgb> {
+        match self.ambient {
+            true => with_ambient(&self.scene, &self.irradiance, &self.unshot),
+            false => self.irradiance.clone(),
+        }
+    }
+}
+
+impl Solver for Refinement<'_> {
+    fn advance(&mut self, run: &mut Run<'_>) -> Result<Option<StopReason>, RenderError> {
+        let shoot = |patch| shot_from(&self.scene, &self.settings, patch, &Point::Centroid);
+        let shots: Vec<_> = self.brightest().into_iter().map(shoot).collect();
+        let patches = &self.scene.patches;
+        let mut gained = vec![Rgb::ZERO; patches.len()];
+        for (shot, form_factors) in shots.iter().zip(self.shooter.form_factors(&shots)?) {
+            let patch = shot.patch as usize;
+            let radiance = std::mem::take(&mut self.unshot[patch]);
+            add_irradiance(&self.scene, &mut gained, patch, radiance, &form_factors);
+        }
+        for (i, gained) in gained.into_iter().enumerate() {
+            self.irradiance[i] += gained;
+            self.unshot[i] += patches.diffuse[i] * gained / PI;
+        }
+        let lights = shots.iter().filter(|shot| patches.emits(shot.patch as usize)).count();
+        let (shots, light_shots) = (shots.len() as u64, lights as u64);
+        run.standing.tally += Tally { iterations: 1, shots, light_shots };
+        self.weigh(run);
+        Ok(None)
+    }
+
+    fn finished(&self) -> Option<StopReason> {
+        (self.rest <= REST).then_some(StopReason::Converged)
+    }
+
+    fn is_visible(&self) -> bool {
+        true
+    }
+
+    fn estimate(&mut self) -> Estimate {
+        Estimate::Never
+    }
+
+    fn picture(&mut self) -> Picture {
+        self.measurement.picture(&solution(&self.shown()))
+    }
+
+    fn save(&mut self, parts: &mut Parts) -> Result<(), DeviceError> {
+        parts.shared.slice(&self.irradiance);
+        parts.shared.slice(&self.unshot);
+        Ok(())
+    }
+
+    fn irradiance(&self) -> Option<(Arc<PatchedScene>, Vec<Rgb>)> {
+        Some((self.scene.clone(), self.shown()))
+    }
+
+    fn diagnostics(&self, _run: &Run<'_>) -> BTreeMap<String, f64> {
+        BTreeMap::from([("unshot_power".to_string(), self.rest)])
     }
 }
 
 /// Irradiance with the ambient term: what is not yet shot, spread evenly with all its further
 /// reflections, π ΔL_mean/(1 − ρ_mean).
-fn with_ambient(
-    scene: &crate::patches::PatchedScene,
-    irradiance: &[Rgb],
-    unshot: &[Rgb],
-    ambient: bool,
-) -> Vec<Rgb> {
-    if !ambient {
-        return irradiance.to_vec();
-    }
+fn with_ambient(scene: &PatchedScene, irradiance: &[Rgb], unshot: &[Rgb]) -> Vec<Rgb> {
     let patches = &scene.patches;
     let (mut waiting, mut absorbed) = (Rgb::ZERO, Rgb::ZERO);
     for ((area, diffuse), unshot) in patches.area.iter().zip(&patches.diffuse).zip(unshot) {

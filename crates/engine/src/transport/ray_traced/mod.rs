@@ -12,38 +12,31 @@ mod lights;
 mod path;
 mod pixels;
 mod settings;
+mod steps;
 mod strata;
 pub(super) mod surface;
+mod view;
 
-use super::Method;
-use super::kept::{Parts, Past};
-use super::options::Settings;
+use super::checkpoints::Parts;
+use super::job::{Announcement, Job};
 use super::run::Run;
-use super::stage::{Asked, Record};
+use super::solver::{Estimate, Extent, Method, Solver};
 use crate::device::cpu::CpuDevice;
-use crate::device::{Device, DeviceDescription, DeviceError, free_memory};
+use crate::device::{Device, DeviceDescription, DeviceError, Tally};
 use crate::image::Picture;
-use crate::measurement::Frame;
-use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
+use crate::render::{RenderError, StopReason};
 use crate::scene::Warning;
 use settings::{LightSampling, PixelSampling};
-use std::time::Instant;
+use std::collections::BTreeMap;
 
 pub use settings::RayTracedSettings;
 // What illumination maps share.
-pub(super) use disks::{DiskPoints, Disks};
 pub(super) use film::Film;
 pub(super) use lights::{Choice, Emitted, Lights};
-pub(super) use path::{Caustics, Mapped, Tracer};
-pub(super) use pixels::Pixels;
+pub(super) use path::{Caustics, Mapped};
+pub(super) use steps::Steps;
 pub(super) use surface::{Surface, World};
-
-/// Aim of one step, seconds: short enough to cancel, long enough not to matter.
-const STEP_SECONDS: f64 = 0.04;
-/// Pause between error estimates, in times of what the last one took.
-const ESTIMATE_PAUSE: f64 = 10.0;
-/// Most passes of a step.
-const MOST_PASSES: u64 = 4096;
+pub(super) use view::View;
 
 /// Path tracing, and the techniques that led to it.
 pub struct RayTraced;
@@ -61,77 +54,41 @@ impl Method for RayTraced {
         "path tracing from the camera, diffuse and Phong; unbiased unless a setting says otherwise"
     }
 
-    fn render(
-        &self,
-        device: &mut dyn Device,
-        request: &RenderRequest,
-        reasons: Vec<String>,
-        observer: &mut dyn Observer,
-    ) -> Result<Rendered, RenderError> {
-        let settings = Settings::new(&request.options)?;
-        let options = RayTracedSettings::new(&settings)?;
-        let past = Past::of(request, self.name(), &settings)?;
-        check_memory(request)?;
-        let asked = Asked { method: self.name(), reasons, request, settings: &settings };
-        let mut record = Record::new(asked, format!("{} (rays)", CpuDevice::describe_here().name))?;
-        let world = World::new(request.scene.clone());
-        let lights = Lights::new(&world);
-        let warnings = warnings(&world, &options, &device.description());
-        let triangles = request.scene.triangles.len();
-        record.announce((0, triangles), lights.is_some(), warnings, observer);
+    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
+        Ok(needed_bytes(extent))
+    }
 
-        let mut run = record.run(request, observer);
-        let result = match &lights {
-            Some(lights) => {
-                let disks = options.disks(&world, lights);
-                let tracer = Tracer {
-                    world: &world,
-                    lights,
-                    disks: disks.as_ref().map(|(disks, points)| (disks, *points)),
-                    reflections: options.reflections,
-                    rays_per_pixel: options.rays_per_pixel,
-                    caustics: None,
-                };
-                let pixels = Pixels {
-                    tracer,
-                    frame: Frame::new(&record.camera, request.width, request.height),
-                    size: [request.width, request.height],
-                    sampling: options.pixel_sampling,
-                    path_strata: options.spreads_paths(),
-                    seed: request.seed,
-                };
-                let mut film = Film::new(pixels.size, options.period());
-                // What another camera saw is of no use to this one.
-                if let Some(mut bound) = past.and_then(|past| past.bound) {
-                    film.restore(&mut bound)?;
-                    bound.end()?;
-                }
-                solve(&mut run, &pixels, film)?
-            }
-            None => (record.black(), StopReason::NoLight),
-        };
-        let rays = run.tally.shots as f64;
-        let diagnostics =
-            [("rays".into(), rays), ("rays_per_second".into(), rays / run.seconds())].into();
-        Ok(record.rendered(run, result, diagnostics))
+    fn begin<'a>(
+        &self,
+        job: &mut Job<'a>,
+        device: &'a mut dyn Device,
+    ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
+        let options = RayTracedSettings::new(&job.settings)?;
+        let world = World::new(job.request.scene.clone());
+        let lights = Lights::new(&world);
+        job.announce(Announcement {
+            device: format!("{} (rays)", CpuDevice::describe_here().name),
+            patches: 0,
+            triangles: job.request.scene.triangles.len(),
+            shines: lights.is_some(),
+            warnings: warnings(&world, &options, &device.description()),
+        });
+        let Some(lights) = lights else { return Ok(None) };
+        let view = View::new(job, world, lights, options);
+        let mut film = view.film();
+        // What another camera saw is of no use to this one.
+        if let Some(mut bound) = job.past.take().and_then(|past| past.bound) {
+            film.restore(&mut bound)?;
+            bound.end()?;
+        }
+        let steps = Steps::new(film.height());
+        Ok(Some(Box::new(Passes { view, film, steps })))
     }
 }
 
 /// Memory of the scene, as rays see it, and of the film, bytes.
-pub fn needed_bytes(triangles: u64, width: u32, height: u32) -> u64 {
-    World::needed_bytes(triangles) + Film::needed_bytes(width, height)
-}
-
-/// Refuses what would not fit into memory before anything is allocated.
-fn check_memory(request: &RenderRequest) -> Result<(), DeviceError> {
-    let triangles = request.scene.triangles.len() as u64;
-    let needed_bytes = needed_bytes(triangles, request.width, request.height);
-    let available_bytes = free_memory();
-    if needed_bytes > available_bytes {
-        let device = CpuDevice::describe().id;
-        return Err(DeviceError::OutOfMemory { device, needed_bytes, available_bytes });
-    }
-    Ok(())
+pub fn needed_bytes(extent: &Extent<'_>) -> u64 {
+    World::needed_bytes(extent.triangles) + Film::needed_bytes(extent.size[0], extent.size[1])
 }
 
 /// What is not as it should be: an empty scene, bias that was asked for, another device than was
@@ -164,56 +121,49 @@ pub(super) fn warnings(
     warnings
 }
 
-/// Traces passes until a limit is reached.
-fn solve(
-    run: &mut Run<'_>,
-    pixels: &Pixels<'_>,
-    mut film: Film,
-) -> Result<(Picture, StopReason), DeviceError> {
-    let save = |parts: &mut Parts, film: &Film| {
-        film.save(&mut parts.bound);
+/// The passes at work.
+struct Passes {
+    view: View,
+    film: Film,
+    steps: Steps,
+}
+
+impl Solver for Passes {
+    fn advance(&mut self, run: &mut Run<'_>) -> Result<Option<StopReason>, RenderError> {
+        let pixels = self.view.pixels(None);
+        self.steps.advance(&mut self.film, &pixels, run.iterations_left());
+        run.standing.tally = Tally {
+            iterations: self.film.passes(),
+            shots: self.film.rays(),
+            light_shots: self.film.light_rays(),
+        };
+        Ok(None)
+    }
+
+    fn is_visible(&self) -> bool {
+        self.film.passes() > 0
+    }
+
+    fn estimate(&mut self) -> Estimate {
+        Estimate::of_batches(self.film.relative_error(), self.film.enough())
+    }
+
+    fn picture(&mut self) -> Picture {
+        self.film.picture()
+    }
+
+    fn save(&mut self, parts: &mut Parts) -> Result<(), DeviceError> {
+        self.film.save(&mut parts.bound);
         Ok(())
-    };
-    let height = film.height();
-    let (mut row, mut step) = (film.next_row(), height.min(4));
-    let mut step_passes = 1;
-    let (mut estimated, mut estimate_seconds) = (Instant::now(), 0.0);
-    let stopped = loop {
-        if let Some(reason) = run.stop() {
-            break reason;
-        }
-        let began = Instant::now();
-        let rows = row..(row + step).min(height);
-        // Whole passes at once only where a step has all rows.
-        let passes =
-            if step == height && row == 0 { step_passes.min(run.iterations_left()) } else { 1 };
-        let work = f64::from(rows.end - rows.start) * passes as f64;
-        row = rows.end % height;
-        film.advance(pixels, rows, passes);
-        let per_row = began.elapsed().as_secs_f64().max(1e-9) / work;
-        let wanted = STEP_SECONDS / per_row;
-        if row == 0 {
-            step = (wanted as u32).clamp(1, height);
-            step_passes = ((wanted / f64::from(height)) as u64).clamp(1, MOST_PASSES);
-        } else {
-            step = (wanted as u32).clamp(1, height - row);
-        }
-        run.tally.iterations = film.passes();
-        run.tally.shots = film.rays();
-        run.tally.light_shots = film.light_rays();
-        if run.report_is_due() {
-            if estimated.elapsed().as_secs_f64() >= ESTIMATE_PAUSE * estimate_seconds {
-                let began = Instant::now();
-                run.estimated_error = film.relative_error();
-                run.without_estimate = run.estimated_error.is_none() && film.enough();
-                estimate_seconds = began.elapsed().as_secs_f64();
-                estimated = Instant::now();
-            }
-            run.report(run.tally.iterations > 0, || film.picture());
-        }
-        run.keep_if_wanted(|parts| save(parts, &film))?;
-    };
-    run.keep_solution(|parts| save(parts, &film))?;
-    run.estimated_error = film.relative_error();
-    Ok((film.picture(), stopped))
+    }
+
+    fn diagnostics(&self, run: &Run<'_>) -> BTreeMap<String, f64> {
+        ray_figures(run)
+    }
+}
+
+/// Rays, and how many a second.
+pub fn ray_figures(run: &Run<'_>) -> BTreeMap<String, f64> {
+    let rays = run.standing.tally.shots as f64;
+    BTreeMap::from([("rays".into(), rays), ("rays_per_second".into(), rays / run.seconds())])
 }

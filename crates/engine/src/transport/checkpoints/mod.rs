@@ -1,7 +1,6 @@
 //! What methods keep in checkpoints, and what they find there: whose it is, how far it was, what
 //! was decided.
 
-use super::REGISTRY;
 use super::options::{OPTIONS, Settings};
 use crate::checkpoint::{CheckpointError, Header, Reader, ViewKey, Writer, scene_hash};
 use crate::render::{Begin, Progress, RenderError, RenderRequest, choose_camera};
@@ -20,13 +19,15 @@ pub struct Past<'a> {
 }
 
 impl<'a> Past<'a> {
-    /// The past of a request that `method` is to render.
+    /// The past of a request that `method` is to render, which reads checkpoints of the format
+    /// `reads`.
     ///
     /// # Errors
     /// [`CheckpointError::Foreign`] or [`CheckpointError::Version`].
     pub fn of(
         request: &'a RenderRequest,
         method: &str,
+        reads: u32,
         settings: &Settings,
     ) -> Result<Option<Self>, RenderError> {
         let (checkpoint, same_view) = match &request.begin {
@@ -39,7 +40,6 @@ impl<'a> Past<'a> {
         if header.method != method {
             return foreign(format!("the method {:?}, not to {method:?}", header.method));
         }
-        let reads = format_of(method);
         if header.format != reads {
             let Header { engine, format, .. } = header;
             let found = format!("format {format} of the method {method}, by version {engine}");
@@ -75,12 +75,6 @@ impl<'a> Past<'a> {
     }
 }
 
-/// The format of a method's checkpoints; 0 for no method.
-fn format_of(method: &str) -> u32 {
-    let method = REGISTRY.iter().find(|known| known.name() == method);
-    method.map_or(0, |method| method.checkpoint_format())
-}
-
 /// What differs between the settings of a checkpoint and those of a job, if anything. A setting
 /// that there was not when the checkpoint was written had its default: whoever adds one whose
 /// default does something else than before raises the method's format.
@@ -111,10 +105,11 @@ pub struct Owner {
     scene: Arc<Scene>,
     seed: u64,
     method: String,
+    format: u32,
     settings: BTreeMap<String, String>,
     view: ViewKey,
     /// Decisions by the limits or the picture.
-    pub decided: BTreeMap<String, String>,
+    decided: BTreeMap<String, String>,
     /// The scene's hash, once it was asked for.
     hash: Option<String>,
 }
@@ -124,6 +119,7 @@ impl Owner {
     pub fn new(
         request: &RenderRequest,
         method: &str,
+        format: u32,
         settings: &BTreeMap<String, String>,
         camera: &Camera,
     ) -> Self {
@@ -131,6 +127,7 @@ impl Owner {
             scene: request.scene.clone(),
             seed: request.seed,
             method: method.into(),
+            format,
             settings: settings.clone(),
             view: ViewKey::new(camera, request.width, request.height),
             decided: BTreeMap::new(),
@@ -142,13 +139,18 @@ impl Owner {
         }
     }
 
+    /// Remembers a decision by the limits or the picture.
+    pub fn decide(&mut self, name: &str, value: &impl ToString) {
+        self.decided.insert(name.into(), value.to_string());
+    }
+
     /// The header of a checkpoint at this moment.
     pub fn header(&mut self, progress: &Progress, light_shots: u64) -> Header {
         let scene = self.hash.get_or_insert_with(|| scene_hash(&self.scene));
         Header {
             engine: env!("CARGO_PKG_VERSION").into(),
             method: self.method.clone(),
-            format: format_of(&self.method),
+            format: self.format,
             scene: scene.clone(),
             settings: self.settings.clone(),
             seed: self.seed,

@@ -3,11 +3,10 @@
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::device::cpu::CpuDevice;
 use crate::random::{Numbers, Stream};
-use crate::render::{
-    Begin, CameraChoice, Limits, Observer, Progress, RenderError, RenderRequest, render,
-};
+use crate::render::{Begin, CameraChoice, Limits, Observer, Progress, RenderError, RenderRequest};
 use crate::scene::gltf::{ImportLimits, Resources, import};
 use crate::scene::made;
+use crate::transport::render;
 use std::sync::Arc;
 
 /// Takes the solution.

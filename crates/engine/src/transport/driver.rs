@@ -1,0 +1,111 @@
+//! The course of every job, whatever its method: what fits into memory begins, a solver advances
+//! step by step until the budget is used, and who watches hears of it.
+
+use super::job::{Chosen, Job};
+use super::run::Run;
+use super::solver::{Estimate, Extent, Method, Solver};
+use crate::device::cpu::CpuDevice;
+use crate::device::{Device, DeviceError, free_memory};
+use crate::image::Picture;
+use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// Pause between estimates of the error, in times of what the last one took: with millions of
+/// patches or pixels one takes longer than a step.
+const ESTIMATE_PAUSE: f64 = 10.0;
+
+/// Does a job by a method, which was chosen for these reasons.
+///
+/// # Errors
+/// See [`crate::transport::render`].
+pub fn drive<'a>(
+    method: &dyn Method,
+    reasons: Vec<String>,
+    device: &'a mut dyn Device,
+    request: &'a RenderRequest,
+    observer: &'a mut dyn Observer,
+) -> Result<Rendered, RenderError> {
+    let (name, checkpoint_format) = (method.name(), method.checkpoint_format());
+    let mut job = Job::new(Chosen { name, checkpoint_format, reasons }, request, observer)?;
+    admit(method, &job)?;
+    let Some(mut solver) = method.begin(&mut job, device)? else {
+        let black = Picture::black(request.width, request.height);
+        return Ok(job.rendered((black, StopReason::NoLight), BTreeMap::new()));
+    };
+    let result = solve(&mut *solver, &mut job.run)?;
+    let diagnostics = solver.diagnostics(&job.run);
+    drop(solver);
+    Ok(job.rendered(result, diagnostics))
+}
+
+/// Refuses what would not fit into memory before anything is allocated.
+fn admit(method: &dyn Method, job: &Job<'_>) -> Result<(), RenderError> {
+    let RenderRequest { scene, width, height, .. } = job.request;
+    let triangles = scene.triangles.len() as u64;
+    let extent = Extent { triangles, size: [*width, *height], settings: &job.settings };
+    let needed_bytes = method.needed_bytes(&extent)?;
+    let available_bytes = free_memory();
+    if needed_bytes > available_bytes {
+        let device = CpuDevice::describe().id;
+        return Err(DeviceError::OutOfMemory { device, needed_bytes, available_bytes }.into());
+    }
+    Ok(())
+}
+
+/// Advances until the budget is used; the last picture, and why it ended.
+fn solve(solver: &mut dyn Solver, run: &mut Run<'_>) -> Result<(Picture, StopReason), RenderError> {
+    let mut pause = Pause { since: Instant::now(), seconds: 0.0 };
+    let stopped = loop {
+        if let Some(reason) = solver.finished().or_else(|| run.stop()) {
+            break reason;
+        }
+        if let Some(reason) = solver.advance(run)? {
+            break reason;
+        }
+        let asked = run.wants_estimate() && solver.checks_target(run.standing.tally.iterations);
+        if asked || (run.report_is_due() && pause.is_over() && solver.has_news()) {
+            let began = Instant::now();
+            estimate(solver, run);
+            pause = Pause {
+                since: Instant::now(),
+                seconds: ESTIMATE_PAUSE * began.elapsed().as_secs_f64(),
+            };
+        }
+        if run.report_is_due() {
+            run.report(solver.is_visible(), || solver.picture());
+        }
+        run.keep_if_wanted(|parts| solver.save(parts))?;
+    };
+    run.keep_solution(|parts| solver.save(parts))?;
+    solver.settle()?;
+    estimate(solver, run);
+    let picture = solver.picture();
+    if run.wants_baked()
+        && let Some((scene, irradiance)) = solver.irradiance()
+    {
+        run.bake(&scene, &irradiance);
+    }
+    Ok((picture, stopped))
+}
+
+/// Time in which no estimate is made.
+struct Pause {
+    since: Instant,
+    seconds: f64,
+}
+
+impl Pause {
+    fn is_over(&self) -> bool {
+        self.since.elapsed().as_secs_f64() >= self.seconds
+    }
+}
+
+fn estimate(solver: &mut dyn Solver, run: &mut Run<'_>) {
+    let estimate = solver.estimate();
+    run.standing.without_estimate = estimate == Estimate::Never;
+    run.standing.estimated_error = match estimate {
+        Estimate::Error(error) => Some(error),
+        Estimate::NotYet | Estimate::Never => None,
+    };
+}

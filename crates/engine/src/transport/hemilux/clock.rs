@@ -1,0 +1,30 @@
+//! Where the time goes.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// Seconds by what they were spent on.
+pub struct Clock {
+    last: Instant,
+    pub spent: BTreeMap<&'static str, f64>,
+}
+
+impl Default for Clock {
+    fn default() -> Self {
+        Self { last: Instant::now(), spent: BTreeMap::new() }
+    }
+}
+
+impl Clock {
+    /// Leaves out the time until now.
+    pub fn start(&mut self) {
+        self.last = Instant::now();
+    }
+
+    /// Counts the time since the last lap, or [`Clock::start`], as spent on `what`.
+    pub fn lap(&mut self, what: &'static str) {
+        let now = Instant::now();
+        *self.spent.entry(what).or_default() += (now - self.last).as_secs_f64();
+        self.last = now;
+    }
+}

@@ -1,0 +1,189 @@
+//! One job as a method finds it: what is asked, with which settings and camera, what an earlier run
+//! knew; and what is told of it: the plan, the warnings, and at the end the figures.
+
+use super::checkpoints::{Owner, Past};
+use super::options::Settings;
+use super::run::Run;
+use super::unseen;
+use crate::checkpoint::CheckpointError;
+use crate::image::Picture;
+use crate::measurement::Measurement;
+use crate::patches::PatchedScene;
+use crate::render::{
+    Observer, Plan, RenderError, RenderRequest, Rendered, Stats, StopReason, choose_camera,
+};
+use crate::scene::{Camera, Scene, Warning};
+use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::str::FromStr;
+use std::sync::Arc;
+
+/// The method of a job, and why it was chosen.
+pub struct Chosen {
+    /// Its name.
+    pub name: &'static str,
+    /// The format of its checkpoints.
+    pub checkpoint_format: u32,
+    /// One sentence a reason.
+    pub reasons: Vec<String>,
+}
+
+/// One job.
+pub struct Job<'a> {
+    /// What is asked.
+    pub request: &'a RenderRequest,
+    /// The settings in force.
+    pub settings: Settings,
+    /// The camera that takes the picture.
+    pub camera: Camera,
+    /// What the job begins with.
+    pub past: Option<Past<'a>>,
+    /// The run.
+    pub run: Run<'a>,
+    /// What computes, in words.
+    device: String,
+    plan: Plan,
+    warnings: Vec<Warning>,
+}
+
+/// What a method says of a job before it solves it.
+pub struct Announcement {
+    /// What computes, in words.
+    pub device: String,
+    /// Patches of the solution.
+    pub patches: usize,
+    /// Triangles that the light meets.
+    pub triangles: usize,
+    /// Whether anything emits light.
+    pub shines: bool,
+    /// What the method does not show as authored.
+    pub warnings: Vec<Warning>,
+}
+
+impl<'a> Job<'a> {
+    /// Starts the clock, picks the camera and reads what the job begins with.
+    ///
+    /// # Errors
+    /// [`RenderError::Parameter`] where a setting is wrong or the scene has no such camera;
+    /// [`RenderError::Checkpoint`] where the job can't begin with what it names.
+    pub fn new(
+        method: Chosen,
+        request: &'a RenderRequest,
+        observer: &'a mut dyn Observer,
+    ) -> Result<Self, RenderError> {
+        let settings = Settings::new(&request.options)?;
+        let past = Past::of(request, method.name, method.checkpoint_format, &settings)?;
+        let (camera, made_up) = choose_camera(&request.scene, &request.camera)?;
+        let values = settings.values().clone();
+        let owner = Owner::new(request, method.name, method.checkpoint_format, &values, &camera);
+        let plan = Plan {
+            method: method.name.into(),
+            reasons: method.reasons,
+            settings: values,
+            ..Plan::default()
+        };
+        let mut warnings = request.scene.warnings.clone();
+        warnings.extend(made_up);
+        let run = Run::new(request, owner, observer);
+        Ok(Self { request, settings, camera, past, run, device: String::new(), plan, warnings })
+    }
+
+    /// Adds reasons for how the method goes about the job.
+    pub fn explain(&mut self, reasons: impl IntoIterator<Item = String>) {
+        self.plan.reasons.extend(reasons);
+    }
+
+    /// Tells the observer the plan, with the method's warnings and one where nothing shines.
+    pub fn announce(&mut self, told: Announcement) {
+        (self.plan.patches, self.plan.triangles) = (told.patches as u64, told.triangles as u64);
+        self.device = told.device;
+        if !told.shines {
+            self.warnings.push(Warning::new(
+                "scene",
+                "nothing emits light, so the picture is black; give a material an emissive factor",
+            ));
+        }
+        self.warnings.extend(told.warnings);
+        self.run.observer().planned(&self.plan, &self.warnings);
+    }
+
+    /// Cuts `scene` (the request's, or what the method makes of it) into about so many patches and
+    /// announces that, with what patches can't show and the method's own warnings. `device` is what
+    /// computes.
+    pub fn cut(
+        &mut self,
+        scene: Arc<Scene>,
+        patches: usize,
+        device: String,
+        more_warnings: impl FnOnce(&PatchedScene) -> Vec<Warning>,
+    ) -> Arc<PatchedScene> {
+        let scene = Arc::new(PatchedScene::new(scene, patches));
+        let warnings = (scene.warnings.iter().cloned())
+            .chain(unseen::by_patches(&self.request.scene))
+            .chain(more_warnings(&scene));
+        self.announce(Announcement {
+            device,
+            patches: scene.patches.len(),
+            triangles: scene.facets.len(),
+            shines: scene.patches.any_light(),
+            warnings: warnings.collect(),
+        });
+        scene
+    }
+
+    /// What turns solutions on the patches into the picture.
+    ///
+    /// # Errors
+    /// [`RenderError::Parameter`] for a setting out of range.
+    pub fn measurement(&self, scene: &Arc<PatchedScene>) -> Result<Measurement, RenderError> {
+        let mesh = self.settings.mesh()?;
+        let RenderRequest { width, height, .. } = *self.request;
+        let (samples, smoothness) = (mesh.pixel_samples, mesh.smoothness);
+        Ok(Measurement::new(scene.clone(), &self.camera, width, height, samples, smoothness))
+    }
+
+    /// What was decided for the job that this one begins with, or else `afresh`, to be found in
+    /// its own checkpoints under `name`.
+    ///
+    /// # Errors
+    /// [`CheckpointError::Damaged`] where the earlier job says nothing of it.
+    pub fn decide<T: FromStr + Display>(
+        &mut self,
+        name: &'static str,
+        afresh: T,
+    ) -> Result<T, CheckpointError> {
+        let value = match &self.past {
+            Some(past) => past.decided(name)?,
+            None => afresh,
+        };
+        self.run.owner.decide(name, &value);
+        Ok(value)
+    }
+
+    /// The result, with the method's own figures.
+    pub fn rendered(
+        mut self,
+        (picture, stopped): (Picture, StopReason),
+        diagnostics: BTreeMap<String, f64>,
+    ) -> Rendered {
+        let progress = self.run.finish();
+        let seconds = self.run.seconds();
+        let stats = Stats {
+            method: self.plan.method.clone(),
+            stopped,
+            iterations: progress.iterations,
+            shots: progress.shots,
+            light_source_selection_ratio: progress.light_source_selection_ratio,
+            seconds_total: seconds,
+            seconds_solve: seconds,
+            estimated_error: progress.estimated_error,
+            patches: self.plan.patches,
+            triangles: self.request.scene.triangles.len() as u64,
+            device: self.device,
+            warnings: self.warnings.iter().map(Into::into).collect(),
+            diagnostics,
+            plan: self.plan,
+        };
+        Rendered { picture, stats }
+    }
+}

@@ -1,0 +1,65 @@
+//! What a picture is traced of: the scene as rays meet it, its lights, the camera's frame, and how
+//! pixels are sampled.
+
+use super::disks::{DiskPoints, Disks};
+use super::film::Film;
+use super::lights::Lights;
+use super::path::{Caustics, Tracer};
+use super::pixels::Pixels;
+use super::settings::RayTracedSettings;
+use super::surface::World;
+use crate::measurement::Frame;
+use crate::transport::job::Job;
+
+/// What a picture is traced of.
+pub struct View {
+    /// The scene.
+    pub world: World,
+    /// Its lights.
+    pub lights: Lights,
+    disks: Option<(Disks, DiskPoints)>,
+    options: RayTracedSettings,
+    frame: Frame,
+    size: [u32; 2],
+    seed: u64,
+}
+
+impl View {
+    /// The view of a job.
+    pub fn new(job: &Job<'_>, world: World, lights: Lights, options: RayTracedSettings) -> Self {
+        let size = [job.request.width, job.request.height];
+        Self {
+            disks: options.disks(&world, &lights),
+            world,
+            lights,
+            options,
+            frame: Frame::new(&job.camera, size[0], size[1]),
+            size,
+            seed: job.request.seed,
+        }
+    }
+
+    /// An empty film for it.
+    pub fn film(&self) -> Film {
+        Film::new(self.size, self.options.period())
+    }
+
+    /// Its pixels, of which some light may come from a map.
+    pub fn pixels<'a>(&'a self, caustics: Option<&'a dyn Caustics>) -> Pixels<'a> {
+        Pixels {
+            tracer: Tracer {
+                world: &self.world,
+                lights: &self.lights,
+                disks: self.disks.as_ref().map(|(disks, points)| (disks, *points)),
+                reflections: self.options.reflections,
+                rays_per_pixel: self.options.rays_per_pixel,
+                caustics,
+            },
+            frame: self.frame,
+            size: self.size,
+            sampling: self.options.pixel_sampling,
+            path_strata: self.options.spreads_paths(),
+            seed: self.seed,
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! What a method is to the driver that runs it.
+
+use super::checkpoints::Parts;
+use super::job::Job;
+use super::options::Settings;
+use super::run::Run;
+use crate::device::{Device, DeviceError};
+use crate::image::Picture;
+use crate::patches::PatchedScene;
+use crate::radiometry::Rgb;
+use crate::render::{RenderError, StopReason};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Aim of one step of a solver, seconds: short enough to cancel, long enough not to matter.
+pub const STEP_SECONDS: f64 = 0.04;
+
+/// What the memory of a job depends on.
+#[derive(Clone, Copy)]
+pub struct Extent<'a> {
+    /// Triangles of the scene.
+    pub triangles: u64,
+    /// Columns and rows of the picture.
+    pub size: [u32; 2],
+    /// The settings in force.
+    pub settings: &'a Settings,
+}
+
+/// Bytes that a method on patches takes at its peak, as measured: what scene, mesh, sums of the
+/// device and weights of the pixels hold, and the program itself. There is at least a patch a
+/// triangle.
+///
+/// # Errors
+/// [`RenderError::Parameter`] for a setting out of range.
+pub fn patched_bytes(extent: &Extent<'_>) -> Result<u64, RenderError> {
+    const PROGRAM: u64 = 16 << 20;
+    const PER_TRIANGLE: u64 = 300;
+    const PER_PATCH: u64 = 450;
+    const PER_PIXEL: u64 = 32;
+    let [width, height] = extent.size.map(u64::from);
+    let mesh = extent.triangles.saturating_mul(PER_TRIANGLE);
+    let patches = extent.settings.mesh()?.patches as u64;
+    let light = patches.max(extent.triangles).saturating_mul(PER_PATCH);
+    Ok(mesh.saturating_add(light).saturating_add(PROGRAM + width * height * PER_PIXEL))
+}
+
+/// A way to solve the light transport of a scene and take a picture of it.
+pub trait Method: Sync {
+    /// The name that requests use.
+    fn name(&self) -> &'static str;
+
+    /// The format of its checkpoints. One more whenever what it keeps is laid out otherwise or means
+    /// something else, and whenever it would go on from it to other bits than before: with other
+    /// random numbers, another order of sums, another default. Versions of the program with the
+    /// same number read each other's checkpoints.
+    fn checkpoint_format(&self) -> u32;
+
+    /// One sentence on what it is.
+    fn summary(&self) -> &'static str;
+
+    /// Memory that it takes at its peak, bytes.
+    ///
+    /// # Errors
+    /// [`RenderError::Parameter`] for a setting out of range.
+    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError>;
+
+    /// Sets up what solves a job, and announces it ([`Job::announce`]); takes up what the job begins
+    /// with. `None` where there is no light, so that there is nothing to solve.
+    ///
+    /// # Errors
+    /// See [`crate::transport::render`].
+    fn begin<'a>(
+        &self,
+        job: &mut Job<'a>,
+        device: &'a mut dyn Device,
+    ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError>;
+}
+
+/// What an estimate of the error came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Estimate {
+    /// Relative root mean square error of the present picture.
+    Error(f64),
+    /// It takes more iterations to say.
+    NotYet,
+    /// There never will be one: the method can't, or there is nothing to estimate it from.
+    Never,
+}
+
+impl Estimate {
+    /// What batch means say, of which there are `enough` or not: where there is no error in spite of
+    /// that, the picture is black.
+    pub fn of_batches(error: Option<f64>, enough: bool) -> Self {
+        match error {
+            Some(error) => Self::Error(error),
+            None if enough => Self::Never,
+            None => Self::NotYet,
+        }
+    }
+}
+
+/// The state of a method at work on one job.
+pub trait Solver {
+    /// Works for about [`STEP_SECONDS`], or for one iteration where that takes longer, and counts
+    /// what was done in the run. Why the job is over, where it had to stop on the way.
+    ///
+    /// # Errors
+    /// [`RenderError::Device`] where the device failed.
+    fn advance(&mut self, run: &mut Run<'_>) -> Result<Option<StopReason>, RenderError>;
+
+    /// Why there is nothing more to do, if so.
+    fn finished(&self) -> Option<StopReason> {
+        None
+    }
+
+    /// Whether the picture shows anything yet.
+    fn is_visible(&self) -> bool;
+
+    /// Whether another estimate would say anything new.
+    fn has_news(&self) -> bool {
+        true
+    }
+
+    /// Whether the error is to be estimated now, after so many iterations, though no report is
+    /// due, so that a job with a target error ends as soon as it is reached.
+    fn checks_target(&mut self, _iterations: u64) -> bool {
+        false
+    }
+
+    /// Estimates the error of the present picture.
+    fn estimate(&mut self) -> Estimate;
+
+    /// The present picture.
+    fn picture(&mut self) -> Picture;
+
+    /// Writes all that it takes to go on from here.
+    ///
+    /// # Errors
+    /// [`RenderError::Device`] where the device does not hand over its sums.
+    fn save(&mut self, parts: &mut Parts) -> Result<(), DeviceError>;
+
+    /// Brings to an end what is under way; only the last estimate and picture come after it.
+    ///
+    /// # Errors
+    /// [`RenderError::Device`] where the device failed.
+    fn settle(&mut self) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    /// The patches and their irradiance; `None` where there are none, or no solution yet.
+    fn irradiance(&self) -> Option<(Arc<PatchedScene>, Vec<Rgb>)> {
+        None
+    }
+
+    /// Figures of the method's own by name, at the end.
+    fn diagnostics(&self, _run: &Run<'_>) -> BTreeMap<String, f64> {
+        BTreeMap::new()
+    }
+}
