@@ -2,10 +2,11 @@
 
 use glam::{Vec2, Vec3};
 use hemilux_engine::device::ShotTrace;
-use hemilux_engine::hemicube::{Shot, frame};
+use hemilux_engine::hemicube::Shot;
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::random::{Stream, uniform};
+use hemilux_engine::sampling::frame;
 use hemilux_engine::scene::{Material, Scene, Triangle, Vertex};
 use std::f32::consts::TAU;
 use std::sync::Arc;

@@ -18,7 +18,13 @@ pub mod checkpoint;
 
 pub mod rays;
 
+pub mod sampling;
+mod surface;
+
 pub mod patches;
+
+mod emitters;
+mod filter;
 
 pub mod hemicube;
 pub mod raster;

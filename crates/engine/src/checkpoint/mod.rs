@@ -8,6 +8,7 @@
 //! every reader against everything else.
 
 mod bytes;
+mod error;
 
 use crate::scene::{Camera, Projection, Scene};
 use serde::{Deserialize, Serialize};
@@ -16,6 +17,7 @@ use std::collections::BTreeMap;
 use std::io::Write;
 
 pub use bytes::{Reader, Writer};
+pub use error::CheckpointError;
 
 /// First bytes of a checkpoint.
 const MAGIC: [u8; 8] = *b"HMLXCKPT";
@@ -26,43 +28,6 @@ const FORMAT: u32 = 5 | if cfg!(target_endian = "big") { 1 << 31 } else { 0 };
 const PREAMBLE: usize = 8 + 4 + 4 + 8 + 8 + 3 * 4 + 4;
 /// A longer header is none of ours.
 const MOST_HEADER: usize = 1 << 20;
-
-/// Why a checkpoint can't be used. The job can always begin from the start instead.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum CheckpointError {
-    /// The bytes are not what was written.
-    #[error("the checkpoint is damaged: {what}")]
-    Damaged {
-        /// What is wrong with them.
-        what: String,
-    },
-    /// It is in another format than the program reads, because another version wrote it.
-    #[error("the checkpoint is in {found}; this program reads {here}")]
-    Version {
-        /// What it is in.
-        found: String,
-        /// What is read here.
-        here: String,
-    },
-    /// It is of another job.
-    #[error("the checkpoint belongs to {what}")]
-    Foreign {
-        /// To what.
-        what: String,
-    },
-}
-
-impl CheckpointError {
-    /// Bytes that are not what was written.
-    pub fn damaged(what: impl Into<String>) -> Self {
-        Self::Damaged { what: what.into() }
-    }
-
-    /// A checkpoint of something else.
-    pub fn foreign(what: impl Into<String>) -> Self {
-        Self::Foreign { what: what.into() }
-    }
-}
 
 /// A camera and the size of its picture, bit for bit.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

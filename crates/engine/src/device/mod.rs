@@ -3,6 +3,7 @@
 
 pub mod cpu;
 mod settings;
+mod viewpoint;
 #[cfg(feature = "wgpu")]
 pub mod wgpu;
 
@@ -10,7 +11,6 @@ use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::hemicube::Shot;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
-use glam::Vec3;
 use serde::Serialize;
 use std::fmt;
 use std::sync::Arc;
@@ -20,6 +20,7 @@ pub use settings::{
     ShootingSettings, Substitute, VarianceReduction,
 };
 use settings::{known_power, sources};
+pub use viewpoint::Viewpoint;
 
 /// What a device is.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -70,25 +71,6 @@ pub enum DeviceError {
     /// The state that an iteration is to go on from is not one of this device and scene.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-}
-
-/// Where the picture is taken from, for reflections that depend on it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Viewpoint {
-    /// A perspective camera's eye.
-    Eye(Vec3),
-    /// An orthographic camera: the unit direction towards it.
-    Direction(Vec3),
-}
-
-impl Viewpoint {
-    /// Unit direction from `point` towards the viewer.
-    pub fn direction_from(&self, point: Vec3) -> Vec3 {
-        match self {
-            Viewpoint::Eye(eye) => (*eye - point).normalize_or_zero(),
-            Viewpoint::Direction(direction) => *direction,
-        }
-    }
 }
 
 /// A device that can shoot.

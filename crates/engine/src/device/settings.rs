@@ -1,6 +1,6 @@
 //! How shots are made: every switch of stochastic hemicube iteration (Antal §2.2 to §2.6).
 
-use super::Viewpoint;
+use super::viewpoint::Viewpoint;
 use crate::patches::PatchedScene;
 use crate::radiometry::{Rgb, importance};
 use std::f32::consts::PI;

@@ -3,9 +3,10 @@
 use super::{Polygon, Route, Unsuitable};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, ShootingSettings};
-use crate::hemicube::{Shot, frame};
+use crate::hemicube::Shot;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
+use crate::sampling::frame;
 use crate::scene::{Material, Scene, Triangle, Vertex};
 use glam::Vec2;
 use std::sync::Arc;

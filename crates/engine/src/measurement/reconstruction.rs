@@ -262,7 +262,7 @@ impl Reconstruction {
 
     /// Coefficients of the weighted least-squares plane through patch values, at the vertex.
     fn coefficients(&self, vertex: usize, patches: &[u32], ridge: f32) -> Vec<f32> {
-        let (tangent, bitangent) = crate::hemicube::frame(self.normal[vertex], 0.0);
+        let (tangent, bitangent) = crate::sampling::frame(self.normal[vertex], 0.0);
         let offset = |patch: &u32| {
             let relative = self.centroid[*patch as usize] - self.position[vertex];
             Vec2::new(relative.dot(tangent), relative.dot(bitangent))

@@ -2,11 +2,9 @@
 //! every processor has, or eight at a time where it has AVX2. Boxes have a margin for rounding and
 //! triangles that pass are tested again, one by one, so both find the same hits.
 
-use super::triangle::{Packet, Sheared};
+use super::triangle::{Packet, Sheared, WIDTH};
 use glam::{Vec3, Vec3A};
 
-/// Children of a node, and triangles of a leaf, at most.
-pub const WIDTH: usize = 8;
 /// The bit that tells places of leaves from places of nodes.
 pub const LEAF: u32 = 1 << 31;
 

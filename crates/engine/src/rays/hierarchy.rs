@@ -2,7 +2,8 @@
 //! which hostile heaps of coinciding triangles can neither slow down nor deepen; then eight
 //! children a node, with up to eight triangles a leaf, since eight are tested at once.
 
-use super::boxes::{Boxes, LEAF, Node, Slabs, WIDTH};
+use super::boxes::{Boxes, LEAF, Node, Slabs};
+use super::triangle::WIDTH;
 use glam::Vec3A;
 use std::mem::MaybeUninit;
 use std::ops::Range;

@@ -21,6 +21,8 @@ use hierarchy::{Boxed, Hierarchy};
 use std::ops::Range;
 use triangle::{Crossing, Packet, Sheared};
 
+pub use triangle::unit_normal;
+
 /// The scene is scaled to between this and twice this many ray units.
 const SIZE: f64 = 1_048_576.0;
 /// Boxes are larger than what they hold by this share of the scene's size: more than what
@@ -85,11 +87,6 @@ impl Spot {
     pub fn off_surface(&self, normal: Vec3) -> Vec3 {
         self.point + normal * self.error
     }
-}
-
-/// The unit normal of a triangle's front.
-pub fn unit_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
-    (b - a).cross(c - a).normalize_or(Vec3::Z)
 }
 
 /// By which share of their way to the middle points of a triangle must be drawn in for rounding

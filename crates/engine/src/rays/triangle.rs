@@ -2,9 +2,15 @@
 //! the axis, the crossing is a question of the signs of three edge functions in the plane. Two
 //! triangles with a common edge compute the same value for it but for the sign.
 
-use super::boxes::WIDTH;
-use super::unit_normal;
 use glam::Vec3;
+
+/// Triangles of a leaf at most, and boxes of a node: as many as are tested together.
+pub const WIDTH: usize = 8;
+
+/// The unit normal of a triangle's front.
+pub fn unit_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
+    (b - a).cross(c - a).normalize_or(Vec3::Z)
+}
 
 /// The triangles of a leaf: by corner and axis, the coordinates of each.
 #[repr(C, align(32))]

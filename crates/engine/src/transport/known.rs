@@ -3,10 +3,11 @@
 
 use crate::device::cpu::visible_share;
 use crate::device::{Device, DeviceError, KnownLight, ShootingSettings};
-use crate::hemicube::{Shot, frame};
+use crate::hemicube::Shot;
 use crate::patches::PatchedScene;
 use crate::radiometry::{LobeAlbedo, Rgb, importance};
 use crate::random::{Stream, uniform};
+use crate::sampling::frame;
 use glam::Vec2;
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;

@@ -2,9 +2,10 @@
 
 use super::iterate::{CpuShooting, NOT_GLOSSY};
 use crate::device::{Faces, MIRROR_FACE_PROBABILITY, OTHER_FACE_PROBABILITY, Selection};
-use crate::hemicube::{FACES, Face, Shot, frame};
+use crate::hemicube::{FACES, Face, Shot};
 use crate::radiometry::{LobeAlbedo, Rgb, importance};
 use crate::random::{Stream, uniform};
+use crate::sampling::frame;
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 

@@ -1,8 +1,9 @@
 //! How much of what each patch sees are patches: V_i = Σ_j F_ij.
 
 use super::raster::Raster;
-use crate::hemicube::{DeltaFormFactors, Shot, frame, item};
+use crate::hemicube::{DeltaFormFactors, Shot, item};
 use crate::patches::PatchedScene;
+use crate::sampling::frame;
 use rayon::prelude::*;
 
 /// V_i of every patch, in [0, 1]: 1 in a closed room, less where the patch sees outside or the

@@ -1,11 +1,11 @@
 //! What a scene and its shooting take on the adapter: sizes first, then the buffers.
 
+use super::formats::{DEPTH_FORMAT, ITEM_FORMAT};
 use super::gpu::Gpu;
 use super::layout::{
     FACET_RUN, GpuCorner, GpuFacet, GpuPass, GpuPatch, GpuSettings, GpuShot, PIXEL_RUN, SPAN,
 };
 use super::pipelines::{Pipelines, UNIFORM_STRIDE};
-use super::shooting::{DEPTH_FORMAT, ITEM_FORMAT};
 use crate::device::{DeviceError, ShootingSettings, free_memory};
 use crate::hemicube::{DeltaFormFactors, FACES};
 use crate::patches::PatchedScene;

@@ -55,7 +55,7 @@ const WORKGROUP: u32 = 64;
 /// What an adapter lacks for the kernels, `None` where it lacks nothing.
 pub fn missing(adapter: &wgpu::Adapter) -> Option<&'static str> {
     let (limits, downlevel) = (adapter.limits(), adapter.get_downlevel_capabilities());
-    let items = adapter.get_texture_format_features(super::shooting::ITEM_FORMAT);
+    let items = adapter.get_texture_format_features(super::formats::ITEM_FORMAT);
     let needed = [
         (downlevel.flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS), "compute shaders"),
         (downlevel.flags.contains(wgpu::DownlevelFlags::INDIRECT_EXECUTION), "indirect draws"),

@@ -7,6 +7,7 @@
 //! counts and sums back.
 
 mod buffers;
+mod formats;
 mod gpu;
 mod layout;
 mod pipelines;

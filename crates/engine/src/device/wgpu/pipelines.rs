@@ -1,8 +1,8 @@
 //! Kernels and the layouts of their bindings; the same for every scene.
 
+use super::formats::{DEPTH_FORMAT, ITEM_FORMAT};
 use super::gpu::Gpu;
 use super::layout::{GpuCorner, GpuPass};
-use super::shooting::{DEPTH_FORMAT, ITEM_FORMAT};
 use wgpu::ShaderStages;
 
 /// Bytes between the dynamic uniforms of consecutive passes and faces: the largest alignment

@@ -12,11 +12,6 @@ use crate::radiometry::Rgb;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Item codes.
-pub const ITEM_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
-/// Inverse depth.
-pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-
 /// Says that a wgpu device wrote a state.
 const WGPU: u32 = 0x57_47_50_55;
 /// A submission can't be cancelled, so it should take about this long.
@@ -422,7 +417,7 @@ mod tests {
     use super::*;
     use crate::device::Device;
     use crate::device::wgpu::{WgpuDevice, list};
-    use crate::hemicube::frame;
+    use crate::sampling::frame;
     use crate::scene::{Material, Scene, Triangle, Vertex};
     use glam::{Vec2, Vec3};
 

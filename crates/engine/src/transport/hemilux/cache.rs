@@ -6,11 +6,11 @@
 
 use super::fragments::Seen;
 use super::gather::Record;
-use super::sequence::Seed;
 use super::shoot::Coarse;
 use super::splat::{Said, splat};
 use crate::radiometry::Rgb;
-use crate::transport::ray_traced::surface::World;
+use crate::sampling::Seed;
+use crate::surface::World;
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 

@@ -4,8 +4,8 @@
 use super::links::PatchPoints;
 use crate::patches::{NO_PATCH, PatchedScene};
 use crate::radiometry::Rgb;
+use crate::surface::World;
 use crate::transport::known::albedo;
-use crate::transport::ray_traced::surface::World;
 use foldhash::{HashMap, HashMapExt};
 use glam::Vec3;
 

@@ -9,7 +9,7 @@ use crate::radiometry::Rgb;
 use crate::raster::{PixelPlane, Target, fill};
 use crate::rays::{Spot, inset, unit_normal};
 use crate::scene::Camera;
-use crate::transport::ray_traced::surface::{Surface, World};
+use crate::surface::{Surface, World};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::sync::Arc;

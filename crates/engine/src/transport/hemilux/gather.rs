@@ -1,13 +1,13 @@
 //! Tier 2, gather: rays all over the hemisphere of a point turn the coarse solution into its
 //! indirect irradiance, and tell how far that may be carried to the neighbours.
 
-use super::sequence::{Seed, Shifted, cosine_local};
 use super::shoot::Coarse;
-use crate::hemicube::frame;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::rays::Eye;
-use crate::transport::ray_traced::surface::World;
+use crate::sampling::frame;
+use crate::sampling::{Seed, Shifted, cosine_local};
+use crate::surface::World;
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 

@@ -3,12 +3,12 @@
 
 use super::fragments::{Lobe, Seen};
 use super::lobe::{Through, reflected};
-use super::plane::Plane;
-use super::sequence::{BAYER, Seed, Shifted};
 use super::shoot::Coarse;
+use crate::filter::Plane;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
-use crate::transport::ray_traced::surface::World;
+use crate::sampling::{BAYER, Seed, Shifted};
+use crate::surface::World;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;

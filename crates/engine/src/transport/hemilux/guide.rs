@@ -2,11 +2,11 @@
 //! a lampshade say, are met by few rays all over the hemisphere. Some rays are aimed at them.
 
 use super::elements::Elements;
-use super::light_tree::{Glow, LightTree};
 use super::links::{Links, PatchPoints};
+use crate::emitters::{Glow, LightTree};
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
-use crate::transport::ray_traced::surface::World;
+use crate::surface::World;
 use glam::Vec3;
 use std::collections::HashMap;
 

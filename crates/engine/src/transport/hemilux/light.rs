@@ -2,12 +2,12 @@
 //! that is found out by shadow rays, few where they agree, many where they don't.
 
 use super::fragments::{Fragment, Seen};
-use super::lights::{Lights, TRIES};
-use super::plane::Plane;
-use super::sequence::{BAYER, Seed, Shifted};
+use crate::emitters::{PolygonLights, TRIES};
+use crate::filter::Plane;
 use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
-use crate::transport::ray_traced::surface::World;
+use crate::sampling::{BAYER, Seed, Shifted};
+use crate::surface::World;
 use rayon::prelude::*;
 
 /// Rays of every fragment at first, interleaved over tiles of 4 × 4 pixels.
@@ -74,7 +74,7 @@ pub struct Direct {
 
 impl Direct {
     /// Without a ray; `hasty` if the first pass had better be short.
-    pub fn new(lights: &Lights, seen: &Seen, adaptive: bool, hasty: bool) -> Self {
+    pub fn new(lights: &PolygonLights, seen: &Seen, adaptive: bool, hasty: bool) -> Self {
         let unoccluded = |fragment: &Fragment| Lit {
             unoccluded: lights.unoccluded(fragment.point, fragment.normal).irradiance,
             ..Lit::default()
@@ -88,7 +88,7 @@ impl Direct {
     }
 
     /// Casts another pass of rays.
-    pub fn pass(&mut self, world: &World, lights: &Lights, seen: &Seen, seed: Seed) {
+    pub fn pass(&mut self, world: &World, lights: &PolygonLights, seen: &Seen, seed: Seed) {
         if !self.adaptive || !lights.is_exact() {
             let rays = if lights.is_exact() { EVEN_RAYS } else { MANY_RAYS };
             self.lit.iter_mut().for_each(|lit| lit.disputed = true);
@@ -112,7 +112,7 @@ impl Direct {
     fn cast(
         &mut self,
         world: &World,
-        lights: &Lights,
+        lights: &PolygonLights,
         seen: &Seen,
         seed: Seed,
         count: impl Fn(&Fragment, &Lit) -> u32 + Sync,
@@ -165,7 +165,7 @@ impl Direct {
     /// it, where chance lets them be the same, and how far they are off that plane.
     pub fn irradiance(
         &self,
-        lights: &Lights,
+        lights: &PolygonLights,
         seen: &Seen,
         index: usize,
         filtered: bool,
@@ -254,7 +254,7 @@ impl Lit {
     fn cast(
         &mut self,
         world: &World,
-        lights: &Lights,
+        lights: &PolygonLights,
         seen: &Seen,
         fragment: &Fragment,
         seed: Seed,

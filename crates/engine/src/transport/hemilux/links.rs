@@ -6,13 +6,13 @@
 //! away: on the Cornell box 100 times cheaper than shots for the same error of the picture.
 
 use super::patch_light::Patched;
-use super::sequence::{Seed, Shifted, cosine_direction};
 use super::shoot::Coarse;
 use crate::patches::{NO_PATCH, PatchedScene, nth_cell};
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::rays::{Eye, Spot, inset, unit_normal};
-use crate::transport::ray_traced::surface::World;
+use crate::sampling::{Seed, Shifted, cosine_direction};
+use crate::surface::World;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 

@@ -2,12 +2,12 @@
 //! and Guibas 1995), from lobe to lobe. What a lobe ray meets that is diffuse has its direct light
 //! found out afresh, and the rest is the coarse solution's.
 
-use super::sequence::Afresh;
 use super::shoot::Coarse;
-use super::unoccluded::Axis;
+use crate::emitters::Axis;
 use crate::radiometry::Rgb;
 use crate::rays::Eye;
-use crate::transport::ray_traced::surface::Surface;
+use crate::sampling::{Afresh, power_heuristic};
+use crate::surface::Surface;
 use glam::Vec3;
 
 /// A lobe is followed if it carries at least such a share of its light to the first; what is
@@ -47,7 +47,7 @@ pub fn reflected(
             let (parts, density) = surface.evaluate(viewer, direction, 0.0);
             let value = parts.both();
             if value != Rgb::ZERO && !world.rays.blocked(start, light.end, |_| false) {
-                sum += carried * value * light.irradiance * heuristic(light.density, density);
+                sum += carried * value * light.irradiance * power_heuristic(light.density, density);
             }
         }
         let Some(scattered) = surface.scatter(viewer, 0.0, false, xi) else { break };
@@ -61,7 +61,7 @@ pub fn reflected(
         carried *= scattered.factor.both();
         if met.emission != Rgb::ZERO {
             let other = lights.density(&unoccluded, place, &hit, met.normal, direction);
-            sum += carried * met.emission * heuristic(scattered.density, other);
+            sum += carried * met.emission * power_heuristic(scattered.density, other);
         }
         let worth = (carried * met.reflectance.specular).max_element();
         let Some(next) = numbers.next.filter(|_| worth > FAINT && lobe < most) else {
@@ -74,14 +74,4 @@ pub fn reflected(
         xi = numbers.bounce;
     }
     (sum, nearness)
-}
-
-/// Weight of a sample whose own density is `own` where the other way has density `other`: the
-/// power heuristic with exponent 2.
-fn heuristic(own: f32, other: f32) -> f32 {
-    if own.is_infinite() {
-        return 1.0;
-    }
-    let ratio = other / own.max(f32::MIN_POSITIVE);
-    1.0 / (1.0 + ratio * ratio)
 }

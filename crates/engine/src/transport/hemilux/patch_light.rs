@@ -1,13 +1,13 @@
 //! Tier 1's direct light: what shines on points of a patch.
 
 use super::elements::Elements;
-use super::lights::{Lights, Once};
-use super::sequence::{Seed, Shifted, cosine_direction};
+use crate::emitters::{Once, PolygonLights};
 use crate::patches::PatchedScene;
 use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
 use crate::rays::Eye;
-use crate::transport::ray_traced::surface::World;
+use crate::sampling::{Seed, Shifted, cosine_direction};
+use crate::surface::World;
 use bytemuck::{Pod, Zeroable};
 
 /// Share of a patch's side up to which a point of it sees something nearby: it is seen by that
@@ -63,7 +63,7 @@ impl Sampled {
     pub fn add(
         &mut self,
         world: &World,
-        lights: &Lights,
+        lights: &PolygonLights,
         scene: &PatchedScene,
         elements: &Elements,
         element: usize,

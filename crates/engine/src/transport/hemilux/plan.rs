@@ -1,8 +1,8 @@
 //! Why the tiers run as they do, in words.
 
 use super::HemiluxSettings;
-use super::unoccluded::MOST_LIGHTS;
 use crate::device::DeviceDescription;
+use crate::emitters::MOST_LIGHTS;
 use crate::scene::Scene;
 
 /// One sentence a decision.

@@ -4,18 +4,18 @@
 
 use super::elements::Elements;
 use super::guide::Guide;
-use super::lights::Lights;
 use super::links::Links;
 use super::lobe::{self, Through};
 use super::patch_light::{Patched, Sampled};
-use super::sequence::{Afresh, Next, Seed, cosine_direction};
 use crate::device::{KnownLight, Shooting, ShootingSettings, Sums};
+use crate::emitters::PolygonLights;
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
 use crate::patches::{Facet, PatchedScene, cell_index};
 use crate::radiometry::{Rgb, importance};
 use crate::rays::{Eye, Hit};
+use crate::sampling::{Afresh, Next, Seed, cosine_direction};
+use crate::surface::{Surface, World};
 use crate::transport::known::equilibrium;
-use crate::transport::ray_traced::surface::{Surface, World};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::PI;
@@ -43,7 +43,7 @@ const MOST_CHANGE: f32 = 2.5;
 /// The coarse solution.
 pub struct Coarse {
     pub(super) world: Arc<World>,
-    pub(super) lights: Arc<Lights>,
+    pub(super) lights: Arc<PolygonLights>,
     /// The mesh.
     pub scene: Arc<PatchedScene>,
     reconstruction: Reconstruction,
@@ -80,10 +80,10 @@ struct Values {
 }
 
 impl Coarse {
-    /// Lights the patches directly, by `points` points each, unless `sampled` already says how.
+    /// PolygonLights the patches directly, by `points` points each, unless `sampled` already says how.
     pub fn new(
         world: Arc<World>,
-        lights: Arc<Lights>,
+        lights: Arc<PolygonLights>,
         scene: Arc<PatchedScene>,
         elements: Elements,
         points: u32,
@@ -142,7 +142,7 @@ impl Coarse {
         this
     }
 
-    /// Lights more points of each element.
+    /// PolygonLights more points of each element.
     fn light(&mut self, seed: Seed, points: u32) {
         let (world, lights) = (&*self.world, &*self.lights);
         let (scene, elements) = (&self.scene, &self.elements);
@@ -180,7 +180,7 @@ impl Coarse {
         Ok(())
     }
 
-    /// Lights more points of each element, traces more links and solves for them, and makes that
+    /// PolygonLights more points of each element, traces more links and solves for them, and makes that
     /// what hits look up.
     pub fn link(&mut self, seed: Seed, points: u32, rays: u32) {
         if points > 0 {

@@ -7,17 +7,17 @@ use super::estimate::{self, Errors};
 use super::fragments::{Fragment, Seen};
 use super::gloss::Gloss;
 use super::light::Direct;
-use super::lights::Lights;
-use super::sequence::Seed;
 use super::settings::HemiluxSettings;
 use super::shoot::Coarse;
 use crate::device::{DeviceError, Shooting};
+use crate::emitters::PolygonLights;
 use crate::image::Picture;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::render::{RenderError, StopReason};
+use crate::sampling::Seed;
+use crate::surface::World;
 use crate::transport::checkpoints;
-use crate::transport::ray_traced::World;
 use crate::transport::run::Run;
 use crate::transport::solver::{Estimate, Solver};
 use rayon::prelude::*;
@@ -60,7 +60,7 @@ struct Drawn {
 /// The three tiers at work.
 pub struct Tiers<'a> {
     pub(super) world: Arc<World>,
-    pub(super) lights: Arc<Lights>,
+    pub(super) lights: Arc<PolygonLights>,
     pub(super) seen: Seen,
     pub(super) coarse: Coarse,
     pub(super) shooting: Option<Box<dyn Shooting + 'a>>,
@@ -90,7 +90,7 @@ pub struct Parts<'a> {
     /// The scene as rays meet it.
     pub world: Arc<World>,
     /// Its emitters.
-    pub lights: Arc<Lights>,
+    pub lights: Arc<PolygonLights>,
     /// What the camera sees.
     pub seen: Seen,
     /// Tier 1.

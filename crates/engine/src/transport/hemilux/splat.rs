@@ -207,7 +207,7 @@ mod tests {
     use crate::patches::PatchedScene;
     use crate::scene::gltf::{ImportLimits, Resources, import};
     use crate::scene::made;
-    use crate::transport::ray_traced::surface::World;
+    use crate::surface::World;
     use std::sync::Arc;
 
     /// No window leaves out a fragment where a record counts, and eights count as ones do.

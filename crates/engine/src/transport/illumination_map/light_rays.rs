@@ -8,11 +8,13 @@
 //! alone, and none is wasted where what makes the caustic is small.
 
 use super::map::Landing;
-use crate::hemicube::frame;
+use crate::emitters::{Emitted, TriangleLights};
 use crate::radiometry::Rgb;
 use crate::random::{Numbers, Stream};
 use crate::rays::Eye;
-use crate::transport::ray_traced::{Choice, Emitted, Lights, Surface, World};
+use crate::sampling::Discrete;
+use crate::sampling::frame;
+use crate::surface::{Surface, World};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::{PI, TAU};
@@ -30,7 +32,7 @@ const DIMENSIONS: usize = 6;
 /// The triangles that make caustics.
 pub struct Casters {
     triangles: Vec<u32>,
-    choice: Choice,
+    choice: Discrete,
     /// 1/(their area), square ray units.
     density: f32,
 }
@@ -47,7 +49,7 @@ impl Casters {
             .collect();
         let total: f64 = triangles.iter().map(|index| area(*index)).sum();
         (total > 0.0).then(|| Self {
-            choice: Choice::new(triangles.iter().map(|index| area(*index))),
+            choice: Discrete::new(triangles.iter().map(|index| area(*index))),
             triangles,
             density: (1.0 / total) as f32,
         })
@@ -59,7 +61,7 @@ pub struct LightRays<'a> {
     /// The scene.
     pub world: &'a World,
     /// Its lights.
-    pub lights: &'a Lights,
+    pub lights: &'a TriangleLights,
     /// What makes caustics in it.
     pub casters: &'a Casters,
     /// Rays of a pass, even.
@@ -204,10 +206,11 @@ impl LightRays<'_> {
                 .filter(|clear| clear.share >= 1.0 || walk.numbers.uniform() < clear.share);
             let (origin, direction);
             if let Some(clear) = clear {
-                let Some(passed) = clear.pass(&surface, source, walk.numbers.uniform()) else {
+                let Some(passed) = clear.pass(surface.side(), source, walk.numbers.uniform())
+                else {
                     return;
                 };
-                walk.power *= passed.tint * passed.power_factor(&surface, source);
+                walk.power *= passed.tint * passed.power_factor(surface.side(), source);
                 direction = passed.direction;
                 if passed.through {
                     (origin, inside) = (surface.start_behind(), passed.inside);
@@ -274,7 +277,7 @@ mod tests {
         for bytes in [made::ring(), made::glass()] {
             let scene = import(&bytes, &Resources::new(), &ImportLimits::default());
             let world = World::new(Arc::new(scene.expect("a valid scene")));
-            let lights = Lights::new(&world).expect("it has a lamp");
+            let lights = TriangleLights::new(&world).expect("it has a lamp");
             let mut casters = Casters::new(&world).expect("it makes caustics");
             let mut landed = |alone: bool| {
                 if alone {
@@ -299,7 +302,7 @@ mod tests {
     fn rays_do_not_depend_on_the_number_of_threads() {
         let scene = import(&made::ring(), &Resources::new(), &ImportLimits::default());
         let world = World::new(Arc::new(scene.expect("a valid scene")));
-        let lights = Lights::new(&world).expect("it has a lamp");
+        let lights = TriangleLights::new(&world).expect("it has a lamp");
         let casters = Casters::new(&world).expect("it makes caustics");
         let rays =
             LightRays { world: &world, lights: &lights, casters: &casters, count: 5000, seed: 9 };

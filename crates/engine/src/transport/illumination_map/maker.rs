@@ -5,7 +5,8 @@ use super::light_rays::{Casters, LightRays};
 use super::map::Map;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::{IMPORTANCE_WEIGHTS, Rgb, importance};
-use crate::transport::ray_traced::{View, World};
+use crate::surface::World;
+use crate::transport::ray_traced::View;
 use std::collections::BTreeMap;
 
 /// Rays that are shot between looks at the clock, and the least of a pass.

@@ -4,7 +4,8 @@
 use super::charts::Charts;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
-use crate::transport::ray_traced::{Caustics, Mapped, Surface};
+use crate::surface::Surface;
+use crate::transport::ray_traced::{Caustics, Mapped};
 use glam::DVec3;
 use rayon::prelude::*;
 

@@ -19,16 +19,18 @@ mod settings;
 
 use super::checkpoints::Parts;
 use super::job::{Announcement, Job};
-use super::ray_traced::{
-    self, Caustics, Film, Lights, RayTracedSettings, Steps, View, World, ray_figures, warnings,
-};
 use super::run::Run;
 use super::solver::{Estimate, Extent, Method, Solver};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceError, Tally};
+use crate::emitters::TriangleLights;
 use crate::image::Picture;
 use crate::render::{RenderError, StopReason};
 use crate::scene::Warning;
+use crate::surface::World;
+use crate::transport::ray_traced::{
+    self, Caustics, Film, RayTracedSettings, Steps, View, ray_figures, warnings,
+};
 use charts::Charts;
 use light_rays::Casters;
 use maker::{BLOCK, Maker};
@@ -68,7 +70,7 @@ impl Method for IlluminationMap {
         let options = RayTracedSettings::new(&job.settings)?;
         let own = MapSettings::new(&job.settings)?;
         let world = World::new(job.request.scene.clone());
-        let lights = Lights::new(&world);
+        let lights = TriangleLights::new(&world);
         let casters = Casters::new(&world);
         let mut warnings = warnings(&world, &options, &device.description());
         if casters.is_none() {

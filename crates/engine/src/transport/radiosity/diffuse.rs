@@ -2,12 +2,13 @@
 //! irradiance that they cause.
 
 use crate::device::{Device, ShootingSettings};
-use crate::hemicube::{Shot, frame};
+use crate::hemicube::Shot;
 use crate::measurement::Solution;
 use crate::patches::PatchedScene;
 use crate::radiometry::{Rgb, importance};
 use crate::random::{Stream, uniform};
 use crate::render::RenderError;
+use crate::sampling::frame;
 use crate::scene::{Material, Scene, Warning};
 use crate::transport::job::Job;
 use glam::Vec2;

@@ -5,16 +5,11 @@
 //! The picture is traced in passes, one estimate of each pixel a pass, and is their mean. Rays
 //! run on the processor whatever the device.
 
-mod clear;
-mod disks;
 mod film;
-mod lights;
 mod path;
 mod pixels;
 mod settings;
 mod steps;
-mod strata;
-pub(super) mod surface;
 mod view;
 
 use super::checkpoints::Parts;
@@ -23,19 +18,19 @@ use super::run::Run;
 use super::solver::{Estimate, Extent, Method, Solver};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceDescription, DeviceError, Tally};
+use crate::emitters::TriangleLights;
 use crate::image::Picture;
 use crate::render::{RenderError, StopReason};
 use crate::scene::Warning;
+use crate::surface::World;
 use settings::{LightSampling, PixelSampling};
 use std::collections::BTreeMap;
 
 pub use settings::RayTracedSettings;
 // What illumination maps share.
 pub(super) use film::Film;
-pub(super) use lights::{Choice, Emitted, Lights};
 pub(super) use path::{Caustics, Mapped};
 pub(super) use steps::Steps;
-pub(super) use surface::{Surface, World};
 pub(super) use view::View;
 
 /// Path tracing, and the techniques that led to it.
@@ -65,7 +60,7 @@ impl Method for RayTraced {
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
         let options = RayTracedSettings::new(&job.settings)?;
         let world = World::new(job.request.scene.clone());
-        let lights = Lights::new(&world);
+        let lights = TriangleLights::new(&world);
         job.announce(Announcement {
             device: format!("{} (rays)", CpuDevice::describe_here().name),
             patches: 0,

@@ -4,14 +4,12 @@
 //! Where a map has the caustics, diffuse surfaces read them there, and what the walk finds of the
 //! same light is left out ([`Carried`]).
 
-use super::clear::Inside;
-use super::disks::{DiskPoints, Disks};
-use super::lights::{LightSample, Lights};
-use super::strata::{CHOICES, Turn};
-use super::surface::{Parts, Surface, World};
+use crate::emitters::{DiskPoints, Disks, LightSample, TriangleLights};
 use crate::radiometry::Rgb;
 use crate::random::Numbers;
 use crate::rays::Eye;
+use crate::sampling::{CHOICES, Turn, power_heuristic};
+use crate::surface::{Inside, Parts, Surface, World};
 use glam::Vec3;
 use std::f32::consts::PI;
 
@@ -46,7 +44,7 @@ pub struct Tracer<'a> {
     /// The scene.
     pub world: &'a World,
     /// Its lights.
-    pub lights: &'a Lights,
+    pub lights: &'a TriangleLights,
     /// What stands for them where Lange's sampling is asked for.
     pub disks: Option<(&'a Disks, DiskPoints)>,
     /// Most reflections of a path.
@@ -219,7 +217,8 @@ impl Tracer<'_> {
             }
             if surface.emission != Rgb::ZERO && (self.disks.is_none() || !is_sampled) {
                 let other = self.lights.density(&surface, *direction, distance);
-                radiance += carried.unmapped() * surface.emission * heuristic(*density, other);
+                radiance +=
+                    carried.unmapped() * surface.emission * power_heuristic(*density, other);
             }
             let viewer = -*direction;
             let clear = surface
@@ -237,7 +236,7 @@ impl Tracer<'_> {
                 }
                 *carried = carried.times(Rgb::splat(1.0 / survival));
             }
-            let Some(passed) = clear.pass(&surface, viewer, walk.numbers.uniform()) else {
+            let Some(passed) = clear.pass(surface.side(), viewer, walk.numbers.uniform()) else {
                 return (radiance, None);
             };
             *carried = carried.passed(passed.tint);
@@ -364,7 +363,8 @@ impl Tracer<'_> {
             let (parts, other) = surface.evaluate(*viewer, direction, share);
             let value = carried.reflected(surface, parts, has_map).unmapped();
             let cosine = surface.normal.dot(direction);
-            let mut arriving = value * emitted * (cosine / density * heuristic(density, other));
+            let mut arriving =
+                value * emitted * (cosine / density * power_heuristic(density, other));
             if arriving == Rgb::ZERO {
                 continue;
             }
@@ -441,14 +441,4 @@ impl Tracer<'_> {
         }
         radiance / count as f32
     }
-}
-
-/// Weight of a sample whose own density is `own` where another way has density `other`: the power
-/// heuristic with exponent 2.
-fn heuristic(own: f32, other: f32) -> f32 {
-    if own.is_infinite() {
-        return 1.0;
-    }
-    let ratio = other / own;
-    1.0 / (1.0 + ratio * ratio)
 }

@@ -2,10 +2,10 @@
 
 use super::path::{Tracer, Walk};
 use super::settings::PixelSampling;
-use super::strata::Turn;
 use crate::measurement::Frame;
 use crate::radiometry::Rgb;
 use crate::random::{Numbers, Stream};
+use crate::sampling::Turn;
 use glam::{Vec2, Vec3};
 
 /// The camera, and how its pixels are sampled.

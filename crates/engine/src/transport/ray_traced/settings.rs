@@ -1,10 +1,10 @@
 //! Checked settings of ray tracing.
 
-use super::disks::{DiskPoints, Disks};
-use super::lights::Lights;
-use super::strata::Strata;
-use super::surface::World;
+use crate::emitters::TriangleLights;
+use crate::emitters::{DiskPoints, Disks};
 use crate::render::RenderError;
+use crate::sampling::Strata;
+use crate::surface::World;
 use crate::transport::options::Settings;
 
 /// Checked settings of ray tracing; see [`crate::transport::OPTIONS`] for their meaning.
@@ -89,7 +89,7 @@ impl RayTracedSettings {
     }
 
     /// What stands for the lights where they are sampled as disks.
-    pub fn disks(&self, world: &World, lights: &Lights) -> Option<(Disks, DiskPoints)> {
+    pub fn disks(&self, world: &World, lights: &TriangleLights) -> Option<(Disks, DiskPoints)> {
         match self.light_sampling {
             LightSampling::Area => None,
             LightSampling::Disks(points) => Some((Disks::new(world, lights), points)),

@@ -1,14 +1,14 @@
 //! What a picture is traced of: the scene as rays meet it, its lights, the camera's frame, and how
 //! pixels are sampled.
 
-use super::disks::{DiskPoints, Disks};
 use super::film::Film;
-use super::lights::Lights;
 use super::path::{Caustics, Tracer};
 use super::pixels::Pixels;
 use super::settings::RayTracedSettings;
-use super::surface::World;
+use crate::emitters::TriangleLights;
+use crate::emitters::{DiskPoints, Disks};
 use crate::measurement::Frame;
+use crate::surface::World;
 use crate::transport::job::Job;
 
 /// What a picture is traced of.
@@ -16,7 +16,7 @@ pub struct View {
     /// The scene.
     pub world: World,
     /// Its lights.
-    pub lights: Lights,
+    pub lights: TriangleLights,
     disks: Option<(Disks, DiskPoints)>,
     options: RayTracedSettings,
     frame: Frame,
@@ -26,7 +26,12 @@ pub struct View {
 
 impl View {
     /// The view of a job.
-    pub fn new(job: &Job<'_>, world: World, lights: Lights, options: RayTracedSettings) -> Self {
+    pub fn new(
+        job: &Job<'_>,
+        world: World,
+        lights: TriangleLights,
+        options: RayTracedSettings,
+    ) -> Self {
         let size = [job.request.width, job.request.height];
         Self {
             disks: options.disks(&world, &lights),

@@ -2,8 +2,8 @@
 //! effectiveness of quasirandom sequences"), shifted at random, so that any stretch of a sequence
 //! is spread and its mean unbiased.
 
-use crate::hemicube::frame;
 use crate::random::{Numbers, Stream, pcg};
+use crate::sampling::frame;
 use glam::{Vec2, Vec3};
 use std::f32::consts::{FRAC_PI_4, PI};
 

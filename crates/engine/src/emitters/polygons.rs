@@ -20,7 +20,7 @@ const TEXTURE_DIVISIONS: u32 = 8;
 const MOST_TEXTURED: usize = 4096;
 
 /// The lights of a scene.
-pub struct Lights {
+pub struct PolygonLights {
     all: All,
     /// Which of them to ask, where they are too many to ask all.
     tree: LightTree,
@@ -61,7 +61,7 @@ impl Once {
     }
 }
 
-impl Lights {
+impl PolygonLights {
     /// The lights of a scene; `None` without any.
     pub fn new(scene: &Scene, rays: &Rays) -> Option<Self> {
         let many = scene.emissive_triangles() > MOST_TEXTURED;
@@ -235,7 +235,7 @@ impl Lights {
         Once { unoccluded: unoccluded.irradiance, cast, seen }
     }
 
-    /// Density per solid angle at which [`Lights::sample`] picks the place of a light that a ray
+    /// Density per solid angle at which [`PolygonLights::sample`] picks the place of a light that a ray
     /// along the unit `direction` from the surface met; `normal` is the light's there.
     pub fn density(
         &self,

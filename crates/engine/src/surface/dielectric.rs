@@ -4,7 +4,6 @@
 //! Walks carry radiance over n², which refraction does not change, so that walks from the camera
 //! and from the light weigh alike.
 
-use super::surface::Surface;
 use crate::radiometry::Rgb;
 use crate::scene::{Material, Volume};
 use glam::Vec3;
@@ -28,6 +27,17 @@ pub struct Clear {
 /// The inside of a clear body: its absorption coefficient, per ray unit.
 #[derive(Clone, Copy, Debug)]
 pub struct Inside(Rgb);
+
+/// How the side of a surface lies that light meets.
+#[derive(Clone, Copy)]
+pub struct Side {
+    /// Unit geometric normal of that side.
+    pub normal: Vec3,
+    /// Unit shading normal of that side.
+    pub shading_normal: Vec3,
+    /// Whether it is the back.
+    pub back: bool,
+}
 
 /// A direction in which light goes on.
 pub struct Passed {
@@ -74,7 +84,7 @@ impl Clear {
 
     /// Where light goes on that is met from `viewer`, mirrored or let through as a uniform number
     /// says; `None` where shading and geometric normals contradict each other.
-    pub fn pass(&self, surface: &Surface, viewer: Vec3, xi: f32) -> Option<Passed> {
+    pub fn pass(&self, surface: Side, viewer: Vec3, xi: f32) -> Option<Passed> {
         let normal = surface.shading_normal;
         let cosine = normal.dot(viewer);
         if cosine <= 0.0 {
@@ -107,7 +117,7 @@ impl Passed {
     ///
     /// Radiance is kept, but where the shading normal n_s is not the geometric n_g, power is not:
     /// |ω_o·n_g| |ω_i·n_s| / (|ω_i·n_g| |ω_o·n_s|) (Veach 1997, §5.3). A sheet bends nothing.
-    pub fn power_factor(&self, surface: &Surface, source: Vec3) -> f32 {
+    pub fn power_factor(&self, surface: Side, source: Vec3) -> f32 {
         if self.through && self.direction == -source {
             return 1.0;
         }
@@ -130,23 +140,10 @@ fn fresnel(before: f32, beyond: f32, index: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::radiometry::Reflectance;
-    use crate::rays::Spot;
 
-    fn surface(back: bool) -> Surface {
-        let spot = Spot::new([Vec3::ZERO, Vec3::X, Vec3::Y], Vec3::Z, 0.3, 0.3);
-        let normal = if back { -spot.normal } else { spot.normal };
-        Surface {
-            triangle: 0,
-            at: [0.3, 0.3],
-            back,
-            spot,
-            normal,
-            shading_normal: normal,
-            reflectance: Reflectance::lambertian(Rgb::ZERO),
-            emission: Rgb::ZERO,
-            clear: None,
-        }
+    fn surface(back: bool) -> Side {
+        let normal = if back { -Vec3::Z } else { Vec3::Z };
+        Side { normal, shading_normal: normal, back }
     }
 
     fn glass(ior: f32) -> Clear {
@@ -168,12 +165,12 @@ mod tests {
         for sine in [0.0f32, 0.2, 0.5, 0.9, 0.999] {
             let viewer = Vec3::new(sine, 0.0, (1.0 - sine * sine).sqrt());
             let front = surface(false);
-            let passed = glass(1.5).pass(&front, viewer, 0.999_999).expect("it goes through");
+            let passed = glass(1.5).pass(front, viewer, 0.999_999).expect("it goes through");
             assert!(passed.through && passed.inside.is_some());
             assert!((passed.direction.x + sine / 1.5).abs() < 1e-6, "{}", passed.direction);
-            assert!((passed.power_factor(&front, viewer) - 1.0).abs() < 1e-5);
+            assert!((passed.power_factor(front, viewer) - 1.0).abs() < 1e-5);
             // From inside along the way it came: out along the way that it came.
-            let out = glass(1.5).pass(&surface(true), passed.direction, 0.999_999);
+            let out = glass(1.5).pass(surface(true), passed.direction, 0.999_999);
             let out = out.expect("it comes out");
             assert!(out.inside.is_none());
             assert!((out.direction - viewer).length() < 1e-3, "{} {viewer}", out.direction);
@@ -183,7 +180,7 @@ mod tests {
     #[test]
     fn beyond_the_critical_angle_everything_is_mirrored() {
         let viewer = Vec3::new(0.7, 0.0, -(1.0f32 - 0.49).sqrt());
-        let passed = glass(1.5).pass(&surface(true), viewer, 0.999_999).expect("it is mirrored");
+        let passed = glass(1.5).pass(surface(true), viewer, 0.999_999).expect("it is mirrored");
         assert!(!passed.through);
         assert!((passed.direction - Vec3::new(-0.7, 0.0, viewer.z)).length() < 1e-6);
     }

@@ -1,46 +1,15 @@
 //! Where direct light comes from: the emissive triangles, picked by their power.
 
-use super::surface::{Surface, World};
 use crate::patches::cells;
 use crate::radiometry::{Rgb, importance};
 use crate::rays::{Spot, unit_normal};
+use crate::sampling::Discrete;
+use crate::surface::{Surface, World};
 use glam::Vec3;
 
 /// Share of the pick that goes by the emission factor alone, so that no part of a texture that
 /// the samples missed is left out.
 const FACTOR_SHARE: f64 = 0.1;
-
-/// Things by probability.
-pub struct Choice {
-    /// Running sums of the probabilities.
-    cumulative: Vec<f64>,
-}
-
-impl Choice {
-    /// Things with probabilities in proportion to weights, whose sum is positive.
-    pub fn new(weights: impl Iterator<Item = f64>) -> Self {
-        let mut total = 0.0;
-        let mut cumulative: Vec<f64> = weights
-            .map(|weight| {
-                total += weight;
-                total
-            })
-            .collect();
-        cumulative.iter_mut().for_each(|sum| *sum /= total);
-        Self { cumulative }
-    }
-
-    /// The thing for a uniform number.
-    pub fn pick(&self, xi: f64) -> usize {
-        self.cumulative.partition_point(|sum| *sum <= xi).min(self.cumulative.len() - 1)
-    }
-
-    /// The probability of a thing.
-    pub fn probability(&self, index: usize) -> f64 {
-        let before = if index == 0 { 0.0 } else { self.cumulative[index - 1] };
-        self.cumulative[index] - before
-    }
-}
 
 /// An emissive triangle.
 pub struct Emitter {
@@ -59,9 +28,9 @@ pub struct Emitter {
 }
 
 /// The lights of a scene.
-pub struct Lights {
+pub struct TriangleLights {
     emitters: Vec<Emitter>,
-    choice: Choice,
+    choice: Discrete,
     /// Probability per area, by scene triangle.
     density: Vec<f32>,
 }
@@ -92,7 +61,7 @@ pub struct Emitted {
     pub density: f32,
 }
 
-impl Lights {
+impl TriangleLights {
     /// The lights of a scene; `None` without any.
     pub fn new(world: &World) -> Option<Self> {
         let scene = &world.scene;
@@ -117,7 +86,7 @@ impl Lights {
         if emitters.is_empty() {
             return None;
         }
-        let choice = Choice::new(emitters.iter().map(|emitter| emitter.weight));
+        let choice = Discrete::new(emitters.iter().map(|emitter| emitter.weight));
         let mut density = vec![0.0; scene.triangles.len()];
         for (index, emitter) in emitters.iter().enumerate() {
             density[emitter.triangle as usize] =
@@ -156,7 +125,7 @@ impl Lights {
         Some(LightSample { end, direction, radiance, density })
     }
 
-    /// Density per solid angle at which [`Lights::sample`] picks the place of `light` that a ray
+    /// Density per solid angle at which [`TriangleLights::sample`] picks the place of `light` that a ray
     /// along the unit `direction` met at `distance`.
     pub fn density(&self, light: &Surface, direction: Vec3, distance: f32) -> f32 {
         let cosine = light.normal.dot(direction).abs().max(f32::MIN_POSITIVE);

@@ -1,11 +1,12 @@
-//! Lights as disks (Lange 1994, as Rogers prints it): each connected group of emissive triangles
+//! TriangleLights as disks (Lange 1994, as Rogers prints it): each connected group of emissive triangles
 //! is one, and a surface looks at its centre and at random points of its area or of its edge.
 
-use super::lights::{Choice, Emitter, Lights};
-use super::surface::World;
-use crate::hemicube::frame;
+use super::triangles::{Emitter, TriangleLights};
 use crate::radiometry::{Rgb, importance};
 use crate::random::Numbers;
+use crate::sampling::Discrete;
+use crate::sampling::frame;
+use crate::surface::World;
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
@@ -18,7 +19,7 @@ const SHEET: f32 = 0.2;
 /// The lights of a scene as disks.
 pub struct Disks {
     disks: Vec<Disk>,
-    choice: Choice,
+    choice: Discrete,
     group_of: Vec<u32>,
 }
 
@@ -44,13 +45,13 @@ pub enum DiskPoints {
 
 impl Disks {
     /// The disks that stand for the lights of a scene.
-    pub fn new(world: &World, lights: &Lights) -> Self {
+    pub fn new(world: &World, lights: &TriangleLights) -> Self {
         let (group_of, disks) = disks(world, lights.emitters());
         let power = |disk: &Disk| {
             let area = PI * disk.radius * disk.radius;
             f64::from(importance(disk.radiance)).max(f64::MIN_POSITIVE) * f64::from(area)
         };
-        let choice = Choice::new(disks.iter().map(power));
+        let choice = Discrete::new(disks.iter().map(power));
         Self { disks, choice, group_of }
     }
 

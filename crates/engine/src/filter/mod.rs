@@ -1,0 +1,5 @@
+//! What neighbours say together.
+
+mod plane;
+
+pub use plane::Plane;
