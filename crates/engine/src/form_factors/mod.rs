@@ -12,6 +12,7 @@ mod polygon;
 mod quadrature;
 mod rays;
 mod route;
+mod unsuitable;
 
 pub use closed_forms::{
     ClosedForm, coaxial_disks, element_to_sphere, parallel_rectangles, perpendicular_rectangles,
@@ -22,7 +23,8 @@ pub use hemicube::Hemicubes;
 pub use point_to_polygon::{Lambert, point_to_polygon};
 pub use polygon::Polygon;
 pub use rays::CosineRays;
-pub use route::{Route, Unsuitable};
+pub use route::Route;
+pub use unsuitable::Unsuitable;
 
 #[cfg(test)]
 mod tests {

@@ -1,6 +1,6 @@
 //! Flat polygons.
 
-use super::route::Unsuitable;
+use super::unsuitable::Unsuitable;
 use glam::DVec3;
 
 /// A flat polygon with three or more corners, counter-clockwise seen from its front; convex.

@@ -15,6 +15,8 @@ pub use camera::{Frame, View, ViewTriangle};
 use glam::Vec2;
 use rayon::prelude::*;
 use reconstruction::{Reconstruction, Smoothness};
+use shading::Sight;
+pub use shading::{PixelWeight, VertexWeights};
 use std::sync::Arc;
 
 /// Rows of the picture that are measured together.
@@ -50,32 +52,6 @@ pub struct Measurement {
     view: View,
     /// Sub-pixel offsets, one a sample, in [−½, ½)².
     samples: Vec<Vec2>,
-}
-
-/// How much the vertices of the reconstruction count in the picture.
-pub struct VertexWeights {
-    /// Of irradiance: factor kd/π.
-    pub diffuse: Vec<PixelWeight>,
-    /// Of lobe-weighted irradiance: factor ks.
-    pub glossy: Vec<PixelWeight>,
-    /// Number of pixels that were counted: those that see no emitter.
-    pub pixels: f64,
-}
-
-/// Sums over the pixels that a vertex is interpolated into.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct PixelWeight {
-    /// Σ interpolation weight × factor.
-    pub first: Rgb,
-    /// Σ interpolation weight × factor².
-    pub second: Rgb,
-}
-
-impl PixelWeight {
-    fn add(&mut self, factor: Rgb, weight: f32) {
-        self.first += factor * weight;
-        self.second += factor * factor * weight;
-    }
 }
 
 /// The direction towards a camera, for reflections that depend on it.
@@ -119,11 +95,12 @@ impl Measurement {
         let (width, height) = (self.view.width, self.view.height);
         let mut picture = Picture::black(width, height);
         let share = 1.0 / self.samples.len() as f32;
+        let sight = self.sight();
         picture.pixels.par_chunks_mut((BAND * width) as usize).enumerate().for_each(
             |(band, pixels)| {
                 self.visible(band as u32, &self.samples, |offset, items| {
                     let first_row = band as u32 * BAND;
-                    shading::shade(self, &light, first_row, offset, items, |at, radiance| {
+                    shading::shade(sight, &light, first_row, offset, items, |at, radiance| {
                         pixels[at] += radiance * share;
                     });
                 });
@@ -143,10 +120,14 @@ impl Measurement {
         };
         for band in 0..self.view.height.div_ceil(BAND) {
             self.visible(band, &[Vec2::ZERO], |offset, items| {
-                shading::weigh(self, band * BAND, offset, items, &mut weights);
+                shading::weigh(self.sight(), band * BAND, offset, items, &mut weights);
             });
         }
         weights
+    }
+
+    fn sight(&self) -> Sight<'_> {
+        Sight { scene: &self.scene, reconstruction: &self.reconstruction, view: &self.view }
     }
 
     /// Renders the item buffer of a band of rows for each sub-pixel offset.

@@ -1,10 +1,49 @@
 //! Reflected and emitted radiance of what each sub-pixel sample sees.
 
-use super::{Measurement, VertexWeights};
+use super::camera::View;
+use super::reconstruction::Reconstruction;
 use crate::hemicube::item;
+use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use glam::Vec2;
 use std::f32::consts::PI;
+
+/// What pictures are made of.
+#[derive(Clone, Copy)]
+pub struct Sight<'a> {
+    /// The scene in patches.
+    pub scene: &'a PatchedScene,
+    /// How values on patches become a function.
+    pub reconstruction: &'a Reconstruction,
+    /// The camera.
+    pub view: &'a View,
+}
+
+/// How much the vertices of the reconstruction count in the picture.
+pub struct VertexWeights {
+    /// Of irradiance: factor kd/π.
+    pub diffuse: Vec<PixelWeight>,
+    /// Of lobe-weighted irradiance: factor ks.
+    pub glossy: Vec<PixelWeight>,
+    /// Number of pixels that were counted: those that see no emitter.
+    pub pixels: f64,
+}
+
+/// Sums over the pixels that a vertex is interpolated into.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PixelWeight {
+    /// Σ interpolation weight × factor.
+    pub first: Rgb,
+    /// Σ interpolation weight × factor².
+    pub second: Rgb,
+}
+
+impl PixelWeight {
+    fn add(&mut self, factor: Rgb, weight: f32) {
+        self.first += factor * weight;
+        self.second += factor * factor * weight;
+    }
+}
 
 /// Light at the vertices of the reconstruction.
 pub struct VertexLight {
@@ -26,13 +65,13 @@ struct Run {
 
 /// Calls `each` for every run of an item buffer with its pixel range.
 fn runs(
-    measurement: &Measurement,
+    sight: Sight<'_>,
     first_row: u32,
     offset: Vec2,
     items: &[u32],
     mut each: impl FnMut(&Run, usize, std::ops::Range<u32>),
 ) {
-    let width = measurement.view.width as usize;
+    let width = sight.view.width as usize;
     for (row_index, row_items) in items.chunks(width).enumerate() {
         let mut column = 0;
         while column < width {
@@ -43,7 +82,7 @@ fn runs(
                 .map_or(width, |length| column + length);
             if let Some((facet, back)) = item::decode(code) {
                 let row = first_row + row_index as u32;
-                let run = Run::new(measurement, facet as usize, back, row, offset);
+                let run = Run::new(sight, facet as usize, back, row, offset);
                 each(&run, row_index * width, column as u32..end as u32);
             }
             column = end;
@@ -52,10 +91,10 @@ fn runs(
 }
 
 impl Run {
-    fn new(measurement: &Measurement, facet: usize, back: bool, row: u32, offset: Vec2) -> Self {
-        let scene = &measurement.scene;
+    fn new(sight: Sight<'_>, facet: usize, back: bool, row: u32, offset: Vec2) -> Self {
+        let scene = sight.scene;
         let corners = scene.facets[facet].corners.map(|c| scene.positions[c as usize]);
-        let [e0, e1, e2] = measurement.view.edges(corners).map(|plane| {
+        let [e0, e1, e2] = sight.view.edges(corners).map(|plane| {
             let at_row = plane.constant + plane.per_row * (row as f32 + offset.y);
             (at_row + plane.per_column * offset.x, plane.per_column)
         });
@@ -75,16 +114,16 @@ impl Run {
 
 /// Radiance towards the camera of every sample of an item buffer: `each(pixel, radiance)`.
 pub fn shade(
-    measurement: &Measurement,
+    sight: Sight<'_>,
     light: &VertexLight,
     first_row: u32,
     offset: Vec2,
     items: &[u32],
     mut each: impl FnMut(usize, Rgb),
 ) {
-    let patched = &measurement.scene;
+    let patched = sight.scene;
     let scene = &patched.scene;
-    runs(measurement, first_row, offset, items, |run, row_start, columns| {
+    runs(sight, first_row, offset, items, |run, row_start, columns| {
         let facet = &patched.facets[run.facet];
         let triangle = &scene.triangles[facet.source as usize];
         let material = &scene.materials[triangle.material as usize];
@@ -100,7 +139,7 @@ pub fn shade(
             } else {
                 (uniform, emission)
             };
-            let corners = measurement.reconstruction.corners(run.facet, run.back, facet, u, v);
+            let corners = sight.reconstruction.corners(run.facet, run.back, facet, u, v);
             let mut radiance = emission;
             if let Some(corners) = corners {
                 let interpolate = |values: &[Rgb]| {
@@ -118,16 +157,16 @@ pub fn shade(
 
 /// Adds what an item buffer says to the vertices' weights in the picture.
 pub fn weigh(
-    measurement: &Measurement,
+    sight: Sight<'_>,
     first_row: u32,
     offset: Vec2,
     items: &[u32],
     weights: &mut VertexWeights,
 ) {
-    let patched = &measurement.scene;
+    let patched = sight.scene;
     let scene = &patched.scene;
     weights.pixels += items.len() as f64;
-    runs(measurement, first_row, offset, items, |run, _, columns| {
+    runs(sight, first_row, offset, items, |run, _, columns| {
         let facet = &patched.facets[run.facet];
         let triangle = &scene.triangles[facet.source as usize];
         let material = &scene.materials[triangle.material as usize];
@@ -140,7 +179,7 @@ pub fn weigh(
             let at = facet.to_source(u, v);
             let reflectance = material.reflectance(scene.base_color(triangle, at.x, at.y));
             let (kd, ks) = (reflectance.diffuse / PI, reflectance.specular);
-            let corners = measurement.reconstruction.corners(run.facet, run.back, facet, u, v);
+            let corners = sight.reconstruction.corners(run.facet, run.back, facet, u, v);
             for (vertex, weight) in corners.into_iter().flatten() {
                 weights.diffuse[vertex as usize].add(kd, weight);
                 weights.glossy[vertex as usize].add(ks, weight);

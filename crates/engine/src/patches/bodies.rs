@@ -1,6 +1,6 @@
 //! Which facets bound closed bodies that no light can get into: their backs are never seen.
 
-use super::Facet;
+use super::facet::Facet;
 use crate::scene::Scene;
 use foldhash::{HashMap, HashMapExt};
 use glam::{DVec3, Vec3};

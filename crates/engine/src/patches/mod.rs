@@ -6,17 +6,18 @@
 //! follows from the facet and the barycentric coordinates of the hit ([`cell_index`]).
 
 mod bodies;
+mod facet;
 mod seams;
 mod split;
 
 use crate::radiometry::{Rgb, importance};
 use crate::scene::{Scene, Warning};
+use facet::facet_area;
 use foldhash::{HashMap, HashMapExt};
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 
-/// "This side has no patches."
-pub const NO_PATCH: u32 = u32::MAX;
+pub use facet::{Facet, NO_PATCH, cell_index, cells, nth_cell};
 
 /// A scene cut into facets and patches.
 pub struct PatchedScene {
@@ -30,43 +31,6 @@ pub struct PatchedScene {
     pub patches: Patches,
     /// What was left out.
     pub warnings: Vec<Warning>,
-}
-
-/// A triangle of the visibility geometry: a scene triangle or a piece of one.
-#[derive(Clone, Copy, Debug)]
-pub struct Facet {
-    /// Indices into [`PatchedScene::positions`], counter-clockwise seen from the front.
-    pub corners: [u32; 3],
-    /// The scene triangle that it lies in.
-    pub source: u32,
-    /// Barycentric (u, v) of the corners in the scene triangle.
-    pub source_uv: [Vec2; 3],
-    /// n: each side has n² patches.
-    pub divisions: u32,
-    /// First patch of the front.
-    pub front: u32,
-    /// First patch of the back, or [`NO_PATCH`] where the back is black.
-    pub back: u32,
-    /// Whether the back is never seen by light: the facet bounds a closed body without light
-    /// inside, so rasterisers may skip it when it faces away.
-    pub cull_back: bool,
-    /// Whether it gives way to others where depths tie within rounding: it goes on behind a
-    /// neighbour at a shared edge.
-    pub recedes: bool,
-}
-
-impl Facet {
-    /// First patch of a side, `None` where that side is black.
-    pub fn first_patch(&self, back: bool) -> Option<u32> {
-        let first = if back { self.back } else { self.front };
-        (first != NO_PATCH).then_some(first)
-    }
-
-    /// Barycentric (u, v) in the scene triangle of barycentric (u, v) in the facet.
-    pub fn to_source(&self, u: f32, v: f32) -> Vec2 {
-        let [a, b, c] = self.source_uv;
-        a * (1.0 - u - v) + b * u + c * v
-    }
 }
 
 /// The patches, one entry a patch in every array.
@@ -128,33 +92,6 @@ impl Patches {
 
 /// Most patches of a scene.
 pub const MAX_PATCHES: usize = 4_000_000;
-
-/// Index of the cell at barycentric (u, v) of a triangle cut into `divisions`² congruent cells.
-///
-/// Cells are numbered by columns of constant ⌊u·n⌋, within a column by ⌊v·n⌋, the cell at the
-/// lower corner before the one across its diagonal. Points outside are moved inside.
-pub fn cell_index(divisions: u32, u: f32, v: f32) -> u32 {
-    let n = divisions as f32;
-    let (fu, fv) = ((u * n).max(0.0), (v * n).max(0.0));
-    let i = (fu as u32).min(divisions - 1);
-    let last = divisions - 1 - i;
-    let j = (fv as u32).min(last);
-    let upper = (fu - i as f32) + (fv - j as f32) > 1.0 && j < last;
-    i * (2 * divisions - i) + 2 * j + u32::from(upper)
-}
-
-/// Barycentric corners of every cell of a triangle cut into `divisions`², in the order of
-/// [`cell_index`].
-pub fn cells(divisions: u32) -> impl Iterator<Item = [Vec2; 3]> {
-    let at = move |i: u32, j: u32| Vec2::new(i as f32, j as f32) / divisions as f32;
-    (0..divisions).flat_map(move |i| {
-        (0..divisions - i).flat_map(move |j| {
-            let lower = [at(i, j), at(i + 1, j), at(i, j + 1)];
-            let upper = [at(i + 1, j + 1), at(i, j + 1), at(i + 1, j)];
-            std::iter::once(lower).chain((j + 1 < divisions - i).then_some(upper))
-        })
-    })
-}
 
 impl PatchedScene {
     /// Cuts `scene` into about `target` patches of about equal area, at least one a triangle side.
@@ -233,27 +170,6 @@ impl PatchedScene {
     }
 }
 
-/// Barycentric corners of one cell; the inverse of [`cell_index`].
-pub fn nth_cell(divisions: u32, index: u32) -> [Vec2; 3] {
-    // Columns start at i(2n − i): i = n − ⌈√(n² − index)⌉.
-    let n = f64::from(divisions);
-    let mut i = (n - (n * n - f64::from(index)).sqrt().ceil()).max(0.0) as u32;
-    while i > 0 && i * (2 * divisions - i) > index {
-        i -= 1;
-    }
-    while i + 1 < divisions && (i + 1) * (2 * divisions - i - 1) <= index {
-        i += 1;
-    }
-    let within = index - i * (2 * divisions - i);
-    let (j, upper) = (within / 2, within % 2 == 1);
-    let at = |i: u32, j: u32| Vec2::new(i as f32, j as f32) / divisions as f32;
-    if upper {
-        [at(i + 1, j + 1), at(i, j + 1), at(i + 1, j)]
-    } else {
-        [at(i, j), at(i + 1, j), at(i, j + 1)]
-    }
-}
-
 /// Stores equal positions once, so that neighbours share corners bit for bit.
 fn weld(scene: &Scene) -> (Vec<Vec3>, Vec<Facet>) {
     let mut positions = Vec::new();
@@ -281,11 +197,6 @@ fn weld(scene: &Scene) -> (Vec<Vec3>, Vec<Facet>) {
     }
     facets.retain(|facet| facet_area(&positions, facet) > 0.0);
     (positions, facets)
-}
-
-fn facet_area(positions: &[Vec3], facet: &Facet) -> f32 {
-    let [a, b, c] = facet.corners.map(|p| positions[p as usize]);
-    0.5 * (b - a).cross(c - a).length()
 }
 
 fn colour_varies(scene: &Scene, facet: &Facet) -> bool {

@@ -1,7 +1,7 @@
 //! Seams where a facet hides what continues behind it: a wall under a ceiling that goes on into
 //! the next room. On the seam both have the same depth, and rounding would let light through.
 
-use super::Facet;
+use super::facet::Facet;
 use crate::scene::Scene;
 use foldhash::{HashMap, HashMapExt};
 use glam::{DVec3, Vec3};

@@ -1,6 +1,6 @@
 //! Conforming bisection of elongated facets, so that their patches are compact.
 
-use super::{Facet, facet_area};
+use super::facet::{Facet, facet_area};
 use foldhash::{HashMap, HashMapExt};
 use glam::Vec3;
 

@@ -12,3 +12,17 @@ pub fn frame(normal: Vec3, azimuth: f32) -> (Vec3, Vec3) {
     let (sin, cos) = azimuth.sin_cos();
     (t * cos + s * sin, s * cos - t * sin)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_right_handed_and_orthonormal() {
+        for normal in [Vec3::Z, Vec3::NEG_Z, Vec3::new(1.0, -2.0, 0.3).normalize()] {
+            let (t, b) = frame(normal, 1.234);
+            assert!((t.cross(b) - normal).length() < 1e-6);
+            assert!((t.length() - 1.0).abs() < 1e-6 && t.dot(b).abs() < 1e-6);
+        }
+    }
+}

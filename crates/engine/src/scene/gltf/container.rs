@@ -1,7 +1,8 @@
 //! The file's outer shell: GLB chunks, buffers, buffer views, and the URIs that name bytes.
 
 use super::document::{clip, malformed};
-use super::{Resources, Warnings};
+use super::limits::Resources;
+use super::warnings::Warnings;
 use crate::scene::SceneError;
 use base64::Engine as _;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};

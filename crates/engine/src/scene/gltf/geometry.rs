@@ -3,8 +3,9 @@
 
 use super::accessor::Accessor;
 use super::document::{FIX_FILE, malformed, valid};
+use super::limits::{ImportLimits, MAX_COORDINATE};
 use super::node::Instance;
-use super::{ImportLimits, MAX_COORDINATE, Warnings};
+use super::warnings::Warnings;
 use crate::radiometry::Rgb;
 use crate::scene::{Scene, SceneError, Triangle, Vertex};
 use glam::{DMat3, DVec3, Vec2, Vec3};

@@ -1,8 +1,8 @@
 //! Materials: metallic-roughness and the extensions that change reflection or emission.
 
-use super::Warnings;
 use super::document::{malformed, name, valid};
 use super::picture::Images;
+use super::warnings::Warnings;
 use crate::radiometry::Rgb;
 use crate::scene::{Material, SceneError, TextureSlot, Volume, Wrap};
 use glam::{Mat2, Vec2};

@@ -10,44 +10,21 @@ mod baked;
 mod container;
 mod document;
 mod geometry;
+mod limits;
 mod material;
 mod node;
 mod picture;
 #[cfg(test)]
 mod tests;
+mod warnings;
 
 pub use baked::BakedMesh;
+pub use limits::{ImportLimits, Resources};
 
-use super::{Scene, SceneError, Warning};
+use super::{Scene, SceneError};
 use document::clip;
 use gltf::json::Root;
-use std::collections::BTreeMap;
-
-/// Bounds on what an upload may contain; exceeding one is a [`SceneError`] with `too_large`.
-#[derive(Clone, Copy, Debug)]
-pub struct ImportLimits {
-    /// Triangles after instancing.
-    pub max_triangles: usize,
-    /// Texels of one texture.
-    pub max_texture_texels: u64,
-    /// Texels of all textures together.
-    pub max_total_texels: u64,
-}
-
-impl Default for ImportLimits {
-    fn default() -> Self {
-        Self { max_triangles: 4_000_000, max_texture_texels: 64 << 20, max_total_texels: 256 << 20 }
-    }
-}
-
-/// Files that came with a `.gltf`, by the relative URI that it names them with.
-pub type Resources = BTreeMap<String, Vec<u8>>;
-
-/// Largest world coordinate, metres: areas and their squares stay finite in f32.
-const MAX_COORDINATE: f64 = 1e8;
-
-/// Most warnings that a scene carries; a last one counts the rest.
-const MAX_WARNINGS: usize = 200;
+use warnings::Warnings;
 
 /// Extensions that a file may require; what is lost of them, if anything, is warned of in place.
 const KNOWN_EXTENSIONS: &[&str] = &[
@@ -89,31 +66,6 @@ const EXTENSION_HINTS: &[(&str, &str)] = &[
     ("EXT_mesh_gpu_instancing", "export instances as nodes that share a mesh"),
     ("KHR_materials_pbrSpecularGlossiness", "convert the materials to metallic-roughness"),
 ];
-
-/// Warnings of one import, bounded in number.
-#[derive(Default)]
-struct Warnings {
-    list: Vec<Warning>,
-    left_out: usize,
-}
-
-impl Warnings {
-    fn push(&mut self, at: impl Into<String>, what: impl Into<String>) {
-        if self.list.len() < MAX_WARNINGS {
-            self.list.push(Warning::new(at, what));
-        } else {
-            self.left_out += 1;
-        }
-    }
-
-    fn finish(mut self) -> Vec<Warning> {
-        if self.left_out > 0 {
-            let what = format!("{} more warnings are left out", self.left_out);
-            self.list.push(Warning::new("file", what));
-        }
-        self.list
-    }
-}
 
 /// Imports a `.glb` (or a `.gltf` with its `resources`).
 ///

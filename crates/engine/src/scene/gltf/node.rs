@@ -1,7 +1,8 @@
 //! The node graph: which meshes and cameras stand where.
 
-use super::Warnings;
 use super::document::{self, malformed, valid};
+use super::limits::MAX_COORDINATE;
+use super::warnings::Warnings;
 use crate::scene::{Camera, Projection, SceneError};
 use glam::{DMat4, DQuat, DVec3, DVec4, Mat4};
 use gltf::json::camera::{Camera as Lens, Type};
@@ -259,5 +260,5 @@ fn frame(to_world: DMat4) -> Option<Mat4> {
     let frame =
         DMat4::from_cols(right.extend(0.0), up.extend(0.0), backward.extend(0.0), eye.extend(1.0))
             .as_mat4();
-    (frame.is_finite() && eye.abs().max_element() <= super::MAX_COORDINATE).then_some(frame)
+    (frame.is_finite() && eye.abs().max_element() <= MAX_COORDINATE).then_some(frame)
 }

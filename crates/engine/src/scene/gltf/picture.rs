@@ -2,7 +2,7 @@
 
 use super::container::{Buffers, resolve};
 use super::document::{clip, malformed};
-use super::{ImportLimits, Resources};
+use super::limits::{ImportLimits, Resources};
 use crate::scene::{SceneError, Texture};
 use gltf::json::{Image, Root};
 use image::{ImageFormat, ImageReader, Limits};

@@ -1,8 +1,9 @@
 //! Imports of whole files.
 
+use super::warnings::MAX_WARNINGS;
 use super::*;
 use crate::scene::made::assemble;
-use crate::scene::{Projection, Wrap};
+use crate::scene::{Projection, Warning, Wrap};
 use glam::{Vec2, Vec3};
 use serde_json::{Value, json};
 use std::f64::consts::FRAC_PI_2;

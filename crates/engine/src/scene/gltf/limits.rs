@@ -1,0 +1,26 @@
+//! What an import is given beside the file, and the bounds that it keeps.
+
+use std::collections::BTreeMap;
+
+/// Bounds on what an upload may contain; exceeding one is a [`crate::scene::SceneError`] with `too_large`.
+#[derive(Clone, Copy, Debug)]
+pub struct ImportLimits {
+    /// Triangles after instancing.
+    pub max_triangles: usize,
+    /// Texels of one texture.
+    pub max_texture_texels: u64,
+    /// Texels of all textures together.
+    pub max_total_texels: u64,
+}
+
+impl Default for ImportLimits {
+    fn default() -> Self {
+        Self { max_triangles: 4_000_000, max_texture_texels: 64 << 20, max_total_texels: 256 << 20 }
+    }
+}
+
+/// Files that came with a `.gltf`, by the relative URI that it names them with.
+pub type Resources = BTreeMap<String, Vec<u8>>;
+
+/// Largest world coordinate, metres: areas and their squares stay finite in f32.
+pub const MAX_COORDINATE: f64 = 1e8;

@@ -1,0 +1,33 @@
+//! Warnings of one import.
+
+use crate::scene::Warning;
+
+/// Most warnings that a scene carries; a last one counts the rest.
+pub const MAX_WARNINGS: usize = 200;
+
+/// Warnings of one import, bounded in number.
+#[derive(Default)]
+pub struct Warnings {
+    list: Vec<Warning>,
+    left_out: usize,
+}
+
+impl Warnings {
+    /// Adds a warning of `what` is lost `at` a place in the file.
+    pub fn push(&mut self, at: impl Into<String>, what: impl Into<String>) {
+        if self.list.len() < MAX_WARNINGS {
+            self.list.push(Warning::new(at, what));
+        } else {
+            self.left_out += 1;
+        }
+    }
+
+    /// All of them.
+    pub fn finish(mut self) -> Vec<Warning> {
+        if self.left_out > 0 {
+            let what = format!("{} more warnings are left out", self.left_out);
+            self.list.push(Warning::new("file", what));
+        }
+        self.list
+    }
+}
