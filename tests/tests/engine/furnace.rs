@@ -3,7 +3,8 @@
 use glam::Vec3;
 use hemilux_engine::device::Device;
 use hemilux_engine::device::cpu::CpuDevice;
-use hemilux_engine::hemicube::{Shot, frame};
+use hemilux_engine::hemicube::Shot;
+use hemilux_engine::sampling::frame;
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::{Rgb, lobe_albedo};
 use hemilux_engine::scene::made;
