@@ -1,4 +1,4 @@
-//! TriangleLights as disks (Lange 1994, as Rogers prints it): each connected group of emissive triangles
+//! Lights as disks (Lange 1994, as Rogers prints it): each connected group of emissive triangles
 //! is one, and a surface looks at its centre and at random points of its area or of its edge.
 
 use super::triangles::{Emitter, TriangleLights};

@@ -80,7 +80,7 @@ struct Values {
 }
 
 impl Coarse {
-    /// PolygonLights the patches directly, by `points` points each, unless `sampled` already says how.
+    /// Lights the patches directly, by `points` points each, unless `sampled` already says how.
     pub fn new(
         world: Arc<World>,
         lights: Arc<PolygonLights>,
@@ -142,7 +142,7 @@ impl Coarse {
         this
     }
 
-    /// PolygonLights more points of each element.
+    /// Lights more points of each element.
     fn light(&mut self, seed: Seed, points: u32) {
         let (world, lights) = (&*self.world, &*self.lights);
         let (scene, elements) = (&self.scene, &self.elements);
@@ -180,7 +180,7 @@ impl Coarse {
         Ok(())
     }
 
-    /// PolygonLights more points of each element, traces more links and solves for them, and makes that
+    /// Lights more points of each element, traces more links and solves for them, and makes that
     /// what hits look up.
     pub fn link(&mut self, seed: Seed, points: u32, rays: u32) {
         if points > 0 {
