@@ -13,11 +13,10 @@ const SECONDS: f64 = 2.0;
 const SEEDS: u64 = 3;
 
 /// What is switched off, and how.
-const VARIANTS: [(&str, &[(&str, &str)]); 13] = [
+const VARIANTS: [(&str, &[(&str, &str)]); 12] = [
     ("nothing", &[]),
     ("tier 2: indirect light as the coarse mesh has it", &[("gather", "false")]),
     ("tier 3: direct light as the coarse mesh has it", &[("light", "false")]),
-    ("links: tier 1 by hemicube shots", &[("coarse_solver", "shots")]),
     ("fine patches: a quarter of them", &[("coarse_patches", "4000")]),
     ("fresh direct light where gather rays end", &[("gather_direct", "false")]),
     ("the near field: hits close by take the patch's mean", &[("near_field", "false")]),

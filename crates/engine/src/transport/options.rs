@@ -51,22 +51,7 @@ pub const OPTIONS: &[OptionSpec] = &[
     OptionSpec {
         name: "coarse_rays",
         default: "16",
-        meaning: "hemilux, coarse_solver links: rays of a patch in each iteration, 4 to 4096",
-    },
-    OptionSpec {
-        name: "coarse_resolution",
-        default: "64",
-        meaning: "hemilux: pixels along the top of the hemicubes that shoot on the coarse mesh, even, 8 to 2048",
-    },
-    OptionSpec {
-        name: "coarse_shots",
-        default: "256",
-        meaning: "hemilux: shots on the coarse mesh before the first picture, 8 to 1000000; each later iteration adds half as many",
-    },
-    OptionSpec {
-        name: "coarse_solver",
-        default: "links",
-        meaning: "hemilux: links: each patch of the coarse mesh remembers the patches that its rays meet, and sweeps solve the balance; shots: stochastic hemicube iteration on the device",
+        meaning: "hemilux: rays of a patch in each iteration, 4 to 4096",
     },
     OptionSpec {
         name: "constant_radiance",

@@ -32,9 +32,8 @@ pub struct Elements {
 type Key = ([i32; 3], u8, u32);
 
 impl Elements {
-    /// Of a mesh of which `wanted` patches were wanted; of each patch alone unless they may be
-    /// `together`.
-    pub fn new(scene: &PatchedScene, wanted: usize, together: bool) -> Self {
+    /// Of a mesh of which `wanted` patches were wanted.
+    pub fn new(scene: &PatchedScene, wanted: usize) -> Self {
         let patches = &scene.patches;
         let count = patches.len();
         let mut hidden = vec![false; count];
@@ -42,14 +41,14 @@ impl Elements {
             let first = facet.back as usize;
             hidden[first..first + (facet.divisions * facet.divisions) as usize].fill(true);
         }
-        let crowded = together && count > CROWDED * wanted;
+        let crowded = count > CROWDED * wanted;
         let all: f32 = patches.area.iter().sum();
         let cell = (all / wanted.max(1) as f32).sqrt();
         let mut numbers: HashMap<Key, u32> = HashMap::new();
         let mut of_patch = vec![NONE; count];
         let mut sizes: Vec<u32> = Vec::new();
         for patch in 0..count {
-            if hidden[patch] && together {
+            if hidden[patch] {
                 continue;
             }
             let next = sizes.len() as u32;
@@ -141,9 +140,9 @@ mod tests {
         let scene = Arc::new(scene);
         let world = World::new(scene.clone());
         let patched = PatchedScene::new(scene, 1000);
-        let alone = Elements::new(&patched, 1000, false);
+        let alone = Elements::new(&patched, patched.patches.len());
         assert_eq!(alone.len(), patched.patches.len());
-        let together = Elements::new(&patched, 1000, true);
+        let together = Elements::new(&patched, 1000);
         assert!(together.len() < patched.patches.len() / 2, "{}", together.len());
         let reached = (0..patched.patches.len()).filter(|p| together.of(*p as u32).is_some());
         let area: f32 = reached.map(|patch| patched.patches.area[patch]).sum();

@@ -43,7 +43,7 @@ pub struct Errors {
 
 /// The picture with its estimated error; `None` of a black picture. `bounced` is the indirect
 /// irradiance of every fragment, with its variance.
-pub fn measure(tiers: &Tiers<'_>, bounced: &[Option<Bounced>]) -> (Picture, Option<Errors>) {
+pub fn measure(tiers: &Tiers, bounced: &[Option<Bounced>]) -> (Picture, Option<Errors>) {
     let (seen, options) = (&tiers.seen, tiers.options);
     let (light, coarse, lights) = (&tiers.direct, &tiers.coarse, &*tiers.lights);
     let mut gloss = Vec::new();

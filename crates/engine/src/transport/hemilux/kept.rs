@@ -6,7 +6,7 @@ use super::links::{COVERED, Links, MOST_LINKS, Round};
 use super::patch_light::Sampled;
 use super::solver::Tiers;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
-use crate::device::{DeviceError, Sums};
+use crate::device::DeviceError;
 use crate::radiometry::Rgb;
 use crate::transport::checkpoints::Parts;
 use bytemuck::{Pod, Zeroable};
@@ -46,7 +46,7 @@ struct KeptLight {
     disputed: u32,
 }
 
-impl Tiers<'_> {
+impl Tiers {
     /// Writes everything.
     pub fn write(&mut self, parts: &mut Parts) -> Result<(), DeviceError> {
         let to = &mut parts.shared;
@@ -56,11 +56,9 @@ impl Tiers<'_> {
         let records: Vec<KeptRecord> = self.cache.records.iter().map(KeptRecord::from).collect();
         to.value(self.cache.sequences);
         to.slice(&records);
-        to.value(self.coarse.sums.iterations);
-        to.slice(&self.coarse.sums.irradiance);
-        if let Some(shooting) = &mut self.shooting {
-            shooting.save(to)?;
-        }
+        // Where sums of hemicube shots were, while tier 1 could be solved by those.
+        to.value(0u64);
+        to.slice::<Rgb>(&[]);
         let to = &mut parts.bound;
         let lit: Vec<KeptLight> = (self.direct.lit.iter())
             .map(|lit| KeptLight {
@@ -92,13 +90,8 @@ impl Tiers<'_> {
             return Err(CheckpointError::damaged("there can't be such a record").into());
         }
         self.cache.records = records.iter().map(Record::from).collect();
-        let iterations = from.count(MOST_ITERATIONS)?;
-        let count = if iterations > 0 { patches } else { 0 };
-        let irradiance = from.exactly(count)?;
-        self.coarse.sums = Sums { iterations, irradiance, glossy: Vec::new() };
-        if let Some(shooting) = &mut self.shooting {
-            shooting.restore(&mut from)?;
-        }
+        from.count(0)?;
+        from.exactly::<Rgb>(0)?;
         from.end()?;
         self.coarse.refresh();
         Ok(())

@@ -1,6 +1,6 @@
-//! The three tiers: shoot coarsely, gather smoothly, light exactly.
+//! The three tiers: solve coarsely, gather smoothly, light exactly.
 //!
-//! 1. *Shoot*: stochastic hemicube iteration solves the light of the scene on a coarse mesh.
+//! 1. *Solve*: links between the patches of a coarse mesh carry the light of the scene.
 //! 2. *Gather*: at records on what the camera sees, rays over the hemisphere turn that solution
 //!    into smooth indirect irradiance.
 //! 3. *Light*: the emitters' own light is found per pixel, in closed form but for the share that
@@ -53,7 +53,7 @@ const SAMPLES: &str = "pixel_samples";
 /// Points of a patch whose direct light is found at first.
 const PATCH_POINTS: u32 = 2;
 
-/// Shoot coarsely, gather smoothly, light exactly.
+/// Solve coarsely, gather smoothly, light exactly.
 pub struct Hemilux;
 
 impl Method for Hemilux {
@@ -66,7 +66,7 @@ impl Method for Hemilux {
     }
 
     fn summary(&self) -> &'static str {
-        "coarse hemicube shooting, smooth final gathering, exact direct light"
+        "a coarse solution over ray links, smooth final gathering, exact direct light"
     }
 
     fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
@@ -80,25 +80,23 @@ impl Method for Hemilux {
     fn begin<'a>(
         &self,
         job: &mut Job<'a>,
-        device: &'a mut dyn Device,
+        _device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
         let mut options = HemiluxSettings::new(&job.settings)?;
         let effort = Effort::new(job.request);
         decide(job, &mut options, effort)?;
         let first_rays = job.decide(FIRST_RAYS, options.gather_rays)?;
-        job.explain(plan::reasons(&job.request.scene, &options, &device.description()));
+        job.explain(plan::reasons(&job.request.scene, &options));
         let patches = options.coarse_patches.unwrap_or(effort.patches);
-        // All but shots is work for the processor.
-        let computes =
-            if options.shoot { device.description() } else { CpuDevice::describe_here() };
-        let scene =
-            job.cut(job.request.scene.clone(), patches, computes.to_string(), |_| Vec::new());
+        // All of it is work for the processor, whatever the device.
+        let computes = CpuDevice::describe_here().to_string();
+        let scene = job.cut(job.request.scene.clone(), patches, computes, |_| Vec::new());
         let mut clock = Clock::default();
         let world = Arc::new(World::new(job.request.scene.clone()));
         let Some(lights) = PolygonLights::new(&world.scene, &world.rays) else { return Ok(None) };
         let lights = Arc::new(lights);
         clock.lap("seconds_prepare");
-        let elements = Elements::new(&scene, patches, !options.shoot);
+        let elements = Elements::new(&scene, patches);
         let mut past = job.past.take();
         let ([all, before], sampled) = match &mut past {
             Some(past) => {
@@ -121,17 +119,10 @@ impl Method for Hemilux {
             coarse.ignore_near_field();
         }
         clock.lap("seconds_patches");
-        let shooting = match options.shoot {
-            true => {
-                let shots = coarse.settings(options.coarse_resolution, job.request.seed);
-                Some(device.begin(scene.clone(), &shots)?)
-            }
-            false => None,
-        };
         let size = [job.request.width, job.request.height];
         let seen = Seen::new(&world, scene, &job.camera, size, options.samples);
         clock.lap("seconds_fragments");
-        let parts = Parts { world, lights, seen, coarse, shooting };
+        let parts = Parts { world, lights, seen, coarse };
         let done = job.run.standing.tally.iterations;
         let mut tiers = Tiers::new(parts, options, first_rays, seed, effort.hasty, done, clock);
         tiers.before = before;

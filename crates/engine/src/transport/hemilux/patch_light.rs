@@ -23,13 +23,6 @@ pub struct Patched {
     pub share: f32,
     /// Share of points that are not inside a body.
     pub open: f32,
-    /// Whether a ray left the scene.
-    pub escaped: bool,
-}
-
-impl Patched {
-    /// The inside of a closed body.
-    pub const DARK: Self = Self { irradiance: Rgb::ZERO, share: 0.0, open: 0.0, escaped: false };
 }
 
 /// Sums over points of a patch.
@@ -97,8 +90,7 @@ impl Sampled {
     pub fn mean(&self) -> Patched {
         let lit = if self.visible.count > 0 { self.visible } else { self.hidden };
         let open = self.open as f32 / self.points.max(1) as f32;
-        let escaped = self.escaped != 0;
-        Patched { irradiance: lit.irradiance(), share: lit.share(), open, escaped }
+        Patched { irradiance: lit.irradiance(), share: lit.share(), open }
     }
 }
 

@@ -1,25 +1,16 @@
 //! Why the tiers run as they do, in words.
 
 use super::HemiluxSettings;
-use crate::device::DeviceDescription;
 use crate::emitters::MOST_LIGHTS;
 use crate::scene::Scene;
 
 /// One sentence a decision.
-pub fn reasons(
-    scene: &Scene,
-    options: &HemiluxSettings,
-    device: &DeviceDescription,
-) -> Vec<String> {
+pub fn reasons(scene: &Scene, options: &HemiluxSettings) -> Vec<String> {
     let used = scene.triangles.iter().map(|triangle| &scene.materials[triangle.material as usize]);
     let glossy = used.clone().any(|material| material.reflectance(material.base_color).is_glossy());
     let emitters = scene.emissive_triangles();
     let mut reasons = Vec::new();
-    reasons.push(if options.shoot {
-        format!("tier 1: hemicube shots on {} solve the coarse mesh", device.name)
-    } else {
-        "tier 1: links solve the coarse mesh on the processor; shots there take longer for the same error".into()
-    });
+    reasons.push("tier 1: links solve the coarse mesh on the processor; hemicube shots take longer for the same error".into());
     reasons.push(match (options.gather, options.gather_direct) {
         (true, true) => "tier 2: indirect light is gathered at records on what the camera sees, with fresh direct light where the rays end".into(),
         (true, false) => "tier 2: indirect light is gathered at records on what the camera sees".into(),

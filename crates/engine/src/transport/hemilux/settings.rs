@@ -8,14 +8,8 @@ use crate::transport::options::Settings;
 pub struct HemiluxSettings {
     /// Wanted patches of the coarse mesh; `None` to go by the limits.
     pub coarse_patches: Option<usize>,
-    /// Whether the coarse mesh is solved by hemicube shots, rather than by links.
-    pub shoot: bool,
-    /// Rays of a patch in each iteration, where it is solved by links.
+    /// Rays of a patch in each iteration.
     pub coarse_rays: u32,
-    /// Hemicube resolution of its shots.
-    pub coarse_resolution: u32,
-    /// Shots before the first picture; half as many in every later iteration.
-    pub coarse_shots: u32,
     /// Whether indirect light is gathered, rather than shown as the coarse mesh has it.
     pub gather: bool,
     /// Rays of a record in each iteration.
@@ -46,19 +40,12 @@ impl HemiluxSettings {
     /// # Errors
     /// [`RenderError::Parameter`] for a value out of range.
     pub fn new(settings: &Settings) -> Result<Self, RenderError> {
-        let resolution = settings.whole("coarse_resolution", 8, 2048)? as u32;
-        if !resolution.is_multiple_of(2) {
-            return Err(RenderError::parameter("options.coarse_resolution", "must be even"));
-        }
         Ok(Self {
             coarse_patches: match settings.values()["coarse_patches"].as_str() {
                 "auto" => None,
                 _ => Some(settings.whole("coarse_patches", 1, 1_000_000)? as usize),
             },
-            shoot: settings.choice("coarse_solver", &[("links", false), ("shots", true)])?,
             coarse_rays: settings.whole("coarse_rays", 4, 4096)? as u32,
-            coarse_resolution: resolution,
-            coarse_shots: settings.whole("coarse_shots", 8, 1_000_000)? as u32,
             gather: settings.switch("gather")?,
             gather_rays: settings.whole("gather_rays", 4, 65_536)? as u32,
             gather_direct: settings.switch("gather_direct")?,

@@ -1,13 +1,12 @@
-//! Tier 1, shoot: the light of the whole scene on a coarse mesh. Direct light at points of every
-//! patch by the closed form and shadow rays; everything that bounces by stochastic hemicube
-//! iteration on the residual. It is only ever seen through gathers.
+//! Tier 1: the light of the whole scene on a coarse mesh. Direct light at points of every patch by
+//! the closed form and shadow rays; everything that bounces over the links between patches. It is
+//! only ever seen through gathers.
 
 use super::elements::Elements;
 use super::guide::Guide;
 use super::links::Links;
 use super::lobe::{self, Through};
 use super::patch_light::{Patched, Sampled};
-use crate::device::{KnownLight, Shooting, ShootingSettings, Sums};
 use crate::emitters::PolygonLights;
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
 use crate::patches::{Facet, PatchedScene, cell_index};
@@ -15,7 +14,6 @@ use crate::radiometry::{Rgb, importance};
 use crate::rays::{Eye, Hit};
 use crate::sampling::{Afresh, Next, Seed, cosine_direction};
 use crate::surface::{Surface, World};
-use crate::transport::known::equilibrium;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::PI;
@@ -54,12 +52,6 @@ pub struct Coarse {
     /// Direct light of the elements, point by point.
     pub(super) sampled: Vec<Sampled>,
     pub(super) direct: Vec<Patched>,
-    /// Whether no ray of all patches left the scene.
-    pub closed: bool,
-    /// What the iteration need not carry: the direct light and a constant radiance.
-    known: Arc<KnownLight>,
-    /// Sums of the iteration so far.
-    pub(super) sums: Sums,
     pub(super) links: Links,
     /// Patches that gather rays are aimed at.
     pub guide: Option<Guide>,
@@ -112,7 +104,6 @@ impl Coarse {
         }
         let count = elements.len();
         let points = points.min(most_points(count));
-        let known = Arc::new(KnownLight { radiance: Vec::new(), irradiance: Vec::new() });
         let reconstruction = Reconstruction::new(&scene, Smoothness::Smooth);
         let mut this = Self {
             world,
@@ -123,9 +114,6 @@ impl Coarse {
             near,
             sampled: sampled.unwrap_or_default(),
             direct: Vec::new(),
-            closed: false,
-            known,
-            sums: Sums::default(),
             links: Links::default(),
             guide: None,
             elements,
@@ -137,8 +125,6 @@ impl Coarse {
             this.light(seed, points);
         }
         this.look();
-        this.known = Arc::new(known_light(&this.scene, &this.elements, &this.direct, this.closed));
-        this.refresh();
         this
     }
 
@@ -154,30 +140,6 @@ impl Coarse {
     /// Takes what the points say.
     fn look(&mut self) {
         self.direct = self.sampled.iter().map(Sampled::mean).collect();
-        self.closed = !self.direct.iter().any(|patch| patch.escaped);
-    }
-
-    /// Settings of the iteration that carries the rest.
-    pub fn settings(&self, resolution: u32, seed: u64) -> ShootingSettings {
-        let known = Some(self.known.clone());
-        ShootingSettings { resolution, seed, known, ..ShootingSettings::default() }
-    }
-
-    /// Takes what the iteration has summed, and makes it what hits look up.
-    pub fn absorb(
-        &mut self,
-        shooting: &mut dyn Shooting,
-    ) -> Result<(), crate::device::DeviceError> {
-        let sums = shooting.drain()?;
-        if self.sums.iterations == 0 {
-            self.sums = sums;
-        } else {
-            self.sums.iterations += sums.iterations;
-            let all = self.sums.irradiance.iter_mut();
-            all.zip(sums.irradiance).for_each(|(sum, more)| *sum += more);
-        }
-        self.refresh();
-        Ok(())
     }
 
     /// Lights more points of each element, traces more links and solves for them, and makes that
@@ -210,7 +172,6 @@ impl Coarse {
     }
 
     pub(super) fn refresh(&mut self) {
-        let count = self.sums.iterations.max(1) as f32;
         let patches = self.scene.patches.len();
         let mut both = vec![Rgb::ZERO; patches];
         let mut indirect = both.clone();
@@ -220,17 +181,8 @@ impl Coarse {
             if lit.open <= 0.0 {
                 continue;
             }
-            if let Some(bounced) = self.links.bounced.get(element as usize) {
-                (indirect[patch], both[patch]) = (*bounced, *bounced + lit.irradiance);
-                continue;
-            }
-            // Before the first iteration the constant radiance is all that is known.
-            let mean = match self.sums.iterations {
-                0 => self.known.irradiance[patch],
-                _ => self.sums.irradiance[patch] / count,
-            };
-            indirect[patch] = mean / lit.open - lit.irradiance;
-            both[patch] = mean / lit.open;
+            let bounced = self.links.bounced.get(element as usize).copied().unwrap_or_default();
+            (indirect[patch], both[patch]) = (bounced, bounced + lit.irradiance);
         }
         let smooth = |patches: Vec<Rgb>| {
             let vertices = self.reconstruction.apply(&patches);
@@ -293,9 +245,7 @@ impl Coarse {
         // A vertex may hear patches on the other side of a wall that stands there.
         let Some(first) = piece.first_patch(back) else { return Rgb::ZERO };
         let own = values.patches[(first + cell_index(piece.divisions, u, v)) as usize];
-        // Shots have noise of both signs, which must stay: cut off below it would make light.
-        let (one, other) = (own / MOST_CHANGE, own * MOST_CHANGE);
-        smooth.clamp(one.min(other), one.max(other))
+        smooth.clamp(own / MOST_CHANGE, own * MOST_CHANGE)
     }
 
     /// Share of the emitters' light that gets to a patch.
@@ -417,30 +367,4 @@ fn in_piece(corners: &[Vec2; 3], u: f32, v: f32) -> Vec2 {
     let (ab, ac, p) = (b - a, c - a, Vec2::new(u, v) - a);
     let determinant = ab.perp_dot(ac);
     Vec2::new(p.perp_dot(ac), ab.perp_dot(p)) / determinant
-}
-
-fn known_light(
-    scene: &PatchedScene,
-    elements: &Elements,
-    direct: &[Patched],
-    closed: bool,
-) -> KnownLight {
-    let patches = &scene.patches;
-    let direct: Vec<Patched> = (0..patches.len() as u32)
-        .map(|patch| elements.of(patch).map_or(Patched::DARK, |at| direct[at as usize]))
-        .collect();
-    let mut known = KnownLight {
-        radiance: patches.emission.clone(),
-        irradiance: direct.iter().map(|patch| patch.irradiance * patch.open).collect(),
-    };
-    if closed {
-        let open: Vec<f32> = direct.iter().map(|patch| patch.open).collect();
-        let left = |i: usize| patches.diffuse[i] * known.irradiance[i] / PI;
-        let radiance = equilibrium(scene, left, &open);
-        for (i, open) in open.iter().enumerate() {
-            known.radiance[i] += radiance;
-            known.irradiance[i] += PI * open * radiance;
-        }
-    }
-    known
 }

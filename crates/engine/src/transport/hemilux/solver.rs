@@ -9,7 +9,7 @@ use super::gloss::Gloss;
 use super::light::Direct;
 use super::settings::HemiluxSettings;
 use super::shoot::Coarse;
-use crate::device::{DeviceError, Shooting};
+use crate::device::DeviceError;
 use crate::emitters::PolygonLights;
 use crate::image::Picture;
 use crate::patches::PatchedScene;
@@ -58,12 +58,11 @@ struct Drawn {
 }
 
 /// The three tiers at work.
-pub struct Tiers<'a> {
+pub struct Tiers {
     pub(super) world: Arc<World>,
     pub(super) lights: Arc<PolygonLights>,
     pub(super) seen: Seen,
     pub(super) coarse: Coarse,
-    pub(super) shooting: Option<Box<dyn Shooting + 'a>>,
     pub(super) cache: Cache,
     pub(super) direct: Direct,
     pub(super) gloss: Gloss,
@@ -86,7 +85,7 @@ pub struct Tiers<'a> {
 }
 
 /// What the tiers work on.
-pub struct Parts<'a> {
+pub struct Parts {
     /// The scene as rays meet it.
     pub world: Arc<World>,
     /// Its emitters.
@@ -95,14 +94,12 @@ pub struct Parts<'a> {
     pub seen: Seen,
     /// Tier 1.
     pub coarse: Coarse,
-    /// The device that shoots, where it does.
-    pub shooting: Option<Box<dyn Shooting + 'a>>,
 }
 
-impl<'a> Tiers<'a> {
+impl Tiers {
     /// Tiers that know nothing yet of what is not in their parts.
     pub fn new(
-        parts: Parts<'a>,
+        parts: Parts,
         options: HemiluxSettings,
         first_rays: u32,
         seed: Seed,
@@ -110,7 +107,7 @@ impl<'a> Tiers<'a> {
         done: u64,
         mut clock: Clock,
     ) -> Self {
-        let Parts { world, lights, seen, coarse, shooting } = parts;
+        let Parts { world, lights, seen, coarse } = parts;
         let direct = Direct::new(&lights, &seen, options.adaptive, hasty);
         clock.lap("seconds_light");
         Self {
@@ -120,7 +117,6 @@ impl<'a> Tiers<'a> {
             lights,
             seen,
             coarse,
-            shooting,
             cache: Cache::default(),
             options,
             hasty,
@@ -136,7 +132,7 @@ impl<'a> Tiers<'a> {
     }
 }
 
-impl Tiers<'_> {
+impl Tiers {
     /// Rays of a record in an iteration: where few do at first, more every time.
     fn gather_rays(&self, iteration: u64) -> u32 {
         let so_many = u64::from(self.first_rays) * (1 + iteration);
@@ -164,32 +160,22 @@ impl Tiers<'_> {
         self.cache.turn(&self.seen, self.spacing(before));
     }
 
-    fn iterate(&mut self, run: &mut Run<'_>) -> Result<(), RenderError> {
+    fn iterate(&mut self, run: &mut Run<'_>) {
         let number = run.standing.tally.iterations;
         let first = number == 0;
         // Until then another picture has done what is for any camera.
         let known = number < self.before;
         let options = self.options;
         self.clock.start();
-        match &mut self.shooting {
-            Some(shooting) => {
-                let shots = options.coarse_shots / if first { 1 } else { 2 };
-                let tally = shooting.iterate((shots / 8).max(1))?;
-                run.standing.tally.shots += tally.shots;
-                run.standing.tally.light_shots += tally.light_shots;
-                self.coarse.absorb(&mut **shooting)?;
-            }
-            // As many again as there are, whenever the iterations have doubled: solving takes its
-            // time for all links.
-            None if (number + 1).is_power_of_two() && !known => {
-                let rounds = (number as u32).div_ceil(2).clamp(1, MOST_ROUNDS);
-                // The first ones there are already.
-                let points = if first { 0 } else { PATCH_POINTS * rounds };
-                self.coarse.link(self.seed, points, options.coarse_rays * rounds);
-            }
-            None => {}
+        // As many links again as there are, whenever the iterations have doubled: solving takes its
+        // time for all of them.
+        if (number + 1).is_power_of_two() && !known {
+            let rounds = (number as u32).div_ceil(2).clamp(1, MOST_ROUNDS);
+            // The first points there are already.
+            let points = if first { 0 } else { PATCH_POINTS * rounds };
+            self.coarse.link(self.seed, points, options.coarse_rays * rounds);
         }
-        self.clock.lap("seconds_shoot");
+        self.clock.lap("seconds_links");
         if options.light {
             // Only shadows are new where all else is known.
             for _ in 0..if known { LIGHT_AHEAD } else { 1 } {
@@ -233,12 +219,9 @@ impl Tiers<'_> {
         self.clock.lap("seconds_gloss");
         let tally = &mut run.standing.tally;
         tally.iterations += 1;
-        if self.shooting.is_none() {
-            tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays;
-            tally.light_shots = self.direct.rays;
-        }
+        tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays;
+        tally.light_shots = self.direct.rays;
         self.done = tally.iterations;
-        Ok(())
     }
 
     /// Another pass of lobe rays, unless they are good enough; in the first iteration a second one,
@@ -297,10 +280,10 @@ impl Tiers<'_> {
     }
 }
 
-impl Solver for Tiers<'_> {
+impl Solver for Tiers {
     fn advance(&mut self, run: &mut Run<'_>) -> Result<Option<StopReason>, RenderError> {
         let began = Instant::now();
-        self.iterate(run)?;
+        self.iterate(run);
         let iteration = began.elapsed().as_secs_f64();
         // The last picture, and most of another iteration that would come too late.
         let picture = self.picture_seconds.unwrap_or(PICTURE_SHARE * iteration);
@@ -350,7 +333,6 @@ impl Solver for Tiers<'_> {
         figures.insert("first_rays".into(), f64::from(self.first_rays));
         figures.insert("gather_rays".into(), self.cache.rays() as f64);
         figures.insert("shadow_rays".into(), self.direct.rays as f64);
-        figures.insert("closed".into(), f64::from(u8::from(self.coarse.closed)));
         figures.insert("links".into(), self.coarse.links() as f64);
         figures.insert("fragments".into(), self.seen.fragments.len() as f64);
         figures.insert("lights".into(), self.lights.count() as f64);

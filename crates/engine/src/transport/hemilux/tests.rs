@@ -6,12 +6,12 @@ use crate::scene::made;
 use crate::transport::render;
 use std::sync::Arc;
 
-fn picture(glb: &[u8], threads: usize, seed: u64, solver: &str) -> Picture {
-    lit_picture(glb, threads, seed, solver, 1.0)
+fn picture(glb: &[u8], threads: usize, seed: u64) -> Picture {
+    lit_picture(glb, threads, seed, 1.0)
 }
 
 /// The picture with all lights so many times as bright.
-fn lit_picture(glb: &[u8], threads: usize, seed: u64, solver: &str, brightness: f32) -> Picture {
+fn lit_picture(glb: &[u8], threads: usize, seed: u64, brightness: f32) -> Picture {
     let mut scene = import(glb, &Resources::default(), &ImportLimits::default()).unwrap();
     scene.materials.iter_mut().for_each(|material| material.emission *= brightness);
     let request = RenderRequest {
@@ -22,7 +22,7 @@ fn lit_picture(glb: &[u8], threads: usize, seed: u64, solver: &str, brightness: 
         method: "hemilux".into(),
         limits: Limits { iterations: Some(4), ..Limits::default() },
         seed,
-        options: [("coarse_solver".to_string(), solver.to_string())].into(),
+        options: Default::default(),
         begin: Default::default(),
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -33,23 +33,19 @@ fn lit_picture(glb: &[u8], threads: usize, seed: u64, solver: &str, brightness: 
 
 #[test]
 fn the_bits_do_not_depend_on_the_threads() {
-    for (glb, solver) in
-        [(made::cornell(), "links"), (made::cornell(), "shots"), (made::phong_cornell(), "links")]
-    {
-        let alone = picture(&glb, 1, 5, solver);
-        assert_eq!(alone, picture(&glb, 3, 5, solver));
-        assert_ne!(alone, picture(&glb, 3, 6, solver), "the seed does nothing");
+    for glb in [made::cornell(), made::phong_cornell()] {
+        let alone = picture(&glb, 1, 5);
+        assert_eq!(alone, picture(&glb, 3, 5));
+        assert_ne!(alone, picture(&glb, 3, 6), "the seed does nothing");
     }
 }
 
 /// Light is linear: nothing may compare or mix radiance with numbers of another unit.
 #[test]
 fn a_thousandth_of_the_light_makes_a_thousandth_of_the_picture() {
-    for (glb, solver) in
-        [(made::cornell(), "links"), (made::cornell(), "shots"), (made::phong_cornell(), "links")]
-    {
-        let bright = lit_picture(&glb, 2, 5, solver, 1.0);
-        let dim = lit_picture(&glb, 2, 5, solver, 1.0 / 1024.0);
+    for glb in [made::cornell(), made::phong_cornell()] {
+        let bright = lit_picture(&glb, 2, 5, 1.0);
+        let dim = lit_picture(&glb, 2, 5, 1.0 / 1024.0);
         let worst = bright
             .pixels
             .iter()
@@ -58,6 +54,6 @@ fn a_thousandth_of_the_light_makes_a_thousandth_of_the_picture() {
                 (*bright - *dim * 1024.0).abs().max_element() / bright.max_element()
             })
             .fold(0.0, f32::max);
-        assert!(worst < 1e-3, "{solver}: {worst}");
+        assert!(worst < 1e-3, "{worst}");
     }
 }
