@@ -1,7 +1,12 @@
 //! The picture from what the three tiers know, and how far it may be off.
 
-use super::cache::Bounced;
-use super::solver::Tiers;
+use super::coarse::Coarse;
+use super::direct::Direct;
+use super::fragments::Seen;
+use super::gather::Bounced;
+use super::gloss::Gloss;
+use super::settings::HemiluxSettings;
+use crate::emitters::PolygonLights;
 use crate::image::Picture;
 use crate::radiometry::Rgb;
 use rayon::prelude::*;
@@ -41,14 +46,31 @@ pub struct Errors {
     pub all: f64,
 }
 
-/// The picture with its estimated error; `None` of a black picture. `bounced` is the indirect
-/// irradiance of every fragment, with its variance.
-pub fn measure(tiers: &Tiers, bounced: &[Option<Bounced>]) -> (Picture, Option<Errors>) {
-    let (seen, options) = (&tiers.seen, tiers.options);
-    let (light, coarse, lights) = (&tiers.direct, &tiers.coarse, &*tiers.lights);
+/// What a picture is made of.
+pub struct Known<'a> {
+    /// What the camera sees.
+    pub seen: &'a Seen,
+    /// The emitters.
+    pub lights: &'a PolygonLights,
+    /// Tier 1.
+    pub coarse: &'a Coarse,
+    /// Tier 2: the indirect irradiance of every fragment, with its variance; `None` where no record
+    /// counts.
+    pub bounced: &'a [Option<Bounced>],
+    /// Tier 3.
+    pub direct: &'a Direct,
+    /// What lobes reflect.
+    pub gloss: &'a Gloss,
+    /// How it is to be shown.
+    pub options: &'a HemiluxSettings,
+}
+
+/// The picture with its estimated error; `None` of a black picture.
+pub fn measure(known: &Known<'_>) -> (Picture, Option<Errors>) {
+    let Known { seen, lights, coarse, bounced, direct: light, options, .. } = *known;
     let mut gloss = Vec::new();
-    if tiers.gloss.len() > 0 {
-        gloss = tiers.gloss.of_fragments(seen, options.lobe_filter);
+    if known.gloss.len() > 0 {
+        gloss = known.gloss.of_fragments(seen, options.lobe_filter);
     }
     let coverage = COVERAGE * (options.samples as f32).powf(-1.5);
     let pixel = |pixel: usize| {

@@ -1,7 +1,6 @@
 //! What the camera sees, once a picture: each pixel's sub-pixel samples grouped by surface.
 
-use super::gather::Record;
-use super::splat::Places;
+use super::places::Places;
 use crate::hemicube::item;
 use crate::measurement::{Frame, View};
 use crate::patches::PatchedScene;
@@ -112,7 +111,7 @@ impl Seen {
             scene: scene.clone(),
             fragments: Vec::new(),
             lobes: Vec::new(),
-            places: Places::new(&[]),
+            places: Places::default(),
             start: vec![0],
             shine: Vec::with_capacity((width * height) as usize),
         };
@@ -137,14 +136,8 @@ impl Seen {
         };
         let total = firsts[bands.len()];
         seen.fragments = (0..total).into_par_iter().with_min_len(1024).map(fragment).collect();
-        seen.places = Places::new(&seen.fragments);
+        seen.places = Places::new(&seen.fragments, |fragment| (fragment.point, fragment.normal));
         seen
-    }
-
-    /// Pixels [x0, x1) × [y0, y1) where a record may count for `reach` times its radius.
-    pub fn window(&self, record: &Record, reach: f32) -> Option<[u32; 4]> {
-        let size = [self.width, self.height];
-        self.frame.window(record.point, record.normal, record.radius * reach, size)
     }
 
     /// The surface point of a fragment's n-th sample, off the surface by the rounding error.

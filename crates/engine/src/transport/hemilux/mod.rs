@@ -9,28 +9,22 @@
 //! Each iteration makes all three better. What an iteration does depends on its number alone, so
 //! the same iterations give the same bits, whatever the number of threads.
 
-mod cache;
 mod clock;
+mod coarse;
+mod direct;
 mod effort;
-mod elements;
 mod estimate;
 mod fragments;
 mod gather;
 mod gloss;
-mod guide;
-mod kept;
-mod light;
-mod links;
-mod lobe;
-mod patch_light;
+mod places;
 mod plan;
 mod settings;
-mod shoot;
 mod solver;
-mod splat;
 
 use super::job::Job;
 use super::solver::{Extent, Method, Solver};
+use crate::checkpoint::{CheckpointError, Reader};
 use crate::device::Device;
 use crate::device::cpu::CpuDevice;
 use crate::emitters::PolygonLights;
@@ -39,19 +33,18 @@ use crate::render::RenderError;
 use crate::sampling::Seed;
 use crate::surface::World;
 use clock::Clock;
+use coarse::{Coarse, CoarseMesh, Elements, SampledLight};
 use effort::Effort;
-use elements::Elements;
 use fragments::Seen;
 pub use settings::HemiluxSettings;
-use shoot::Coarse;
 use solver::{FIRST_RAYS, Parts, Tiers};
 use std::sync::Arc;
 
 /// Decisions in checkpoints: wanted patches of the coarse mesh, sub-pixel samples.
 const PATCHES: &str = "coarse_patches";
 const SAMPLES: &str = "pixel_samples";
-/// Points of a patch whose direct light is found at first.
-const PATCH_POINTS: u32 = 2;
+/// Iterations that no run comes to.
+const MOST_ITERATIONS: u64 = 1 << 40;
 
 /// Solve coarsely, gather smoothly, light exactly.
 pub struct Hemilux;
@@ -98,26 +91,16 @@ impl Method for Hemilux {
         clock.lap("seconds_prepare");
         let elements = Elements::new(&scene, patches);
         let mut past = job.past.take();
-        let ([all, before], sampled) = match &mut past {
-            Some(past) => {
-                let (iterations, direct) = kept::restore_direct(&mut past.shared, elements.len())?;
-                (iterations, Some(direct))
-            }
-            None => ([0; 2], None),
-        };
-        let seed = Seed { number: job.request.seed, well_spread: options.well_spread };
-        let mut coarse = Coarse::new(
-            world.clone(),
-            lights.clone(),
-            scene.clone(),
-            elements,
-            PATCH_POINTS,
-            seed,
-            sampled,
-        );
-        if !options.near_field {
-            coarse.ignore_near_field();
+        let mut earlier = Earlier::default();
+        if let Some(past) = &mut past {
+            earlier = Earlier::of(&mut past.shared, elements.len())?;
         }
+        let seed = Seed { number: job.request.seed, well_spread: options.well_spread };
+        let mut mesh = CoarseMesh::new(&world.rays, scene.clone(), elements);
+        if !options.near_field {
+            mesh.ignore_near_field();
+        }
+        let coarse = Coarse::new(world.clone(), lights.clone(), mesh, seed, earlier.sampled);
         clock.lap("seconds_patches");
         let size = [job.request.width, job.request.height];
         let seen = Seen::new(&world, scene, &job.camera, size, options.samples);
@@ -125,15 +108,34 @@ impl Method for Hemilux {
         let parts = Parts { world, lights, seen, coarse };
         let done = job.run.standing.tally.iterations;
         let mut tiers = Tiers::new(parts, options, first_rays, seed, effort.hasty, done, clock);
-        tiers.before = before;
+        tiers.before = earlier.before;
         if let Some(past) = past {
             tiers.restore_shared(past.shared)?;
             match past.bound {
                 Some(bound) => tiers.restore_bound(bound)?,
-                None => tiers.turn(all),
+                None => tiers.turn(earlier.iterations),
             }
         }
         Ok(Some(Box::new(tiers)))
+    }
+}
+
+/// What earlier runs had done.
+#[derive(Default)]
+struct Earlier {
+    /// Iterations that it took to find the solution.
+    iterations: u64,
+    /// Those of them that another camera's picture had done.
+    before: u64,
+    /// Direct light of the elements.
+    sampled: Option<Vec<SampledLight>>,
+}
+
+impl Earlier {
+    /// From the beginning of the part for any camera.
+    fn of(from: &mut Reader<'_>, elements: usize) -> Result<Self, CheckpointError> {
+        let [iterations, before] = [from.count(MOST_ITERATIONS)?, from.count(MOST_ITERATIONS)?];
+        Ok(Self { iterations, before, sampled: Some(from.exactly(elements)?) })
     }
 }
 

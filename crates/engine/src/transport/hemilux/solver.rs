@@ -1,14 +1,14 @@
 //! The three tiers at work: what an iteration does, and the picture after it.
 
-use super::PATCH_POINTS;
-use super::cache::{self, Cache, Gathering, Look, Spacing};
 use super::clock::Clock;
-use super::estimate::{self, Errors};
+use super::coarse::{Coarse, PATCH_POINTS};
+use super::direct::Direct;
+use super::estimate::{self, Errors, Known};
 use super::fragments::{Fragment, Seen};
+use super::gather::{Cache, Gathering, Look, Spacing, least_scale};
 use super::gloss::Gloss;
-use super::light::Direct;
 use super::settings::HemiluxSettings;
-use super::shoot::Coarse;
+use crate::checkpoint::{CheckpointError, Reader};
 use crate::device::DeviceError;
 use crate::emitters::PolygonLights;
 use crate::image::Picture;
@@ -59,21 +59,21 @@ struct Drawn {
 
 /// The three tiers at work.
 pub struct Tiers {
-    pub(super) world: Arc<World>,
-    pub(super) lights: Arc<PolygonLights>,
-    pub(super) seen: Seen,
-    pub(super) coarse: Coarse,
-    pub(super) cache: Cache,
-    pub(super) direct: Direct,
-    pub(super) gloss: Gloss,
-    pub(super) options: HemiluxSettings,
+    world: Arc<World>,
+    lights: Arc<PolygonLights>,
+    seen: Seen,
+    coarse: Coarse,
+    cache: Cache,
+    direct: Direct,
+    gloss: Gloss,
+    options: HemiluxSettings,
     /// Whether the first picture had better come soon than be good.
     hasty: bool,
     /// Rays of a record in the first iteration.
     first_rays: u32,
     seed: Seed,
     /// Iterations of another camera's picture that the coarse solution and the records are from.
-    pub(super) before: u64,
+    pub before: u64,
     clock: Clock,
     drawn: Drawn,
     /// What the last picture took.
@@ -81,7 +81,7 @@ pub struct Tiers {
     /// After how many iterations a job with a target error estimates it next.
     next_check: u64,
     /// Iterations done.
-    pub(super) done: u64,
+    done: u64,
 }
 
 /// What the tiers work on.
@@ -150,8 +150,24 @@ impl Tiers {
 
     /// What the radii of records follow after so many iterations.
     fn spacing(&self, iterations: u64) -> Spacing {
-        let least = cache::least_scale(&self.seen);
+        let least = least_scale(&self.seen);
         Spacing { scale: scale(iterations).max(least), least, even: !self.options.adaptive }
+    }
+
+    /// Takes the part for any camera, behind the points' direct light, with which tier 1 was made.
+    pub fn restore_shared(&mut self, mut from: Reader<'_>) -> Result<(), CheckpointError> {
+        self.coarse.restore_links(&mut from)?;
+        self.cache.restore(&mut from)?;
+        from.count(0)?;
+        from.exactly::<Rgb>(0)?;
+        from.end()
+    }
+
+    /// Takes the part of the same camera.
+    pub fn restore_bound(&mut self, mut from: Reader<'_>) -> Result<(), CheckpointError> {
+        self.direct.restore(&mut from)?;
+        self.gloss.restore(&mut from)?;
+        from.end()
     }
 
     /// Goes over to another camera, with what `before` iterations have found out.
@@ -272,7 +288,15 @@ impl Tiers {
             vec![None; self.seen.fragments.len()]
         };
         self.clock.lap("seconds_smooth");
-        let (picture, errors) = estimate::measure(self, &bounced);
+        let (picture, errors) = estimate::measure(&Known {
+            seen: &self.seen,
+            lights: &self.lights,
+            coarse: &self.coarse,
+            bounced: &bounced,
+            direct: &self.direct,
+            gloss: &self.gloss,
+            options: &self.options,
+        });
         self.clock.lap("seconds_picture");
         self.picture_seconds = Some(began.elapsed().as_secs_f64());
         self.drawn = Drawn { iterations: Some(iterations), picture, errors };
@@ -312,12 +336,23 @@ impl Solver for Tiers {
         self.draw().picture.clone()
     }
 
+    /// The coarse solution and the records are for any camera; direct light and lobes are of the
+    /// fragments that one camera sees.
     fn save(&mut self, parts: &mut checkpoints::Parts) -> Result<(), DeviceError> {
-        self.write(parts)
+        let to = &mut parts.shared;
+        to.value([self.done.max(self.before), self.before]);
+        self.coarse.save(to);
+        self.cache.save(to);
+        // Where sums of hemicube shots were, while tier 1 could be solved by those.
+        to.value(0u64);
+        to.slice::<Rgb>(&[]);
+        self.direct.save(&mut parts.bound);
+        self.gloss.save(&mut parts.bound);
+        Ok(())
     }
 
     fn irradiance(&self) -> Option<(Arc<PatchedScene>, Vec<Rgb>)> {
-        Some((self.coarse.scene.clone(), self.coarse.irradiances().to_vec()))
+        Some((self.coarse.mesh.scene.clone(), self.coarse.irradiances().to_vec()))
     }
 
     fn diagnostics(&self, _run: &Run<'_>) -> BTreeMap<String, f64> {

@@ -1,13 +1,15 @@
 //! Tier 3, light: the emitters' own light on every fragment, exact but for what stands in between;
 //! that is found out by shadow rays, few where they agree, many where they don't.
 
-use super::fragments::{Fragment, Seen};
+use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::{PolygonLights, TRIES};
 use crate::filter::Plane;
 use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
 use crate::sampling::{BAYER, Seed, Shifted};
 use crate::surface::World;
+use crate::transport::hemilux::fragments::{Fragment, Seen};
+use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 /// Rays of every fragment at first, interleaved over tiles of 4 × 4 pixels.
@@ -41,33 +43,48 @@ const HELPED: f32 = 0.15;
 const ALIKE: f32 = 6.0;
 const UNLIKE: f32 = 24.0;
 
+/// Rays of a fragment that no run comes to.
+const MOST_RAYS_OF_ALL: u32 = 1 << 30;
+
+/// Direct light of a fragment, but for what has no noise.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct KeptLight {
+    seen: Rgb,
+    cast: Rgb,
+    squares: f32,
+    rays: u32,
+    blocked: u32,
+    disputed: u32,
+}
+
 /// What is known of the direct light on a fragment.
 #[derive(Clone, Copy, Default)]
 pub struct Lit {
     /// Irradiance with nothing in between.
     unoccluded: Rgb,
     /// Σ irradiance of the light points that were seen.
-    pub(super) seen: Rgb,
+    seen: Rgb,
     /// Σ irradiance of all light points.
-    pub(super) cast: Rgb,
+    cast: Rgb,
     /// Of many lights, Σ of its square, as one number.
-    pub(super) squares: f32,
+    squares: f32,
     /// Rays so far.
-    pub(super) rays: u32,
+    rays: u32,
     /// Rays that were blocked.
-    pub(super) blocked: u32,
+    blocked: u32,
     /// Whether rays here or around disagree.
-    pub(super) disputed: bool,
+    disputed: bool,
 }
 
 /// Direct light on all fragments.
 pub struct Direct {
-    pub(super) lit: Vec<Lit>,
+    lit: Vec<Lit>,
     /// Rays of a disputed fragment in the first pass, and in each other.
     more_rays: [u32; 2],
     /// Whether more rays go where they disagree.
     adaptive: bool,
-    pub(super) passes: u32,
+    passes: u32,
     /// Shadow rays so far.
     pub rays: u64,
 }
@@ -85,6 +102,37 @@ impl Direct {
         let more_rays = MORE_RAYS * generous;
         let at_first = if hasty { MORE_RAYS_IN_HASTE } else { more_rays };
         Self { lit, more_rays: [at_first, more_rays], adaptive, passes: 0, rays: 0 }
+    }
+
+    /// Writes all but what has no noise.
+    pub fn save(&self, to: &mut Writer) {
+        let kept = self.lit.iter().map(|lit| KeptLight {
+            seen: lit.seen,
+            cast: lit.cast,
+            squares: lit.squares,
+            rays: lit.rays,
+            blocked: lit.blocked,
+            disputed: u32::from(lit.disputed),
+        });
+        to.value(self.passes);
+        to.value(self.rays);
+        to.slice(&kept.collect::<Vec<_>>());
+    }
+
+    /// Takes what [`Direct::save`] wrote of the same fragments.
+    pub fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
+        self.passes = from.value()?;
+        self.rays = from.value()?;
+        let kept: Vec<KeptLight> = from.exactly(self.lit.len())?;
+        if kept.iter().any(|kept| kept.rays > MOST_RAYS_OF_ALL || kept.blocked > kept.rays) {
+            return Err(CheckpointError::damaged("there can't be that many rays"));
+        }
+        for (lit, kept) in self.lit.iter_mut().zip(kept) {
+            (lit.seen, lit.cast, lit.squares) = (kept.seen, kept.cast, kept.squares);
+            (lit.rays, lit.blocked) = (kept.rays, kept.blocked);
+            lit.disputed = kept.disputed != 0;
+        }
+        Ok(())
     }
 
     /// Casts another pass of rays.

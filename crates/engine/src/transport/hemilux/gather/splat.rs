@@ -1,43 +1,16 @@
 //! What records add up to at the fragments of a picture: along the rows of the picture, eight
 //! fragments at a time.
 
-use super::fragments::{Fragment, Seen};
-use super::gather::{Reach, Record};
+use super::record::{Reach, Record};
+use crate::transport::hemilux::fragments::Seen;
+use crate::transport::hemilux::places::{Eight, LANES};
 use glam::Vec3;
 use rayon::prelude::*;
 
 /// Rows of a task.
 const BAND: u32 = 8;
-/// Fragments that are looked at together.
-const LANES: usize = 8;
 
 type Lanes = [f32; LANES];
-
-/// Places and unit normals of eight fragments.
-struct Eight {
-    point: [Lanes; 3],
-    normal: [Lanes; 3],
-}
-
-/// Where the fragments of a picture are.
-pub struct Places(Vec<Eight>);
-
-impl Places {
-    /// Of all fragments.
-    pub fn new(fragments: &[Fragment]) -> Self {
-        let eight = |fragments: &[Fragment]| {
-            let lanes = |of: &dyn Fn(&Fragment) -> f32| {
-                std::array::from_fn(|lane| fragments.get(lane).map_or(0.0, of))
-            };
-            let axes = [0, 1, 2];
-            Eight {
-                point: axes.map(|axis| lanes(&|fragment| fragment.point[axis])),
-                normal: axes.map(|axis| lanes(&|fragment| fragment.normal[axis])),
-            }
-        };
-        Self(fragments.par_chunks(LANES).with_min_len(128).map(eight).collect())
-    }
-}
 
 /// What a record says of N quantities: their values where it stands, and how the first S of them
 /// change along its surface, within limits.
@@ -70,7 +43,7 @@ pub fn splat<const N: usize, const S: usize, T: Clone + Default + Send>(
     each: impl Fn(&Record) -> Said<N, S> + Sync,
     finish: impl Fn([f32; N], f32) -> T + Sync,
 ) -> Vec<T> {
-    let window = |record: &Record| seen.window(record, 1.0);
+    let window = |record: &Record| record.window(seen, 1.0);
     let windows: Vec<Option<[u32; 4]>> = records.par_iter().with_min_len(256).map(window).collect();
     let mut all = vec![T::default(); seen.fragments.len()];
     let mut bands = Vec::new();
@@ -103,7 +76,7 @@ pub fn splat<const N: usize, const S: usize, T: Clone + Default + Send>(
                     let eights = from / LANES..to.div_ceil(LANES);
                     let there = &mut sums[eights.start - first_eight..eights.end - first_eight];
                     let skipped = [from - eights.start * LANES, eights.end * LANES - to];
-                    add(&reach, &said, &seen.places.0[eights], skipped, there);
+                    add(&reach, &said, &seen.places.eights[eights], skipped, there);
                 }
             }
         }

@@ -5,23 +5,22 @@
 //! large. Links of different patches are independent, so a second gather averages their noise
 //! away: on the Cornell box 100 times cheaper than shots for the same error of the picture.
 
-use super::patch_light::Patched;
-use super::shoot::Coarse;
-use crate::patches::{NO_PATCH, PatchedScene, nth_cell};
+use super::direct::DirectLight;
+use super::mesh::CoarseMesh;
+use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
 use crate::random::Stream;
-use crate::rays::{Eye, Spot, inset, unit_normal};
+use crate::rays::Eye;
 use crate::sampling::{Seed, Shifted, cosine_direction};
 use crate::surface::World;
-use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// "Met nothing that reflects."
 const DARK: u32 = u32::MAX;
 /// "Started inside a body."
-pub(super) const COVERED: u32 = u32::MAX - 1;
+const COVERED: u32 = u32::MAX - 1;
 /// Most links of all patches together: 4 bytes each.
-pub(super) const MOST_LINKS: usize = 48 << 20;
+const MOST_LINKS: usize = 48 << 20;
 /// Most links of a round, unless four a patch are more.
 const MOST_AT_ONCE: usize = 4 << 20;
 /// Sweeps of a solution at most, and the change at which they end, relative to the mean.
@@ -36,15 +35,15 @@ const LEAST_RAYS: f32 = 4.0;
 /// The links of all patches.
 #[derive(Default)]
 pub struct Links {
-    pub(super) rounds: Vec<Round>,
+    rounds: Vec<Round>,
     /// Irradiance that has bounced.
     pub bounced: Vec<Rgb>,
 }
 
 /// Links that were traced together: those of patch p are `links[start[p]..start[p + 1]]`.
-pub(super) struct Round {
-    pub start: Vec<u32>,
-    pub links: Vec<u32>,
+struct Round {
+    start: Vec<u32>,
+    links: Vec<u32>,
 }
 
 impl Round {
@@ -61,8 +60,8 @@ impl Links {
 
     /// Traces `rays` more rays from each patch of ordinary size, fewer from smaller ones, which
     /// fewer rays meet; as long as there is room for them.
-    pub fn trace(&mut self, world: &World, coarse: &Coarse, seed: Seed, rays: u32) {
-        let area = &coarse.elements.area;
+    pub fn trace(&mut self, world: &World, mesh: &CoarseMesh, seed: Seed, rays: u32) {
+        let area = &mesh.elements.area;
         let patches = area.len();
         // Meshes of very many triangles have very many patches; the picture must not wait.
         let rays = (rays as f32).min(MOST_AT_ONCE as f32 / patches.max(1) as f32);
@@ -79,8 +78,8 @@ impl Links {
             return;
         }
         let links = (0..patches).into_par_iter().with_max_len(64).flat_map_iter(|patch| {
-            let alone = coarse.elements.members(patch).len() == 1;
-            let points = coarse.elements.points(world, &coarse.scene, patch, 0.0);
+            let alone = mesh.elements.members(patch).len() == 1;
+            let points = mesh.elements.points(world, &mesh.scene, patch, 0.0);
             let done = self.rounds.iter().map(|round| round.of(patch).len() as u32).sum();
             let mut sequence = Shifted::new(seed, Stream::PatchLight, patch as u64).at(done);
             (start[patch]..start[patch + 1]).map(move |_| {
@@ -90,7 +89,7 @@ impl Links {
                     &points
                 } else {
                     let x = sequence.triple().x;
-                    others = coarse.elements.points(world, &coarse.scene, patch, x);
+                    others = mesh.elements.points(world, &mesh.scene, patch, x);
                     &others
                 };
                 let (from, normal) = points.point(sequence.second_pair());
@@ -98,7 +97,7 @@ impl Links {
                 match world.rays.closest(Eye::Light, from, direction) {
                     None => DARK,
                     Some(hit) if hit.back && !world.is_two_sided(hit.triangle) => COVERED,
-                    Some(hit) => coarse.element_at(&hit).unwrap_or(DARK),
+                    Some(hit) => mesh.element_at(&hit).unwrap_or(DARK),
                 }
             })
         });
@@ -107,7 +106,7 @@ impl Links {
     }
 
     /// Solves the balance B = kd (E_direct + Σ B_link/N) over the links so far.
-    pub fn solve(&mut self, albedo: &[Rgb], direct: &[Patched]) {
+    pub fn solve(&mut self, albedo: &[Rgb], direct: &[DirectLight]) {
         let patches = direct.len();
         self.bounced.resize(patches, Rgb::ZERO);
         let rows: Vec<u32> = (0..patches)
@@ -147,60 +146,55 @@ impl Links {
     pub fn of(&self, patch: usize) -> impl Iterator<Item = u32> {
         self.rounds.iter().flat_map(move |round| round.of(patch).iter().copied())
     }
+
+    /// Writes them. They take most of the bytes of a checkpoint: two each where that suffices.
+    pub fn save(&self, elements: usize, to: &mut Writer) {
+        to.slice(&self.bounced);
+        to.value(self.rounds.len() as u64);
+        for Round { start, links } in &self.rounds {
+            to.slice(start);
+            if is_short(elements) {
+                // The two marks are the largest numbers, in two bytes as in four.
+                to.slice(&links.iter().map(|link| *link as u16).collect::<Vec<_>>());
+            } else {
+                to.slice(links);
+            }
+        }
+    }
+
+    /// Takes what [`Links::save`] wrote of so many elements.
+    pub fn restore(elements: usize, from: &mut Reader<'_>) -> Result<Self, CheckpointError> {
+        let damaged = |what: &str| Err(CheckpointError::damaged(what));
+        let bounced: Vec<Rgb> = from.slice()?;
+        let mut rounds = Vec::new();
+        for _ in 0..from.count(MOST_LINKS as u64)? {
+            let start: Vec<u32> = from.exactly(elements + 1)?;
+            let count = start[elements] as usize;
+            if start[0] != 0 || !start.is_sorted() {
+                return damaged("its links are not in order");
+            }
+            let links: Vec<u32> = if is_short(elements) {
+                let widen = |link: u16| match link {
+                    u16::MAX | 0xfffe => u32::from(link) | 0xffff_0000,
+                    link => u32::from(link),
+                };
+                from.exactly::<u16>(count)?.into_iter().map(widen).collect()
+            } else {
+                from.exactly(count)?
+            };
+            if links.iter().any(|link| *link as usize >= elements && *link < COVERED) {
+                return damaged("a link leads nowhere");
+            }
+            rounds.push(Round { start, links });
+        }
+        if bounced.len() != if rounds.is_empty() { 0 } else { elements } {
+            return damaged("its links are not of these elements");
+        }
+        Ok(Self { rounds, bounced })
+    }
 }
 
-/// A patch to pick points of, in ray units.
-pub struct PatchPoints {
-    corners: [Vec3; 3],
-    /// Of the front.
-    normal: Vec3,
-    cell: [Vec2; 3],
-    inset: f32,
-    back: bool,
-}
-
-impl PatchPoints {
-    /// The points of a patch.
-    pub fn new(world: &World, scene: &PatchedScene, patch: u32) -> Self {
-        let facet = &scene.facets[scene.patches.facet[patch as usize] as usize];
-        let back = facet.back != NO_PATCH && patch >= facet.back;
-        let first = if back { facet.back } else { facet.front };
-        let cell = nth_cell(facet.divisions, patch - first);
-        let corners = facet.corners.map(|c| world.rays.place(scene.positions[c as usize]));
-        Self { corners, normal: unit_normal(corners), cell, inset: inset(corners), back }
-    }
-
-    fn corner(&self, at: Vec2) -> Vec3 {
-        let [a, b, c] = self.corners;
-        a * (1.0 - at.x - at.y) + b * at.x + c * at.y
-    }
-
-    /// Area, ray units.
-    pub fn area(&self) -> f32 {
-        let [a, b, c] = self.cell.map(|at| self.corner(at));
-        0.5 * (b - a).cross(c - a).length()
-    }
-
-    /// Unit normal of its side.
-    pub fn normal(&self) -> Vec3 {
-        if self.back { -self.normal } else { self.normal }
-    }
-
-    /// Centre and radius of a ball around it.
-    pub fn ball(&self) -> (Vec3, f32) {
-        let corners = self.cell.map(|at| self.corner(at));
-        let center = (corners[0] + corners[1] + corners[2]) / 3.0;
-        (center, corners.iter().map(|corner| corner.distance(center)).fold(0.0, f32::max))
-    }
-
-    /// The point for two uniform numbers, off the surface by the rounding error, and the normal.
-    pub fn point(&self, [x, y]: [f32; 2]) -> (Vec3, Vec3) {
-        let [a, b, c] = self.cell;
-        let root = x.sqrt();
-        let at = a * (1.0 - root) + b * (root * (1.0 - y)) + c * (root * y);
-        let at = at.lerp(Vec2::splat(1.0 / 3.0), self.inset);
-        let spot = Spot::new(self.corners, self.normal, at.x, at.y);
-        let normal = if self.back { -spot.normal } else { spot.normal };
-        (spot.off_surface(normal), normal)
-    }
+/// Whether two bytes say which element, and the two marks.
+fn is_short(patches: usize) -> bool {
+    patches < usize::from(u16::MAX) - 1
 }

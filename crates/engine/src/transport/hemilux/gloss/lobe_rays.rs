@@ -2,17 +2,23 @@
 //! and Guibas 1995), from lobe to lobe. What a lobe ray meets that is diffuse has its direct light
 //! found out afresh, and the rest is the coarse solution's.
 
-use super::shoot::Coarse;
 use crate::emitters::Axis;
 use crate::radiometry::Rgb;
-use crate::rays::Eye;
+use crate::rays::{Eye, Hit};
 use crate::sampling::{Afresh, power_heuristic};
 use crate::surface::Surface;
+use crate::transport::hemilux::coarse::Coarse;
 use glam::Vec3;
 
 /// A lobe is followed if it carries at least such a share of its light to the first; what is
 /// fainter, or comes later, is taken to be diffuse.
 const FAINT: f32 = 0.02;
+
+/// How often a lobe that a gather ray meets is followed: so many times its share of what the surface
+/// reflects, and at least so often; and how many lobes from there.
+const LOBES: f32 = 2.0;
+const LEAST_LOBES: f32 = 0.1;
+const MOST_LOBES: u32 = 2;
 
 /// Random numbers of a ray through lobes.
 pub struct Through {
@@ -74,4 +80,24 @@ pub fn reflected(
         xi = numbers.bounce;
     }
     (sum, nearness)
+}
+
+/// Radiance that a hit reflects against the `direction` of the ray. With random numbers the
+/// light there is found out afresh: the emitters' by a shadow ray, what a lobe reflects, at
+/// times, by another ray, and, where the patch is so near that its mean will not do, what has
+/// bounced by one more.
+pub fn reflected_at(coarse: &Coarse, hit: &Hit, direction: Vec3, afresh: Option<Afresh>) -> Rgb {
+    let Some(surface) = coarse.world.surface(hit) else { return Rgb::ZERO };
+    let numbers = afresh.filter(|_| surface.reflectance.is_glossy());
+    let Some((numbers, next)) = numbers.and_then(|numbers| Some((numbers, numbers.next?))) else {
+        return coarse.by_albedo(&surface, surface.albedo(), hit, afresh);
+    };
+    let diffuse = coarse.by_albedo(&surface, surface.reflectance.diffuse, hit, Some(numbers));
+    let probability = (LOBES * (1.0 - surface.diffuse_share(-direction))).clamp(LEAST_LOBES, 1.0);
+    if next.number() >= probability {
+        return diffuse;
+    }
+    let numbers = Afresh { next: Some(next.after()), ..next.afresh() };
+    let through = Through { xi: numbers.bounce, numbers, most: MOST_LOBES };
+    diffuse + reflected(coarse, surface, -direction, through).0 / probability
 }

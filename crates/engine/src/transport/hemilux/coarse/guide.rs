@@ -2,7 +2,8 @@
 //! a lampshade say, are met by few rays all over the hemisphere. Some rays are aimed at them.
 
 use super::elements::Elements;
-use super::links::{Links, PatchPoints};
+use super::links::Links;
+use super::patch_points::PatchPoints;
 use crate::emitters::{Glow, LightTree};
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;

@@ -1,14 +1,15 @@
 //! Gloss: what the lobes of the fragments show of the scene, by rays pixel by pixel. Neighbouring
 //! pixels share their rays as far as the lobes blur what they show.
 
-use super::fragments::{Lobe, Seen};
-use super::lobe::{Through, reflected};
-use super::shoot::Coarse;
+use super::lobe_rays::{Through, reflected};
+use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::filter::Plane;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::sampling::{BAYER, Seed, Shifted};
 use crate::surface::World;
+use crate::transport::hemilux::coarse::Coarse;
+use crate::transport::hemilux::fragments::{Lobe, Seen};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -32,23 +33,26 @@ const NARROW: f32 = 4.0;
 const ALIKE: f32 = 6.0;
 const UNLIKE: f32 = 24.0;
 
+/// Rays of a lobe that no run comes to.
+const MOST_RAYS_OF_ALL: u32 = 1 << 30;
+
 /// Light that the lobes of glossy fragments reflect towards the camera.
 pub struct Gloss {
     lobes: Vec<Mirror>,
     /// Of each of [`Seen::lobes`].
-    pub(super) sums: Vec<Sums>,
+    sums: Vec<Sums>,
     /// Lobes of pixel p: `start[p]..start[p + 1]`.
     start: Vec<u32>,
     /// Passes so far.
-    pub(super) passes: u32,
+    pub passes: u32,
     /// Mean radiance of the picture, by what was known after the first pass.
-    pub(super) brightness: f32,
+    pub brightness: f32,
 }
 
 /// What the rays of a lobe found.
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Sums {
+struct Sums {
     /// Σ radiance.
     radiance: Rgb,
     /// Σ squared radiance.
@@ -69,6 +73,24 @@ struct Mirror {
 }
 
 impl Gloss {
+    /// Writes what the rays found.
+    pub fn save(&self, to: &mut Writer) {
+        to.value(self.passes);
+        to.value(self.brightness);
+        to.slice(&self.sums);
+    }
+
+    /// Takes what [`Gloss::save`] wrote of the same lobes.
+    pub fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
+        self.passes = from.value()?;
+        self.brightness = from.value()?;
+        self.sums = from.exactly(self.sums.len())?;
+        if self.sums.iter().any(|sums| sums.rays > MOST_RAYS_OF_ALL) {
+            return Err(CheckpointError::damaged("there can't be that many rays"));
+        }
+        Ok(())
+    }
+
     /// Without a ray.
     pub fn new(world: &World, seen: &Seen) -> Self {
         let mirror = |lobe: &Lobe| {

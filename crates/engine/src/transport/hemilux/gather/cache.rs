@@ -4,13 +4,15 @@
 //! second camera finds those of the first. A record counts within a radius that follows how near
 //! other surfaces are (Ward, Rubinstein, Clear 1988), and not behind what stands on its horizon.
 
-use super::fragments::Seen;
-use super::gather::Record;
-use super::shoot::Coarse;
+use super::kept_record;
+use super::record::Record;
 use super::splat::{Said, splat};
+use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
 use crate::sampling::Seed;
 use crate::surface::World;
+use crate::transport::hemilux::coarse::Coarse;
+use crate::transport::hemilux::fragments::Seen;
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
@@ -50,11 +52,11 @@ const TILE: u32 = 16;
 /// All records.
 #[derive(Default)]
 pub struct Cache {
-    pub(super) records: Vec<Record>,
+    records: Vec<Record>,
     /// Records that another camera's picture had made.
     pub reused: usize,
     /// Random sequences that records have taken.
-    pub(super) sequences: u32,
+    sequences: u32,
     /// Per fragment, the sum of the weights of all records.
     coverage: Vec<f32>,
 }
@@ -95,6 +97,19 @@ pub struct Spacing {
 }
 
 impl Cache {
+    /// Writes the records.
+    pub fn save(&self, to: &mut Writer) {
+        to.value(self.sequences);
+        kept_record::save(&self.records, to);
+    }
+
+    /// Takes what [`Cache::save`] wrote.
+    pub fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
+        self.sequences = from.value()?;
+        self.records = kept_record::restore(from)?;
+        Ok(())
+    }
+
     /// Number of records.
     pub fn len(&self) -> usize {
         self.records.len()
@@ -252,7 +267,7 @@ impl Cache {
             record.footprint = scaling * seen.frame.footprint(record.point, seen.height);
             record.radius = radius(record, spacing);
             let around = record.reach(1.0);
-            let Some([x0, x1, y0, y1]) = seen.window(record, 1.0) else { return false };
+            let Some([x0, x1, y0, y1]) = record.window(seen, 1.0) else { return false };
             (y0..y1).any(|row| {
                 let first = seen.start[(row * seen.width + x0) as usize] as usize;
                 let last = seen.start[(row * seen.width + x1) as usize] as usize;
@@ -297,7 +312,7 @@ impl Cache {
             .with_min_len(16)
             .map(|record| {
                 let around = record.reach(HEARD);
-                let Some([x0, x1, y0, y1]) = seen.window(record, HEARD) else {
+                let Some([x0, x1, y0, y1]) = record.window(seen, HEARD) else {
                     return Plane::new().fit(record);
                 };
                 let mut plane = Plane::new();

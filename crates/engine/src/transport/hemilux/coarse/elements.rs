@@ -1,7 +1,7 @@
 //! What tier 1 solves for. Mostly a patch each; where a mesh has many more triangles than the light
 //! on it needs patches, all those of a cell of space that face the same way are one.
 
-use super::links::PatchPoints;
+use super::patch_points::PatchPoints;
 use crate::patches::{NO_PATCH, PatchedScene};
 use crate::radiometry::Rgb;
 use crate::surface::World;

@@ -1,13 +1,15 @@
 //! Tier 2, gather: rays all over the hemisphere of a point turn the coarse solution into its
 //! indirect irradiance, and tell how far that may be carried to the neighbours.
 
-use super::shoot::Coarse;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::rays::Eye;
 use crate::sampling::frame;
 use crate::sampling::{Seed, Shifted, cosine_local};
 use crate::surface::World;
+use crate::transport::hemilux::coarse::Coarse;
+use crate::transport::hemilux::fragments::Seen;
+use crate::transport::hemilux::gloss::reflected_at;
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 
@@ -26,7 +28,7 @@ const AIMED: u32 = 4;
 /// The nearest thing in a sector of a record's horizon.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
-pub(super) struct Obstacle {
+pub struct Obstacle {
     /// Distance along the record's surface.
     pub distance: f32,
     /// Unit normal of its surface, towards the record.
@@ -53,13 +55,13 @@ pub struct Record {
     /// Rays so far.
     pub rays: u32,
     /// Σ radiance over rays.
-    pub(super) sum: Rgb,
+    pub sum: Rgb,
     /// The same with the sign changed in the second half of each stretch of rays.
-    pub(super) split: Rgb,
+    pub split: Rgb,
     /// Σ 1/distance over rays.
-    pub(super) nearness: f32,
+    pub nearness: f32,
     /// What is nearest in each sector of the horizon.
-    pub(super) horizon: [Obstacle; SECTORS],
+    pub horizon: [Obstacle; SECTORS],
     /// Irradiance after the neighbours were heard.
     pub value: Rgb,
     /// Half the difference that either half of all rays makes to it.
@@ -134,7 +136,7 @@ impl Record {
             // The balance heuristic (Veach 1997): what either way of picking it makes of a place.
             let mut weight = 1.0 / of_each[0];
             if let Some(guide) = guide {
-                let patch = coarse.patch_at(&hit);
+                let patch = coarse.mesh.patch_at(&hit);
                 if aim.is_some() && aim != patch {
                     continue;
                 }
@@ -158,11 +160,17 @@ impl Record {
                 *nearest = Obstacle { distance: along, normal, offset: away.abs() };
             }
             let radiance =
-                weight * coarse.reflected(&hit, direction, afresh.then_some(afresh_numbers));
+                weight * reflected_at(coarse, &hit, direction, afresh.then_some(afresh_numbers));
             self.sum += radiance;
             self.split += if 2 * ray < rays { radiance } else { -radiance };
         }
         self.rays += rays;
+    }
+
+    /// Pixels [x0, x1) × [y0, y1) where it may count for `reach` times its radius.
+    pub fn window(&self, seen: &Seen, reach: f32) -> Option<[u32; 4]> {
+        let size = [seen.width, seen.height];
+        seen.frame.window(self.point, self.normal, self.radius * reach, size)
     }
 
     /// Mean irradiance of the rays.
@@ -198,12 +206,14 @@ impl Record {
 /// How much a record counts around it.
 pub struct Reach<'a> {
     record: &'a Record,
-    pub(super) point: Vec3,
-    pub(super) normal: Vec3,
+    /// Where the record is.
+    pub point: Vec3,
+    /// Its unit normal.
+    pub normal: Vec3,
     /// One over the square of the radius.
     per_square: f32,
     /// Square of the distance within which nothing stands between.
-    pub(super) free_square: f32,
+    pub free_square: f32,
 }
 
 impl Reach<'_> {
@@ -222,7 +232,7 @@ impl Reach<'_> {
     /// The same as if nothing stood between, at a distance of which `square` is the square,
     /// `height` above the surface, where the normals have a `cosine`.
     #[inline(always)]
-    pub(super) fn fading(&self, square: f32, height: f32, cosine: f32) -> f32 {
+    pub fn fading(&self, square: f32, height: f32, cosine: f32) -> f32 {
         // Half the radius off the plane, or 25° off the normal, is as far as the whole radius.
         let far = (square + 3.0 * height * height) * self.per_square
             + (1.0 - cosine) * (1.0 / (1.0 - 0.906));
@@ -234,7 +244,7 @@ impl Reach<'_> {
     /// 1 where nothing stands between, 0 where something does: it is nearer, and the point lies
     /// behind it. (A wall that the record stands next to hides nothing of the floor.)
     #[inline]
-    pub(super) fn clearance(&self, between: Vec3, height: f32, square: f32) -> f32 {
+    pub fn clearance(&self, between: Vec3, height: f32, square: f32) -> f32 {
         let along = between - self.normal * height;
         let [tangent, bitangent] = self.record.tangents;
         let local = Vec2::new(along.dot(tangent), along.dot(bitangent));

@@ -16,7 +16,7 @@ const CREVICE: f32 = 0.25;
 
 /// Direct light on a patch.
 #[derive(Clone, Copy)]
-pub struct Patched {
+pub struct DirectLight {
     /// Mean irradiance of the points that are not inside a body.
     pub irradiance: Rgb,
     /// Share of the emitters' light that gets there, about.
@@ -28,7 +28,7 @@ pub struct Patched {
 /// Sums over points of a patch.
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
-pub struct Sampled {
+pub struct SampledLight {
     /// Of the points that others see.
     visible: Lit,
     /// Of those in crevices.
@@ -50,7 +50,7 @@ struct Lit {
     seen: Rgb,
 }
 
-impl Sampled {
+impl SampledLight {
     /// Looks at more points of an element.
     #[expect(clippy::too_many_arguments)]
     pub fn add(
@@ -87,10 +87,10 @@ impl Sampled {
     }
 
     /// What the points say of the patch: those that others see, if there are such.
-    pub fn mean(&self) -> Patched {
+    pub fn mean(&self) -> DirectLight {
         let lit = if self.visible.count > 0 { self.visible } else { self.hidden };
         let open = self.open as f32 / self.points.max(1) as f32;
-        Patched { irradiance: lit.irradiance(), share: lit.share(), open }
+        DirectLight { irradiance: lit.irradiance(), share: lit.share(), open }
     }
 }
 

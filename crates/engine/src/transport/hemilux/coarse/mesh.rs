@@ -1,0 +1,153 @@
+//! The coarse mesh: what a hit of a ray is on it, and how values of its patches become a function.
+
+use super::elements::Elements;
+use crate::measurement::reconstruction::{Reconstruction, Smoothness};
+use crate::patches::{Facet, PatchedScene, cell_index};
+use crate::radiometry::Rgb;
+use crate::rays::{Hit, Rays};
+use glam::Vec2;
+use std::sync::Arc;
+
+/// Nearer than so many sides of a patch its mean does not do: light there varies within it.
+const NEAR_FIELD: f32 = 2.0;
+/// Smoothing changes a patch's value by this factor at most.
+const MOST_CHANGE: f32 = 2.5;
+
+/// The coarse mesh.
+pub struct CoarseMesh {
+    /// The scene in patches.
+    pub scene: Arc<PatchedScene>,
+    /// What the light is solved for.
+    pub elements: Elements,
+    reconstruction: Reconstruction,
+    /// Facets of scene triangle t: `pieces[t]..pieces[t + 1]`.
+    pieces: Vec<u32>,
+    /// Distance within which a facet's patches are too large to be seen from, ray units.
+    near: Vec<f32>,
+}
+
+/// A quantity on the mesh.
+#[derive(Default)]
+pub struct Values {
+    /// Of each patch.
+    pub patches: Vec<Rgb>,
+    /// At the vertices of the reconstruction.
+    vertices: Vec<Rgb>,
+}
+
+impl CoarseMesh {
+    /// A mesh whose light is solved for these elements.
+    pub fn new(rays: &Rays, scene: Arc<PatchedScene>, elements: Elements) -> Self {
+        let triangles = scene.scene.triangles.len();
+        let mut pieces = vec![0u32; triangles + 1];
+        for facet in &scene.facets {
+            pieces[facet.source as usize + 1] += 1;
+        }
+        for triangle in 0..triangles {
+            pieces[triangle + 1] += pieces[triangle];
+        }
+        let near = near_distances(rays, &scene, &elements);
+        let reconstruction = Reconstruction::new(&scene, Smoothness::Smooth);
+        Self { scene, elements, reconstruction, pieces, near }
+    }
+
+    /// Takes what is near as what is far: by the means of its patches.
+    pub fn ignore_near_field(&mut self) {
+        self.near.fill(0.0);
+    }
+
+    /// Whether a hit that far away is so near that the mean of a patch of the facet will not do.
+    pub fn is_near(&self, facet: usize, distance: f32) -> bool {
+        distance < self.near[facet]
+    }
+
+    /// Values of the patches as a smooth function.
+    pub fn smooth(&self, patches: Vec<Rgb>) -> Values {
+        let vertices = self.reconstruction.apply(&patches);
+        Values { patches, vertices }
+    }
+
+    /// The patch at a hit; `None` at a black back.
+    pub fn patch_at(&self, hit: &Hit) -> Option<u32> {
+        let (facet, at) = self.facet_at(hit)?;
+        let piece = &self.scene.facets[facet];
+        let first = piece.first_patch(hit.back)?;
+        Some(first + cell_index(piece.divisions, at.x, at.y))
+    }
+
+    /// The element at a hit; `None` at a black back and inside of closed bodies.
+    pub fn element_at(&self, hit: &Hit) -> Option<u32> {
+        self.elements.of(self.patch_at(hit)?)
+    }
+
+    /// Facet of a hit and barycentric coordinates there.
+    pub fn facet_at(&self, hit: &Hit) -> Option<(usize, Vec2)> {
+        let triangle = hit.triangle as usize;
+        let (first, end) = (self.pieces[triangle] as usize, self.pieces[triangle + 1] as usize);
+        if end == first + 1 {
+            return Some((first, Vec2::new(hit.u, hit.v)));
+        }
+        let mut found = None;
+        let mut nearest = f32::NEG_INFINITY;
+        for facet in first..end {
+            let at = in_piece(&self.scene.facets[facet].source_uv, hit.u, hit.v);
+            let inside = at.x.min(at.y).min(1.0 - at.x - at.y);
+            if inside > nearest {
+                (nearest, found) = (inside, Some((facet, at)));
+            }
+            if inside >= 0.0 {
+                break;
+            }
+        }
+        found
+    }
+
+    /// Their value at barycentric coordinates of a facet.
+    pub fn value(&self, values: &Values, facet: usize, back: bool, at: Vec2) -> Rgb {
+        let (u, v) = (at.x.clamp(0.0, 1.0), at.y.clamp(0.0, 1.0 - at.x.clamp(0.0, 1.0)));
+        let piece = &self.scene.facets[facet];
+        let Some(corners) = self.reconstruction.corners(facet, back, piece, u, v) else {
+            return Rgb::ZERO;
+        };
+        let all = corners.iter();
+        let smooth: Rgb =
+            all.map(|(vertex, weight)| values.vertices[*vertex as usize] * *weight).sum();
+        // A vertex may hear patches on the other side of a wall that stands there.
+        let Some(first) = piece.first_patch(back) else { return Rgb::ZERO };
+        let own = values.patches[(first + cell_index(piece.divisions, u, v)) as usize];
+        smooth.clamp(own / MOST_CHANGE, own * MOST_CHANGE)
+    }
+
+    /// The element at barycentric coordinates of a facet, if any.
+    pub fn element_on(&self, facet: usize, back: bool, at: Vec2) -> Option<u32> {
+        let piece = &self.scene.facets[facet];
+        let u = at.x.clamp(0.0, 1.0);
+        let cell = cell_index(piece.divisions, u, at.y.clamp(0.0, 1.0 - u));
+        self.elements.of(piece.first_patch(back)? + cell)
+    }
+}
+
+/// By facet, the distance within which its patches are too large to be seen from, ray units.
+fn near_distances(rays: &Rays, scene: &PatchedScene, elements: &Elements) -> Vec<f32> {
+    let near = |facet: &Facet| {
+        let [a, b, c] = facet.corners.map(|c| rays.place(scene.positions[c as usize]));
+        NEAR_FIELD * (b - a).cross(c - a).length().sqrt() / facet.divisions as f32
+    };
+    let mut near: Vec<f32> = scene.facets.iter().map(near).collect();
+    for element in (0..elements.len()).filter(|element| elements.members(*element).len() > 1) {
+        let area = elements.area[element] * (rays.scale() as f32).powi(2);
+        for patch in elements.members(element) {
+            let near = &mut near[scene.patches.facet[*patch as usize] as usize];
+            *near = near.max(NEAR_FIELD * (2.0 * area).sqrt());
+        }
+    }
+    near
+}
+
+/// Barycentric coordinates in a piece of the barycentric (u, v) of its triangle.
+fn in_piece(corners: &[Vec2; 3], u: f32, v: f32) -> Vec2 {
+    let [a, b, c] = *corners;
+    let (ab, ac, p) = (b - a, c - a, Vec2::new(u, v) - a);
+    let determinant = ab.perp_dot(ac);
+    Vec2::new(p.perp_dot(ac), ab.perp_dot(p)) / determinant
+}

@@ -1,0 +1,14 @@
+//! Tier 1: the light of the whole scene on a coarse mesh.
+
+mod direct;
+mod elements;
+mod guide;
+mod links;
+mod mesh;
+mod patch_points;
+mod solution;
+
+pub use direct::SampledLight;
+pub use elements::Elements;
+pub use mesh::CoarseMesh;
+pub use solution::{Coarse, PATCH_POINTS};

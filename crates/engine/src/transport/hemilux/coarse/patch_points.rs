@@ -1,0 +1,62 @@
+//! Points of a patch.
+
+use crate::patches::{NO_PATCH, PatchedScene, nth_cell};
+use crate::rays::{Spot, inset, unit_normal};
+use crate::surface::World;
+use glam::{Vec2, Vec3};
+
+/// A patch to pick points of, in ray units.
+pub struct PatchPoints {
+    corners: [Vec3; 3],
+    /// Of the front.
+    normal: Vec3,
+    cell: [Vec2; 3],
+    inset: f32,
+    back: bool,
+}
+
+impl PatchPoints {
+    /// The points of a patch.
+    pub fn new(world: &World, scene: &PatchedScene, patch: u32) -> Self {
+        let facet = &scene.facets[scene.patches.facet[patch as usize] as usize];
+        let back = facet.back != NO_PATCH && patch >= facet.back;
+        let first = if back { facet.back } else { facet.front };
+        let cell = nth_cell(facet.divisions, patch - first);
+        let corners = facet.corners.map(|c| world.rays.place(scene.positions[c as usize]));
+        Self { corners, normal: unit_normal(corners), cell, inset: inset(corners), back }
+    }
+
+    fn corner(&self, at: Vec2) -> Vec3 {
+        let [a, b, c] = self.corners;
+        a * (1.0 - at.x - at.y) + b * at.x + c * at.y
+    }
+
+    /// Area, ray units.
+    pub fn area(&self) -> f32 {
+        let [a, b, c] = self.cell.map(|at| self.corner(at));
+        0.5 * (b - a).cross(c - a).length()
+    }
+
+    /// Unit normal of its side.
+    pub fn normal(&self) -> Vec3 {
+        if self.back { -self.normal } else { self.normal }
+    }
+
+    /// Centre and radius of a ball around it.
+    pub fn ball(&self) -> (Vec3, f32) {
+        let corners = self.cell.map(|at| self.corner(at));
+        let center = (corners[0] + corners[1] + corners[2]) / 3.0;
+        (center, corners.iter().map(|corner| corner.distance(center)).fold(0.0, f32::max))
+    }
+
+    /// The point for two uniform numbers, off the surface by the rounding error, and the normal.
+    pub fn point(&self, [x, y]: [f32; 2]) -> (Vec3, Vec3) {
+        let [a, b, c] = self.cell;
+        let root = x.sqrt();
+        let at = a * (1.0 - root) + b * (root * (1.0 - y)) + c * (root * y);
+        let at = at.lerp(Vec2::splat(1.0 / 3.0), self.inset);
+        let spot = Spot::new(self.corners, self.normal, at.x, at.y);
+        let normal = if self.back { -spot.normal } else { spot.normal };
+        (spot.off_surface(normal), normal)
+    }
+}

@@ -1,0 +1,250 @@
+//! Tier 1: the light of the whole scene on a coarse mesh. Direct light at points of every patch by
+//! the closed form and shadow rays; everything that bounces over the links between patches. It is
+//! only ever seen through gathers.
+
+use super::direct::{DirectLight, SampledLight};
+use super::guide::Guide;
+use super::links::Links;
+use super::mesh::{CoarseMesh, Values};
+use crate::checkpoint::{CheckpointError, Reader, Writer};
+use crate::emitters::PolygonLights;
+use crate::radiometry::{Rgb, importance};
+use crate::rays::{Eye, Hit};
+use crate::sampling::{Afresh, Next, Seed, cosine_direction};
+use crate::surface::{Surface, World};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use std::f32::consts::PI;
+use std::sync::Arc;
+
+/// Points of an element whose direct light is found at first.
+pub const PATCH_POINTS: u32 = 2;
+/// Most points of all patches together whose direct light is found at a time, unless one a patch
+/// is more.
+const MOST_POINTS: usize = 1 << 20;
+
+/// Share of the rays that find what has bounced that is aimed at bright patches, where there are
+/// such.
+const AIMED_BOUNCES: f32 = 0.3;
+/// The coarse solution.
+pub struct Coarse {
+    /// The scene as rays meet it.
+    pub world: Arc<World>,
+    /// Its emitters.
+    pub lights: Arc<PolygonLights>,
+    /// What it is solved on.
+    pub mesh: CoarseMesh,
+    /// Direct light of the elements, point by point.
+    sampled: Vec<SampledLight>,
+    direct: Vec<DirectLight>,
+    links: Links,
+    /// Patches that gather rays are aimed at.
+    pub guide: Option<Guide>,
+    /// Irradiance, direct and indirect.
+    both: Values,
+    /// The same, indirect only.
+    indirect: Values,
+}
+
+impl Coarse {
+    /// Lights the elements directly, by [`PATCH_POINTS`] points each, unless `sampled` already says
+    /// how.
+    pub fn new(
+        world: Arc<World>,
+        lights: Arc<PolygonLights>,
+        mesh: CoarseMesh,
+        seed: Seed,
+        sampled: Option<Vec<SampledLight>>,
+    ) -> Self {
+        let count = mesh.elements.len();
+        let mut this = Self {
+            world,
+            lights,
+            mesh,
+            sampled: sampled.unwrap_or_default(),
+            direct: Vec::new(),
+            links: Links::default(),
+            guide: None,
+            both: Values::default(),
+            indirect: Values::default(),
+        };
+        if this.sampled.is_empty() {
+            this.sampled = vec![SampledLight::default(); count];
+            this.light(seed, PATCH_POINTS.min(most_points(count)));
+        }
+        this.look();
+        this.refresh();
+        this
+    }
+
+    /// Lights more points of each element.
+    fn light(&mut self, seed: Seed, points: u32) {
+        let (world, lights) = (&*self.world, &*self.lights);
+        let CoarseMesh { scene, elements, .. } = &self.mesh;
+        self.sampled.par_iter_mut().enumerate().with_max_len(256).for_each(|(element, sampled)| {
+            sampled.add(world, lights, scene, elements, element, points, seed);
+        });
+    }
+
+    /// Takes what the points say.
+    fn look(&mut self) {
+        self.direct = self.sampled.iter().map(SampledLight::mean).collect();
+    }
+
+    /// Lights more points of each element, traces more links and solves for them, and makes that
+    /// what hits look up.
+    pub fn link(&mut self, seed: Seed, points: u32, rays: u32) {
+        if points > 0 {
+            self.light(seed, points.min(most_points(self.mesh.elements.len())));
+            self.look();
+        }
+        self.links.trace(&self.world, &self.mesh, seed, rays);
+        self.links.solve(&self.mesh.elements.albedo, &self.direct);
+        self.refresh();
+    }
+
+    /// Writes the points' direct light and the links.
+    pub fn save(&self, to: &mut Writer) {
+        to.slice(&self.sampled);
+        self.links.save(self.sampled.len(), to);
+    }
+
+    /// Takes the links that [`Coarse::save`] wrote behind the points' direct light, with which it
+    /// was made ([`Coarse::new`]).
+    pub fn restore_links(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
+        self.links = Links::restore(self.sampled.len(), from)?;
+        self.refresh();
+        Ok(())
+    }
+
+    /// Irradiance of each patch, direct and indirect.
+    pub fn irradiances(&self) -> &[Rgb] {
+        &self.both.patches
+    }
+
+    /// Links so far.
+    pub fn links(&self) -> usize {
+        self.links.count()
+    }
+
+    /// Makes what is known of direct light and links that which hits look up.
+    fn refresh(&mut self) {
+        let CoarseMesh { scene, elements, .. } = &self.mesh;
+        let patches = scene.patches.len();
+        let mut both = vec![Rgb::ZERO; patches];
+        let mut indirect = both.clone();
+        for patch in 0..patches {
+            let Some(element) = elements.of(patch as u32) else { continue };
+            let lit = &self.direct[element as usize];
+            if lit.open <= 0.0 {
+                continue;
+            }
+            let bounced = self.links.bounced.get(element as usize).copied().unwrap_or_default();
+            (indirect[patch], both[patch]) = (bounced, bounced + lit.irradiance);
+        }
+        (self.both, self.indirect) = (self.mesh.smooth(both), self.mesh.smooth(indirect));
+        let all = elements.albedo.iter().enumerate();
+        let radiosity = all.map(|(element, albedo)| {
+            let patch = elements.members(element)[0];
+            importance(*albedo * self.both.patches[patch as usize].max(Rgb::ZERO))
+        });
+        let radiosity: Vec<f32> = radiosity.collect();
+        self.guide = Guide::new(&self.world, scene, elements, &self.links, &radiosity);
+    }
+
+    /// Share of the emitters' light that gets to a patch.
+    fn share(&self, facet: usize, back: bool, at: Vec2) -> f32 {
+        let element = self.mesh.element_on(facet, back, at);
+        element.map_or(0.0, |element| self.direct[element as usize].share)
+    }
+
+    /// Irradiance that has bounced, at barycentric coordinates of a facet of the mesh.
+    pub fn bounced(&self, facet: usize, back: bool, at: Vec2) -> Rgb {
+        self.mesh.value(&self.indirect, facet, back, at)
+    }
+
+    /// Irradiance from the emitters, at barycentric coordinates of a facet of the mesh.
+    pub fn direct(&self, facet: usize, back: bool, at: Vec2) -> Rgb {
+        self.mesh.value(&self.both, facet, back, at)
+            - self.mesh.value(&self.indirect, facet, back, at)
+    }
+
+    /// Radiance that a hit reflects, as if all of it were reflected diffusely. With random numbers
+    /// the light there is found out afresh: the emitters' by a shadow ray and, where the patch is so
+    /// near that its mean will not do, what has bounced by one more.
+    pub fn reflected_as_diffuse(&self, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
+        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
+        self.by_albedo(&surface, surface.albedo(), hit, afresh)
+    }
+
+    /// The same of the diffuse part alone.
+    pub fn reflected_diffusely(&self, hit: &Hit, numbers: Afresh) -> Rgb {
+        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
+        self.by_albedo(&surface, surface.reflectance.diffuse, hit, Some(numbers))
+    }
+
+    /// The same of a surface with that albedo.
+    pub fn by_albedo(
+        &self,
+        surface: &Surface,
+        albedo: Rgb,
+        hit: &Hit,
+        afresh: Option<Afresh>,
+    ) -> Rgb {
+        if albedo == Rgb::ZERO {
+            return Rgb::ZERO;
+        }
+        let Some((facet, at)) = self.mesh.facet_at(hit) else { return Rgb::ZERO };
+        let Some(afresh) = afresh else {
+            return albedo * self.mesh.value(&self.both, facet, hit.back, at) / PI;
+        };
+        let (start, normal) = (surface.start(), surface.normal);
+        let direct = self.lights.once(&self.world.rays, start, normal, afresh.light);
+        let direct = direct.irradiance(self.share(facet, hit.back, at));
+        let bounced = match afresh.next {
+            Some(next) if self.mesh.is_near(facet, hit.distance) => {
+                self.bounced_by_ray(start, normal, afresh.bounce, next)
+            }
+            _ => self.mesh.value(&self.indirect, facet, hit.back, at),
+        };
+        albedo * (bounced + direct) / PI
+    }
+
+    /// Irradiance that has bounced, by one ray: some of them are aimed at bright patches (balance
+    /// heuristic, Veach 1997).
+    fn bounced_by_ray(&self, start: Vec3, normal: Vec3, xi: [f32; 2], next: Next) -> Rgb {
+        let aimed_share = if self.guide.is_some() { AIMED_BOUNCES } else { 0.0 };
+        let guide = self.guide.as_ref();
+        let aim = match guide.filter(|_| next.number() < aimed_share) {
+            // Other numbers than those that light is found by behind it.
+            Some(guide) => match guide.aim(start, normal, next.after().afresh().light) {
+                Some(aim) => Some(aim),
+                None => return Rgb::ZERO,
+            },
+            None => None,
+        };
+        let direction =
+            aim.as_ref().map_or_else(|| cosine_direction(normal, xi), |aim| aim.direction);
+        let Some(hit) = self.world.rays.closest(Eye::Light, start, direction) else {
+            return Rgb::ZERO;
+        };
+        let mut weight = 1.0;
+        if let Some(guide) = guide {
+            let patch = self.mesh.patch_at(&hit);
+            if aim.is_some_and(|aim| Some(aim.patch) != patch) {
+                return Rgb::ZERO;
+            }
+            let cosine = self.world.rays.spot(&hit).normal.dot(direction);
+            let density = patch
+                .map_or(0.0, |patch| guide.density(start, normal, patch, hit.distance, cosine));
+            let height = normal.dot(direction).max(f32::MIN_POSITIVE);
+            weight = height / (height * (1.0 - aimed_share) + aimed_share * PI * density);
+        }
+        weight * PI * self.reflected_as_diffuse(&hit, Some(next.afresh()))
+    }
+}
+
+/// Most points of each of so many elements at a time.
+fn most_points(elements: usize) -> u32 {
+    ((MOST_POINTS / elements.max(1)) as u32).max(1)
+}
