@@ -21,7 +21,7 @@ pub struct RenderRequest {
     pub width: u32,
     /// Picture height in pixels, 1 … [`MAX_PICTURE_SIDE`].
     pub height: u32,
-    /// Name of the method: `auto` or one of [`crate::transport::METHODS`].
+    /// Name of the method: `auto` or the name of one.
     pub method: String,
     /// When to stop; the first limit reached ends the job.
     pub limits: Limits,
@@ -403,12 +403,12 @@ fn framing_camera(scene: &Scene) -> Camera {
 }
 
 impl RenderRequest {
-    /// Checks everything that needs neither the scene nor the device. What passes may still name a
-    /// camera that the scene does not have; nothing else of the request is refused later.
+    /// Checks the size of the picture, the limits and a camera of the request's own; for method and
+    /// settings, too, see [`crate::transport::check`].
     ///
     /// # Errors
     /// [`RenderError::Parameter`] names the first parameter that is out of range.
-    pub fn check(&self) -> Result<(), RenderError> {
+    pub(crate) fn check(&self) -> Result<(), RenderError> {
         for (name, side) in [("width", self.width), ("height", self.height)] {
             if !(1..=MAX_PICTURE_SIDE).contains(&side) {
                 let what = format!("must be 1 to {MAX_PICTURE_SIDE} pixels, not {side}");
@@ -431,15 +431,9 @@ impl RenderRequest {
         if target_error.is_some_and(|e| !(e > 0.0 && e < 1.0)) {
             return Err(RenderError::parameter("target_error", "must be between 0 and 1"));
         }
-        if !crate::transport::METHODS.contains(&self.method.as_str()) {
-            let (asked, known) = (&self.method, crate::transport::METHODS);
-            let what = format!("there is no method {asked:?}; there are {known:?}");
-            return Err(RenderError::parameter("method", what));
-        }
         if let CameraChoice::Explicit(camera) = &self.camera {
             explicit_camera(camera)?;
         }
-        crate::transport::options::Settings::new(&self.options)?;
         Ok(())
     }
 }

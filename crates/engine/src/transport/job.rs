@@ -2,7 +2,7 @@
 //! knew; and what is told of it: the plan, the warnings, and at the end the figures.
 
 use super::checkpoints::{Owner, Past};
-use super::options::Settings;
+use super::options::{MeshSettings, Settings};
 use super::run::Run;
 use super::unseen;
 use crate::checkpoint::CheckpointError;
@@ -136,7 +136,7 @@ impl<'a> Job<'a> {
     /// # Errors
     /// [`RenderError::Parameter`] for a setting out of range.
     pub fn measurement(&self, scene: &Arc<PatchedScene>) -> Result<Measurement, RenderError> {
-        let mesh = self.settings.mesh()?;
+        let mesh = MeshSettings::new(&self.settings)?;
         let RenderRequest { width, height, .. } = *self.request;
         let (samples, smoothness) = (mesh.pixel_samples, mesh.smoothness);
         Ok(Measurement::new(scene.clone(), &self.camera, width, height, samples, smoothness))

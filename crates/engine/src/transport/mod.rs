@@ -20,9 +20,14 @@ mod unseen;
 
 use crate::device::Device;
 use crate::render::{Begin, Observer, RenderError, RenderRequest, Rendered};
-use options::Settings;
+use hemilux::HemiluxSettings;
+use illumination_map::MapSettings;
+use options::{MeshSettings, Settings};
+use radiosity::RadiositySettings;
+use ray_traced::RayTracedSettings;
 use solver::Extent;
 use std::collections::BTreeMap;
+use stochastic::StochasticSettings;
 
 pub use options::OPTIONS;
 pub use solver::Method;
@@ -50,6 +55,36 @@ pub const METHODS: &[&str] = &[
     "hemilux",
 ];
 
+/// The settings in force where these are given, all of them checked.
+///
+/// # Errors
+/// [`RenderError::Parameter`] for a setting that there is not or whose value is out of range.
+pub fn settings(given: &BTreeMap<String, String>) -> Result<Settings, RenderError> {
+    let settings = Settings::new(given)?;
+    MeshSettings::new(&settings)?;
+    StochasticSettings::new(&settings)?;
+    RadiositySettings::new(&settings)?;
+    RayTracedSettings::new(&settings)?;
+    MapSettings::new(&settings)?;
+    HemiluxSettings::new(&settings)?;
+    Ok(settings)
+}
+
+/// Checks everything of a request that needs neither the scene nor the device. What passes may still
+/// name a camera that the scene does not have; nothing else of the request is refused later.
+///
+/// # Errors
+/// [`RenderError::Parameter`] names the first parameter that is out of range.
+pub fn check(request: &RenderRequest) -> Result<(), RenderError> {
+    request.check()?;
+    if !METHODS.contains(&request.method.as_str()) {
+        let what = format!("there is no method {:?}; there are {METHODS:?}", request.method);
+        return Err(RenderError::parameter("method", what));
+    }
+    settings(&request.options)?;
+    Ok(())
+}
+
 /// Memory that a job takes at its peak by a method with these settings, bytes, of a scene of so
 /// many triangles and a picture of that size; `None` for names of no method. Of `auto`, which picks
 /// a method by the scene and the memory that is free, it is that of the most modest one that it may
@@ -63,7 +98,7 @@ pub fn needed_bytes(
     triangles: u64,
     size: [u32; 2],
 ) -> Result<Option<u64>, RenderError> {
-    let settings = Settings::new(options)?;
+    let settings = settings(options)?;
     let extent = Extent { triangles, size, settings: &settings };
     let candidates = match method {
         "auto" => AUTO.as_slice(),
@@ -107,7 +142,7 @@ pub fn render(
     request: &RenderRequest,
     observer: &mut dyn Observer,
 ) -> Result<Rendered, RenderError> {
-    request.check()?;
+    check(request)?;
     let (name, mut reasons) = match (request.method.as_str(), &request.begin) {
         ("auto", Begin::Continue(past) | Begin::View(past)) => {
             (past.header().method.as_str(), vec!["the method is the one of before".into()])
@@ -136,11 +171,57 @@ pub fn render(
 
 #[cfg(test)]
 mod tests {
+    use super::known::ConstantRadiance;
+    use super::options::PRESETS;
     use super::*;
+
+    fn given(given: &[(&str, &str)]) -> Result<Settings, RenderError> {
+        settings(&given.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect())
+    }
 
     #[test]
     fn names_and_registry_agree() {
         let registered = REGISTRY.iter().map(|method| method.name());
         assert!(std::iter::once("auto").chain(registered).eq(METHODS.iter().copied()));
+    }
+
+    #[test]
+    fn bad_settings_are_named() {
+        for (name, value) in [
+            ("patches", "0"),
+            ("patches", "many"),
+            ("hemicube_resolution", "33"),
+            ("hemicube_resolution", "4096"),
+            ("hemicube_faces", "six"),
+            ("random_azimuth", "perhaps"),
+            ("variance_reduction_shots", "0"),
+            ("preset", "Paper"),
+            ("ray_depth", "-1"),
+            ("adaptive_contrast", "NaN"),
+            ("pixel_sampling", "Jittered"),
+            ("rays_per_pixel", "0"),
+            ("light_rays", "none"),
+            ("map_texels", "0"),
+            ("colour", "blue"),
+        ] {
+            let error = given(&[(name, value)]).err().expect("must be refused").to_string();
+            assert!(error.starts_with(&format!("options.{name}: ")), "{error}");
+        }
+    }
+
+    #[test]
+    fn the_paper_is_a_preset_that_can_be_overridden() {
+        let names: Vec<_> = OPTIONS.iter().map(|option| option.name).collect();
+        assert!(names.is_sorted());
+        for (setting, _, brings) in PRESETS {
+            assert!(names.contains(setting));
+            assert!(brings.iter().all(|(name, _)| names.contains(name)));
+        }
+        let paper = given(&[("preset", "paper")]).unwrap();
+        let paper = StochasticSettings::new(&paper).unwrap();
+        assert_eq!((paper.shooting.resolution, paper.shooting.shots_per_iteration), (600, 1));
+        assert_eq!(paper.constant, ConstantRadiance::Printed);
+        let mixed = given(&[("preset", "paper"), ("hemicube_resolution", "64")]).unwrap();
+        assert_eq!(StochasticSettings::new(&mixed).unwrap().shooting.resolution, 64);
     }
 }

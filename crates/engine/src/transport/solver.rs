@@ -2,7 +2,7 @@
 
 use super::checkpoints::Parts;
 use super::job::Job;
-use super::options::Settings;
+use super::options::{MeshSettings, Settings};
 use super::run::Run;
 use crate::device::{Device, DeviceError};
 use crate::image::Picture;
@@ -39,7 +39,7 @@ pub fn patched_bytes(extent: &Extent<'_>) -> Result<u64, RenderError> {
     const PER_PIXEL: u64 = 32;
     let [width, height] = extent.size.map(u64::from);
     let mesh = extent.triangles.saturating_mul(PER_TRIANGLE);
-    let patches = extent.settings.mesh()?.patches as u64;
+    let patches = MeshSettings::new(extent.settings)?.patches as u64;
     let light = patches.max(extent.triangles).saturating_mul(PER_PATCH);
     Ok(mesh.saturating_add(light).saturating_add(PROGRAM + width * height * PER_PIXEL))
 }

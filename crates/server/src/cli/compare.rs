@@ -13,8 +13,7 @@ use hemilux_charts::comparison::{
 };
 use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, choose_camera};
 use hemilux_engine::scene::Scene;
-use hemilux_engine::transport::options::Settings;
-use hemilux_engine::transport::{METHODS, REGISTRY};
+use hemilux_engine::transport::{METHODS, REGISTRY, check, settings};
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -154,7 +153,7 @@ fn contenders(arguments: &Arguments) -> Result<Vec<Contender>, Failure> {
         contender.options.insert(key.to_owned(), value.clone());
     }
     for Contender { method, options } in &contenders {
-        Settings::new(options).map_err(|error| Failure::usage(format!("{method}: {error}")))?;
+        settings(options).map_err(|error| Failure::usage(format!("{method}: {error}")))?;
     }
     Ok(contenders)
 }
@@ -187,7 +186,7 @@ fn check_size(scene: &Arc<Scene>, camera: &CameraChoice, size: (u32, u32)) -> Re
         options: BTreeMap::new(),
         begin: Default::default(),
     };
-    request.check().map_err(Failure::usage)
+    check(&request).map_err(Failure::usage)
 }
 
 fn scene_name(scene: &str) -> String {

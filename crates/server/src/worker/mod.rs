@@ -34,7 +34,6 @@ use crate::service::Service;
 use crate::trace_context::TraceParent;
 use executor::Executor;
 use hemilux_engine::render::{Begin, Limits, RenderError, RenderRequest};
-use hemilux_engine::transport::options::Settings;
 use hemilux_engine::transport::{self, METHODS, OPTIONS};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -71,7 +70,7 @@ pub fn settings_in_force(
     options: &BTreeMap<String, OptionValue>,
 ) -> Option<BTreeMap<String, String>> {
     let given = perform::options(options);
-    let mut values = Settings::new(&given).ok()?.values().clone();
+    let mut values = transport::settings(&given).ok()?.values().clone();
     // Unless it is given, this one goes by the limits rather than by its default.
     if !given.contains_key(BY_LIMITS) {
         values.remove(BY_LIMITS);
@@ -98,7 +97,7 @@ pub fn request_problem(job: &JobRequest) -> Option<FieldError> {
         options: perform::options(&job.options),
         begin: Begin::Afresh,
     };
-    match request.check().err()? {
+    match transport::check(&request).err()? {
         RenderError::Parameter { parameter, what } => {
             let field = match parameter.as_str() {
                 "seconds" => "time_budget_s",

@@ -11,6 +11,7 @@ use crate::render::RenderError;
 use crate::sampling::frame;
 use crate::scene::{Material, Scene, Warning};
 use crate::transport::job::Job;
+use crate::transport::options::MeshSettings;
 use glam::Vec2;
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
@@ -22,7 +23,7 @@ pub fn cut_diffuse(
     device: &dyn Device,
 ) -> Result<Option<Arc<PatchedScene>>, RenderError> {
     let (scene, warnings) = diffuse_scene(&job.request.scene);
-    let patches = job.settings.mesh()?.patches;
+    let patches = MeshSettings::new(&job.settings)?.patches;
     let scene = job.cut(scene, patches, device.description().to_string(), |_| warnings);
     Ok(scene.patches.any_light().then_some(scene))
 }

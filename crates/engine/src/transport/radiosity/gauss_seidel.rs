@@ -3,6 +3,7 @@
 
 use super::diffuse::{cut_diffuse, solution};
 use super::form_factor_matrix::{FormFactorMatrix, matrix_bytes};
+use super::settings::RadiositySettings;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::device::{Device, DeviceError, Shooting, ShootingSettings};
 use crate::image::Picture;
@@ -12,6 +13,7 @@ use crate::radiometry::Rgb;
 use crate::render::{RenderError, StopReason};
 use crate::transport::checkpoints::Parts;
 use crate::transport::job::Job;
+use crate::transport::options::MeshSettings;
 use crate::transport::run::Run;
 use crate::transport::solver::{Estimate, Extent, Method, Solver, patched_bytes};
 use glam::DVec3;
@@ -41,7 +43,7 @@ impl Method for GaussSeidel {
     }
 
     fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
-        let patches = extent.settings.mesh()?.patches as u64;
+        let patches = MeshSettings::new(extent.settings)?.patches as u64;
         let matrix = matrix_bytes(patches.max(extent.triangles));
         Ok(patched_bytes(extent)?.saturating_add(matrix))
     }
@@ -51,7 +53,7 @@ impl Method for GaussSeidel {
         job: &mut Job<'a>,
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
-        let options = job.settings.radiosity()?;
+        let options = RadiositySettings::new(&job.settings)?;
         job.run.standing.without_estimate = true;
         let Some(scene) = cut_diffuse(job, device)? else { return Ok(None) };
         let measurement = job.measurement(&scene)?;

@@ -6,7 +6,9 @@ mod form_factor_matrix;
 mod gauss_seidel;
 mod monte_carlo;
 mod progressive;
+mod settings;
 
 pub use gauss_seidel::GaussSeidel;
 pub use monte_carlo::MonteCarlo;
 pub use progressive::Progressive;
+pub use settings::RadiositySettings;

@@ -2,6 +2,7 @@
 //! what they hold over the probability of being picked, in place of all the others.
 
 use super::diffuse::{Point, add_irradiance, cut_diffuse, power, shot_from, total_power};
+use super::settings::RadiositySettings;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::device::{Device, DeviceError, Shooting, ShootingSettings, Sums, Tally};
 use crate::image::Picture;
@@ -49,7 +50,7 @@ impl Method for MonteCarlo {
         job: &mut Job<'a>,
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
-        let options = job.settings.radiosity()?;
+        let options = RadiositySettings::new(&job.settings)?;
         let Some(scene) = cut_diffuse(job, device)? else { return Ok(None) };
         let measurement = job.measurement(&scene)?;
         let settings = ShootingSettings { seed: job.request.seed, ..options.shooting };

@@ -2,6 +2,7 @@
 //! light waits to be shot.
 
 use super::diffuse::{Point, add_irradiance, cut_diffuse, power, shot_from, solution, total_power};
+use super::settings::RadiositySettings;
 use crate::device::{Device, DeviceError, Shooting, ShootingSettings, Tally};
 use crate::image::Picture;
 use crate::measurement::Measurement;
@@ -45,7 +46,7 @@ impl Method for Progressive {
         job: &mut Job<'a>,
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
-        let options = job.settings.radiosity()?;
+        let options = RadiositySettings::new(&job.settings)?;
         job.run.standing.without_estimate = true;
         let Some(scene) = cut_diffuse(job, device)? else { return Ok(None) };
         let settings = ShootingSettings { seed: job.request.seed, ..options.shooting };

@@ -1,11 +1,13 @@
 //! Stochastic hemicube iteration (Antal): the device iterates, batches collect, the camera
 //! measures the average.
 
+mod settings;
+
 use super::batches::Batches;
 use super::checkpoints::{Parts, Past};
 use super::job::Job;
 use super::known::known_light;
-use super::options::{ExpectedShots, StochasticSettings};
+use super::options::MeshSettings;
 use super::run::Run;
 use super::solver::{Estimate, Extent, Method, STEP_SECONDS, Solver, patched_bytes};
 use crate::checkpoint::{CheckpointError, Writer};
@@ -18,6 +20,8 @@ use crate::patches::PatchedScene;
 use crate::radiometry::{Rgb, SHARP_EXPONENT};
 use crate::render::{RenderError, StopReason};
 use crate::scene::Warning;
+use settings::ExpectedShots;
+pub use settings::StochasticSettings;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -54,8 +58,8 @@ impl Method for Stochastic {
         job: &mut Job<'a>,
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
-        let options = job.settings.stochastic()?;
-        let patches = job.settings.mesh()?.patches;
+        let options = StochasticSettings::new(&job.settings)?;
+        let patches = MeshSettings::new(&job.settings)?.patches;
         let scene =
             job.cut(job.request.scene.clone(), patches, device.description().to_string(), strains);
         if !scene.patches.any_light() {
