@@ -21,7 +21,7 @@ RUN CARGO_PROFILE_RELEASE_STRIP=symbols cargo build --release --locked --bin hem
 
 FROM ${RUNTIME_BASE}
 LABEL org.opencontainers.image.title="Hemilux" \
-      org.opencontainers.image.description="Render server: global illumination by hemicube shooting" \
+      org.opencontainers.image.description="Render server: physically correct light for glTF scenes" \
       org.opencontainers.image.licenses="MIT OR Apache-2.0"
 # A fixed user, so that the owner of files on a volume stays the same from image to image.
 RUN groupadd --gid 10001 hemilux \
