@@ -1,8 +1,10 @@
 //! Charts and contact sheets of the measurements.
 
 use super::measure::Series;
-use super::{Failure, Results, Study, variants};
+use super::study::{Results, Study};
+use super::variants;
 use crate::cell::Cell;
+use crate::results::Failure;
 use hemilux_charts::chart::{Chart, Line, Panel};
 use hemilux_charts::sheet::{Row, Window, png};
 use hemilux_engine::image::{Exposure, Picture};

@@ -1,10 +1,11 @@
 //! Runs variants side by side and says how far off they are, by how much they scatter, and how
 //! long they take.
 
+use super::bench::Bench;
 use super::scenes::View;
 use super::variants::Variant;
-use super::{Bench, Failure};
 use crate::cell::{Cell, Pending, mean_of};
+use crate::results::Failure;
 use hemilux_charts::accuracy::error;
 use hemilux_charts::statistics::{Estimate, jackknife, log_slope};
 

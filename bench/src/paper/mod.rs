@@ -6,23 +6,22 @@
 //! unbiased run on the same patches, so what patches can't show cancels. Where a path-traced
 //! reference is given, the true error is measured as well.
 
+mod bench;
 mod figures;
 mod measure;
 mod page;
 pub mod scenes;
+mod study;
 mod variants;
 
 use crate::results::{self, Failure};
-use hemilux_engine::device::{self, Device};
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, Rendered, Unobserved};
-use hemilux_engine::scene::Scene;
-use hemilux_engine::transport::render;
+use bench::{Bench, FULL, QUICK, scaled};
+use hemilux_engine::device;
 use measure::{Series, measure};
 use scenes::View;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Instant;
+use study::{Results, Study};
 use variants::Variant;
 
 #[derive(clap::Args)]
@@ -49,174 +48,6 @@ pub struct Arguments {
     /// Only these scenes: cornell, cornell_phong, office.
     #[arg(long, value_delimiter = ',')]
     scenes: Vec<String>,
-}
-
-/// How much is measured.
-#[derive(Clone, Copy, Debug)]
-struct Size {
-    /// Width and height of pictures, pixels.
-    side: u32,
-    /// Sub-pixel samples.
-    samples: u32,
-    /// Wanted patches.
-    patches: u64,
-    /// Hemicube resolution but for the algorithm exactly as printed.
-    resolution: u32,
-    /// Shots of each half of a reference.
-    reference_shots: u64,
-    /// Shots of the table of switches.
-    shots: &'static [u64],
-    /// Seeds of the table of switches and of the studies of variance reduction, in a view of
-    /// effort 1.
-    seeds: u64,
-    /// Shots that the study of the slope spends on each of the lengths above, in as many runs as
-    /// that needs, in a view of effort 1: errors have rare large parts, and short runs must get
-    /// the same chance to meet them.
-    slope_shots: u64,
-    /// Seeds of variants that start slowly, in scenes of many patches.
-    slow_seeds: u64,
-    /// Shots of the efficiency study.
-    extra_shots: u64,
-    /// Its seeds, in a view of effort 1.
-    extra_seeds: u64,
-    /// Run lengths of the study of variance reduction.
-    reduction_shots: &'static [u64],
-    /// Its values of M for runs of another length, …
-    fixed_m: &'static [u64],
-    /// … which is this.
-    fixed_shots: u64,
-    /// Iterations of the algorithm exactly as printed.
-    printed: &'static [u64],
-    /// Its seeds.
-    printed_seeds: u64,
-    /// Shots against the path-traced reference.
-    true_shots: &'static [u64],
-}
-
-impl Size {
-    /// Seeds of the table of switches in a view.
-    fn seeds_of(&self, view: &View) -> u64 {
-        scaled(self.seeds, view)
-    }
-}
-
-fn scaled(seeds: u64, view: &View) -> u64 {
-    ((seeds as f64 * view.effort).round() as u64).max(2)
-}
-
-const FULL: Size = Size {
-    side: 250,
-    samples: 4,
-    patches: 4000,
-    resolution: 128,
-    reference_shots: 16384,
-    shots: &[256, 1024, 4096],
-    seeds: 4,
-    slope_shots: 16384,
-    slow_seeds: 2,
-    extra_shots: 512,
-    extra_seeds: 16,
-    reduction_shots: &[64, 256, 1024, 4096],
-    fixed_m: &[64, 256, 1024, 4096],
-    fixed_shots: 1024,
-    printed: &[500, 600],
-    printed_seeds: 2,
-    true_shots: &[256, 1024, 4096, 16384],
-};
-
-const QUICK: Size = Size {
-    side: 125,
-    reference_shots: 4096,
-    shots: &[64, 256],
-    seeds: 2,
-    slope_shots: 1024,
-    slow_seeds: 1,
-    extra_shots: 256,
-    extra_seeds: 4,
-    reduction_shots: &[64, 256],
-    fixed_m: &[64, 1024],
-    fixed_shots: 256,
-    printed: &[500],
-    true_shots: &[256, 1024],
-    ..FULL
-};
-
-/// Runs jobs on one device.
-pub struct Bench {
-    device: Box<dyn Device>,
-    size: Size,
-    wanted: Vec<String>,
-    begun: Instant,
-    jobs: u64,
-}
-
-impl Bench {
-    fn wants_scene(&self, name: &str) -> bool {
-        self.wanted.is_empty() || self.wanted.iter().any(|wanted| wanted == name)
-    }
-
-    fn say(&self, what: &str) {
-        eprintln!("{:6.1} s  {what}", self.begun.elapsed().as_secs_f64());
-    }
-
-    /// A job without limits, with the variant's options over those of all jobs.
-    fn job(&self, scene: &Arc<Scene>, side: u32, samples: u32, variant: &Variant) -> RenderRequest {
-        let mut options = BTreeMap::from([
-            ("hemicube_resolution".to_string(), self.size.resolution.to_string()),
-            ("patches".into(), self.size.patches.to_string()),
-            ("pixel_samples".into(), samples.to_string()),
-        ]);
-        if variant.is_printed() {
-            options.remove("hemicube_resolution");
-        }
-        options.extend(variant.options.iter().map(|(n, v)| ((*n).to_string(), v.clone())));
-        RenderRequest {
-            scene: scene.clone(),
-            camera: CameraChoice::First,
-            width: side,
-            height: side,
-            method: "stochastic".into(),
-            limits: Limits::default(),
-            seed: 1,
-            options,
-            begin: Default::default(),
-        }
-    }
-
-    fn render(&mut self, mut job: RenderRequest, iterations: u64) -> Result<Rendered, Failure> {
-        job.limits = Limits { iterations: Some(iterations), ..Limits::default() };
-        self.jobs += 1;
-        Ok(render(self.device.as_mut(), &job, &mut Unobserved)?)
-    }
-}
-
-/// Everything that was measured in one view.
-struct Study {
-    view: View,
-    /// `plain` first, then the switches by group.
-    switches: Vec<Series>,
-    /// `plain` once for every length of runs, with as many shots in total.
-    slope: Vec<Series>,
-    extras: Vec<Series>,
-    /// The same for a single shot: seconds of preparing and showing.
-    starts: Vec<Series>,
-    reductions: Vec<Series>,
-    fixed: Vec<Series>,
-    printed: Vec<Series>,
-}
-
-/// The whole run, for the page.
-struct Results {
-    studies: Vec<Study>,
-    truth: Option<(View, Vec<Series>)>,
-    size: Size,
-    quick: bool,
-    device: String,
-    jobs: u64,
-    seconds: f64,
-    /// Mean number of runnable threads of the machine at the end of each scene, where the system
-    /// tells; beyond the number of hardware threads, others were working too.
-    loads: Vec<f64>,
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -272,14 +103,14 @@ fn study(bench: &mut Bench, view: View) -> Result<Study, Failure> {
     let mut run = |variants: &[Variant], shots: &[u64], seeds| -> Result<Vec<Series>, Failure> {
         measure(bench, &view, variants, shots, seeds)
     };
-    let seeds = size.seeds_of(&view);
+    let seeds = size.seeds_of(view.effort);
     let switches = run(&switches, size.shots, seeds)?;
     let mut slope = Vec::new();
     for shots in size.shots {
-        let runs = scaled(size.slope_shots / shots, &view);
+        let runs = scaled(size.slope_shots / shots, view.effort);
         slope.append(&mut run(&[variants::plain()], &[*shots], runs)?);
     }
-    let extra_seeds = scaled(size.extra_seeds, &view);
+    let extra_seeds = scaled(size.extra_seeds, view.effort);
     let extras = run(&variants::paper_extras(), &[size.extra_shots], extra_seeds)?;
     let starts = run(&variants::paper_extras(), &[1], 2)?;
     let reductions = run(&variants::paper_reductions(), size.reduction_shots, seeds)?;

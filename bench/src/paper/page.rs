@@ -1,7 +1,7 @@
 //! The generated parts of the page, and the table of all runs.
 
 use super::measure::{Gain, Series};
-use super::{Results, Study};
+use super::study::{Results, Study};
 use crate::cell::Cell;
 use crate::page::{REGION_WORDS, percent, percent_with, ratio};
 use hemilux_charts::regions::REGIONS;
@@ -91,7 +91,7 @@ fn conditions(results: &Results) -> String {
         format!("{} {}", study.view.name, percent(own))
     };
     let seeds: Vec<String> = (results.studies.iter())
-        .map(|study| format!("{} {}", study.view.name, size.seeds_of(&study.view)))
+        .map(|study| format!("{} {}", study.view.name, size.seeds_of(study.view.effort)))
         .collect();
     let references: Vec<String> = results.studies.iter().map(reference_error).collect();
     let edges: Vec<String> = (results.studies.iter())

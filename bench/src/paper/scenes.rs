@@ -1,8 +1,9 @@
 //! What is rendered: the project's own scenes, each with a reference of its own for noise, and
 //! the path-traced reference where one is given.
 
+use super::bench::Bench;
 use super::variants::Variant;
-use super::{Bench, Failure};
+use crate::results::Failure;
 use crate::views::{imported, regions};
 use hemilux_charts::accuracy::Reference;
 use hemilux_charts::regions::Regions;

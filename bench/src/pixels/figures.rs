@@ -1,6 +1,6 @@
 //! Table, charts and the generated parts of the page.
 
-use super::{CELLS, KINDS, Results, SAMPLINGS, Series, Study};
+use super::study::{CELLS, KINDS, Results, SAMPLINGS, Series, Study};
 use crate::cell::{Cell, mean_of};
 use crate::page::{REGION_WORDS, percent, percent_with, ratio};
 use crate::results::Failure;

@@ -7,8 +7,9 @@
 //! Dippé had in mind.
 
 mod figures;
+mod study;
 
-use crate::cell::{Cell, Pending};
+use crate::cell::Pending;
 use crate::results::{self, Failure};
 use crate::views::{imported, regions};
 use hemilux_charts::accuracy::Reference;
@@ -20,12 +21,10 @@ use hemilux_engine::transport::render;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
+use study::{CELLS, FULL, KINDS, Kind, QUICK, Results, SAMPLINGS, Sampling, Series, Size, Study};
 
 /// Seeds of the references' halves; measured runs count from 1.
 const REFERENCE_SEEDS: [u64; 2] = [1_000_001, 1_000_002];
-/// Cells of a jittered pixel, and most samples of an adaptive one in a pass.
-const CELLS: u64 = 16;
-
 #[derive(clap::Args)]
 pub struct Arguments {
     /// About a minute instead of five: smaller pictures, fewer seeds; writes to out/ray-tracing.
@@ -37,98 +36,6 @@ pub struct Arguments {
     /// Page whose generated parts are rewritten; `docs/ray-tracing.md`, none with --quick.
     #[arg(long)]
     page: Option<PathBuf>,
-}
-
-/// How much is measured.
-#[derive(Clone, Copy, Debug)]
-struct Size {
-    /// Width and height of pictures, pixels.
-    side: u32,
-    /// Seeds of every run.
-    seeds: u64,
-    /// Samples of a pixel: the lengths of runs.
-    samples: &'static [u64],
-    /// Samples of a pixel in each half of a reference: of paths, of direct light.
-    reference: [u64; 2],
-}
-
-const FULL: Size = Size { side: 72, seeds: 4, samples: &[16, 32, 64, 128], reference: [512, 128] };
-const QUICK: Size = Size { side: 48, seeds: 2, samples: &[16, 64], reference: [256, 64] };
-
-/// What a sample of a pixel is.
-struct Kind {
-    name: &'static str,
-    options: &'static [(&'static str, &'static str)],
-}
-
-const KINDS: [Kind; 2] = [
-    Kind { name: "paths", options: &[] },
-    Kind { name: "direct", options: &[("ray_depth", "1"), ("rays_per_pixel", "16")] },
-];
-
-/// A way to sample pixels.
-#[derive(Clone, Copy, Debug)]
-struct Sampling {
-    name: &'static str,
-    options: &'static [(&'static str, &'static str)],
-    /// Samples that a pass takes at most.
-    samples_of_pass: u64,
-}
-
-/// The first is what others are compared with.
-const SAMPLINGS: [Sampling; 6] = [
-    Sampling {
-        name: "independent",
-        options: &[("pixel_sampling", "independent")],
-        samples_of_pass: 1,
-    },
-    Sampling { name: "jittered", options: &[("pixel_sampling", "jittered")], samples_of_pass: 1 },
-    Sampling {
-        name: "adaptive",
-        options: &[("pixel_sampling", "adaptive")],
-        samples_of_pass: CELLS,
-    },
-    Sampling {
-        name: "adaptive, contrast .1",
-        options: &[("pixel_sampling", "adaptive"), ("adaptive_contrast", "0.1")],
-        samples_of_pass: CELLS,
-    },
-    Sampling {
-        name: "adaptive, contrast .7",
-        options: &[("pixel_sampling", "adaptive"), ("adaptive_contrast", "0.7")],
-        samples_of_pass: CELLS,
-    },
-    Sampling {
-        name: "adaptive, fresh samples",
-        options: &[("pixel_sampling", "adaptive_fresh")],
-        samples_of_pass: CELLS,
-    },
-];
-
-/// One way to sample pixels in one view, after increasing numbers of samples.
-struct Series {
-    sampling: Sampling,
-    cells: Vec<Cell>,
-}
-
-/// One kind of samples in one scene.
-struct Study {
-    scene: &'static str,
-    kind: usize,
-    /// rRMSE of the reference's own mean.
-    reference_error: f64,
-    series: Vec<Series>,
-}
-
-/// The whole run.
-struct Results {
-    studies: Vec<Study>,
-    size: Size,
-    quick: bool,
-    device: String,
-    jobs: u64,
-    seconds: f64,
-    load: Option<f64>,
 }
 
 struct Bench {

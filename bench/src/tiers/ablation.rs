@@ -1,6 +1,6 @@
 //! Each part of the method switched off in turn: error at equal time.
 
-use super::Study;
+use super::study::Study;
 use crate::page::percent;
 use crate::results::Failure;
 use hemilux_charts::statistics::median;

@@ -1,7 +1,7 @@
 //! Predicted against actual error: after every number of iterations, on every view, over seeds;
 //! and what comes of asking for an accuracy.
 
-use super::Study;
+use super::study::Study;
 use super::views::{Truth, View};
 use crate::page::percent;
 use crate::results::{self, Failure};

@@ -1,7 +1,7 @@
 //! Seconds to an error against what a scene has more of: triangles, lights, pixels, bounces.
 
-use super::Study;
 use super::calibration::told;
+use super::study::Study;
 use super::views::{View, with_albedo, with_lights};
 use crate::results::Failure;
 use crate::views::imported;

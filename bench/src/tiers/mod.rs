@@ -7,14 +7,13 @@ mod ablation;
 mod calibration;
 mod growth;
 mod planning;
+mod study;
 mod views;
 
 use crate::results::{self, Failure};
 use hemilux_engine::device;
 use std::path::PathBuf;
-
-/// Width and height of pictures, pixels.
-const SIDE: u32 = 200;
+use study::Study;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -51,31 +50,6 @@ enum Part {
     Targets,
     Growth,
     Planning,
-}
-
-/// What all parts share.
-struct Study {
-    device: Box<dyn device::Device>,
-    out: PathBuf,
-    references: PathBuf,
-    reference_seconds: f64,
-    quick: bool,
-}
-
-impl Study {
-    /// A view's reference.
-    fn truth(&mut self, view: &views::View) -> Result<views::Truth, Failure> {
-        view.truth(self.device.as_mut(), &self.references, self.reference_seconds)
-    }
-
-    /// The views that are looked at.
-    fn views(&self) -> Vec<views::View> {
-        let mut all = views::all(SIDE);
-        if self.quick {
-            all.truncate(2);
-        }
-        all
-    }
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {

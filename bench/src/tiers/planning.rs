@@ -1,6 +1,6 @@
 //! What `auto` picks against what the best hand would: error at equal time on every view.
 
-use super::Study;
+use super::study::Study;
 use crate::page::percent;
 use crate::results::Failure;
 use hemilux_charts::statistics::median;
