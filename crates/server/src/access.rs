@@ -7,7 +7,7 @@
 //! another, which says nothing about the key, since nobody can aim at a hash.
 
 use crate::api::keys::{KeyLimits, KeyRecord, Scope};
-use crate::artifacts::sha256_hex;
+use crate::hash::sha256_hex;
 use crate::store::scenes::Viewer;
 use base64::Engine;
 use std::collections::HashMap;
@@ -40,7 +40,7 @@ pub fn new_key() -> Result<String, getrandom::Error> {
 pub fn new_id() -> Result<String, getrandom::Error> {
     let mut bytes = [0; ID_BYTES];
     getrandom::fill(&mut bytes)?;
-    Ok(format!("key-{}", crate::artifacts::hex(&bytes)))
+    Ok(format!("key-{}", crate::hash::hex(&bytes)))
 }
 
 /// What is stored of a key and looked up: SHA-256 of all of it, in hex.

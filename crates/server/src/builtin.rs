@@ -1,6 +1,6 @@
 //! Scenes that come with the program.
 
-use crate::artifacts::sha256_hex;
+use crate::hash::sha256_hex;
 use std::collections::HashMap;
 use std::sync::OnceLock;
 

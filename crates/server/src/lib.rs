@@ -18,6 +18,7 @@ pub mod descriptors;
 pub mod disk;
 pub mod events;
 pub mod failpoints;
+pub mod hash;
 pub mod http;
 pub mod job_state;
 pub mod key_watch;

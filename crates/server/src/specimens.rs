@@ -2,7 +2,7 @@
 
 use crate::api::request_hash::RequestHash;
 use crate::api::scenes::{Scene, SceneFormat};
-use crate::artifacts::sha256_hex;
+use crate::hash::sha256_hex;
 use crate::store::{NewJob, Submitter};
 use uuid::Uuid;
 

@@ -6,7 +6,7 @@
 //! were stored; their hashes are still recognised.
 
 use super::jobs::JobRequest;
-use crate::artifacts::sha256_hex;
+use crate::hash::sha256_hex;
 use serde_json::{Map, Number, Value};
 use std::collections::BTreeMap;
 

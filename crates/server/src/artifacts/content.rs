@@ -1,17 +1,14 @@
 //! Content on its way: in memory where it is small, otherwise in a file, so that the server's
 //! memory does not grow with scenes, pictures and checkpoints, however large they are.
 
-use super::{ArtifactError, Artifacts, failpoint, hex, scene_key};
+use crate::hash::hex;
 use bytes::Bytes;
-use futures_util::TryStreamExt;
-use object_store::path::Path as Key;
-use object_store::{GetResultPayload, MultipartUpload, ObjectStoreExt};
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{self, Read, Seek, Write};
 
 /// Bytes that are read and written together.
-const PIECE: usize = 1 << 20;
+pub(super) const PIECE: usize = 1 << 20;
 
 /// The bytes of a scene, a picture or a checkpoint.
 #[derive(Debug)]
@@ -154,96 +151,6 @@ fn for_each_piece(
     }
 }
 
-impl Artifacts {
-    /// Keeps a scene under its id.
-    ///
-    /// # Errors
-    /// Where it cannot be read or stored; then nothing of it is left under its name.
-    pub async fn put_scene(
-        &self,
-        id: &str,
-        content: impl Into<Content>,
-    ) -> Result<(), ArtifactError> {
-        self.put(&scene_key(id), content.into()).await
-    }
-
-    /// A scene, checked against its id.
-    ///
-    /// # Errors
-    /// Where it is not there, is damaged, or cannot be read.
-    pub async fn scene(&self, id: &str) -> Result<Content, ArtifactError> {
-        let key = scene_key(id);
-        let (content, _, sha256) = self.content(&key).await?.hashed().await?;
-        if sha256 == id { Ok(content) } else { Err(super::damaged(&key)) }
-    }
-
-    /// Whether a scene's file is there with the content that its id stands for.
-    ///
-    /// # Errors
-    /// Where the storage does not answer.
-    pub async fn scene_is_sound(&self, id: &str) -> Result<bool, ArtifactError> {
-        match self.scene(id).await {
-            Ok(_) => Ok(true),
-            Err(error) if error.is_lasting() => Ok(false),
-            Err(error) => Err(error),
-        }
-    }
-
-    /// Keeps content, all or nothing; durable on return.
-    pub(super) async fn put(&self, key: &Key, content: Content) -> Result<(), ArtifactError> {
-        failpoint("artifact", key)?;
-        match content {
-            Content::Bytes(bytes) => drop(self.store.put(key, bytes.into()).await?),
-            Content::File(file) => self.put_file(key, file).await?,
-        }
-        failpoint("artifact-kept", key)
-    }
-
-    async fn put_file(&self, key: &Key, mut file: File) -> Result<(), ArtifactError> {
-        file.rewind()?;
-        let mut upload = self.store.put_multipart(key).await?;
-        let done = match send(file, &mut *upload).await {
-            Ok(()) => upload.complete().await.map(drop).map_err(ArtifactError::from),
-            Err(error) => Err(error),
-        };
-        if done.is_err() {
-            // What it had written is under no name that anyone reads.
-            let _ = upload.abort().await;
-        }
-        done
-    }
-
-    /// Content as it is stored, which may be damaged; that of a local folder is its file, which can
-    /// be read even where it is removed meanwhile.
-    pub(super) async fn content(&self, key: &Key) -> Result<Content, ArtifactError> {
-        let got = self.store.get(key).await?;
-        Ok(match got.payload {
-            GetResultPayload::File(file, _) => Content::File(file),
-            GetResultPayload::Stream(pieces) => {
-                let pieces: Vec<Bytes> = pieces.try_collect().await?;
-                pieces.concat().into()
-            }
-        })
-    }
-}
-
-/// Hands a file over piece by piece, each stored before the next is read.
-async fn send(mut file: File, upload: &mut dyn MultipartUpload) -> Result<(), ArtifactError> {
-    loop {
-        let read = tokio::task::spawn_blocking(move || {
-            let mut piece = Vec::with_capacity(PIECE);
-            let got = (&mut file).take(PIECE as u64).read_to_end(&mut piece);
-            got.map(|_| (file, piece))
-        });
-        let (rest, piece) = read.await.map_err(io::Error::other)??;
-        if piece.is_empty() {
-            return Ok(());
-        }
-        file = rest;
-        upload.put_part(piece.into()).await?;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -255,30 +162,12 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_file_comes_back_whole_and_damage_is_seen() {
-        let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::local(folder.path()).unwrap();
-        let content: Vec<u8> = (0..3 * PIECE + 17).map(|i| (i % 251) as u8).collect();
-        let id = super::super::sha256_hex(&content);
-        artifacts.put_scene(&id, file_of(&content)).await.unwrap();
-        assert!(artifacts.scene(&id).await.unwrap().into_bytes().unwrap() == content);
-        assert!(artifacts.scene_is_sound(&id).await.unwrap());
-        std::fs::write(folder.path().join("scenes").join(&id), &content[1..]).unwrap();
-        assert!(!artifacts.scene_is_sound(&id).await.unwrap());
-        let damaged = artifacts.scene(&id).await.unwrap_err();
-        assert!(damaged.is_lasting() && !damaged.is_not_found(), "{damaged}");
-        assert!(!artifacts.scene_is_sound(&"0".repeat(64)).await.unwrap());
-        let names = std::fs::read_dir(folder.path().join("scenes")).unwrap().count();
-        assert_eq!(names, 1, "a half-written file is left");
-    }
-
-    #[tokio::test]
     async fn files_and_memory_say_the_same_however_often_they_are_read() {
         let bytes: Vec<u8> = (0..2 * PIECE + 5).map(|i| (i % 249) as u8).collect();
         for content in [Content::from(bytes.clone()), Content::from(file_of(&bytes))] {
             let (content, size, sha256) = content.hashed().await.unwrap();
             assert_eq!((size, content.size().unwrap()), (bytes.len() as u64, size));
-            assert_eq!(sha256, super::super::sha256_hex(&bytes));
+            assert_eq!(sha256, crate::hash::sha256_hex(&bytes));
             let again = content.try_clone().unwrap();
             let mut written = Vec::new();
             content.write_to(&mut written).unwrap();

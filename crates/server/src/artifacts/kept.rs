@@ -1,17 +1,13 @@
 //! What is kept of a job beside its pictures. The files lie in the job's folder and go with it.
 
-use super::{ArtifactError, Artifacts, Content, Place, SetAside, failpoint};
+use super::content::Content;
+use super::error::{ArtifactError, failpoint};
+use super::files::Artifacts;
+use super::keys::{KEPT_ENDINGS, Place, kept_key};
+use super::orphans::SetAside;
 use jiff::Timestamp;
 use object_store::ObjectStoreExt;
-use object_store::path::Path as Key;
 use uuid::Uuid;
-
-/// How the names of kept files end.
-pub(super) const ENDINGS: [&str; 2] = [".checkpoint", ".glb"];
-
-pub(super) fn key(job: Uuid, file: &str) -> Key {
-    Key::from(format!("jobs/{job}/{file}"))
-}
 
 impl Artifacts {
     /// Keeps a file of a job; durable on return.
@@ -21,13 +17,13 @@ impl Artifacts {
         file: &str,
         content: impl Into<Content>,
     ) -> Result<(), ArtifactError> {
-        self.put(&key(job, file), content.into()).await
+        self.put(&kept_key(job, file), content.into()).await
     }
 
     /// A kept file. It was read once when this returns: a storage that does not give it shows here,
     /// not in the middle of its use.
     pub async fn kept(&self, job: Uuid, file: &str) -> Result<Content, ArtifactError> {
-        let key = key(job, file);
+        let key = kept_key(job, file);
         failpoint("kept-read", &key)?;
         let (content, ..) = self.content(&key).await?.hashed().await?;
         Ok(content)
@@ -35,7 +31,7 @@ impl Artifacts {
 
     /// Keeps a file of one job for another one too: each can be removed without the other.
     pub async fn share_kept(&self, from: Uuid, file: &str, to: Uuid) -> Result<(), ArtifactError> {
-        self.store.copy(&key(from, file), &key(to, file)).await?;
+        self.store.copy(&kept_key(from, file), &kept_key(to, file)).await?;
         Ok(())
     }
 
@@ -48,7 +44,7 @@ impl Artifacts {
         now: Timestamp,
     ) -> Result<(), ArtifactError> {
         for name in self.files_of(job).await? {
-            let is_kept = ENDINGS.iter().any(|ending| name.ends_with(ending));
+            let is_kept = KEPT_ENDINGS.iter().any(|ending| name.ends_with(ending));
             if is_kept && !recorded.contains(&name.as_str()) {
                 let place = Place::Job(job, name);
                 self.set_aside(&SetAside { at: now, place }).await?;
@@ -59,6 +55,6 @@ impl Artifacts {
 
     /// Removes a kept file; none being there is fine.
     pub async fn remove_kept(&self, job: Uuid, file: &str) -> Result<(), ArtifactError> {
-        self.remove(&key(job, file)).await
+        self.remove(&kept_key(job, file)).await
     }
 }

@@ -4,13 +4,15 @@
 //! What is set aside lies under `quarantine/` of the same storage, below a folder that is named
 //! by the moment, so how long it has been there survives a restart.
 
-use super::kept::ENDINGS;
-use super::{ArtifactError, Artifacts, Key, scene_key};
+use super::error::ArtifactError;
+use super::files::Artifacts;
+use super::keys::{KEPT_ENDINGS, Place};
 use crate::api::jobs::PictureFormat;
 use futures_util::TryStreamExt;
 use jiff::Timestamp;
 use jiff::civil::DateTime;
 use jiff::tz::TimeZone;
+use object_store::path::Path as Key;
 use object_store::{ObjectStore, ObjectStoreExt};
 use std::path::Path;
 use std::time::SystemTime;
@@ -22,39 +24,6 @@ const QUARANTINE: &str = "quarantine";
 const MOMENT: &str = "%Y%m%dT%H%M%SZ";
 /// The file that says which store the files belong to.
 const STORE_ID: &str = "store-id";
-
-/// Where a file belongs.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Place {
-    /// A scene, by its id.
-    Scene(String),
-    /// A file of a job, by its name.
-    Job(Uuid, String),
-}
-
-impl Place {
-    fn key(&self) -> Key {
-        match self {
-            Self::Scene(id) => scene_key(id),
-            Self::Job(job, name) => Key::from(format!("jobs/{job}/{name}")),
-        }
-    }
-
-    /// The path of the file in the folder of files.
-    pub fn path(&self) -> String {
-        self.key().to_string()
-    }
-
-    /// Where a path in the folder of files leads, if it is that of a scene or of a job's file.
-    pub fn of(path: &str) -> Option<Self> {
-        let mut parts = path.split('/');
-        match (parts.next()?, parts.next()?, parts.next(), parts.next()) {
-            ("scenes", id, None, None) => Some(Self::Scene(id.to_owned())),
-            ("jobs", job, Some(name), None) => Some(Self::Job(job.parse().ok()?, name.to_owned())),
-            _ => None,
-        }
-    }
-}
 
 /// A file that was set aside.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -86,7 +55,7 @@ fn is_recorded_kind(name: &str) -> bool {
     let is_picture = name
         .split_once('.')
         .is_some_and(|(hash, suffix)| is_hash(hash) && PictureFormat::parse(suffix).is_some());
-    is_picture || ENDINGS.iter().any(|ending| name.ends_with(ending))
+    is_picture || KEPT_ENDINGS.iter().any(|ending| name.ends_with(ending))
 }
 
 impl Artifacts {
@@ -214,7 +183,7 @@ mod tests {
         let job = Uuid::now_v7();
         let png = PictureFormat::Png;
         let kept = artifacts.put_picture(job, png, (2, 1), b"png".to_vec()).await.unwrap();
-        let name = super::super::picture_file(&kept.sha256, png);
+        let name = crate::artifacts::picture_file(&kept.sha256, png);
         assert_eq!(artifacts.files_of(job).await.unwrap(), std::slice::from_ref(&name));
         let at = Timestamp::from_second(1_700_000_000).unwrap();
         let file = SetAside { at, place: Place::Job(job, name) };

@@ -3,9 +3,14 @@
 //! A file is read and compared with its hash before any of it is sent: once for as long as it keeps
 //! its size and its time, not once a request.
 
-use super::{ArtifactError, Artifacts, Content, hex, kept, picture_key};
+use super::content::Content;
+use super::error::{ArtifactError, damaged};
+use super::files::Artifacts;
+use super::keys::{kept_key, picture_key};
+use super::sound::Stamp;
 use crate::api::jobs::PictureFormat;
 use crate::api::solutions::KeptFile;
+use crate::hash::hex;
 use bytes::Bytes;
 use futures_util::stream::BoxStream;
 use futures_util::{StreamExt, TryStreamExt};
@@ -14,77 +19,14 @@ use object_store::{
     GetOptions, GetRange, GetResult, GetResultPayload, ObjectMeta, ObjectStore, ObjectStoreExt,
 };
 use sha2::{Digest, Sha256};
-use std::collections::{HashMap, VecDeque};
 use std::io::SeekFrom;
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
 use tokio::io::{AsyncReadExt, AsyncSeekExt};
-use tokio::sync::Semaphore;
 use tokio_util::io::ReaderStream;
 use uuid::Uuid;
 
 /// What is read and sent at once, bytes.
 const PIECE: usize = 64 << 10;
-/// Files that are hashed at the same time.
-const HASHINGS_AT_ONCE: usize = 2;
-/// Files that are remembered as sound; beyond it those that were hashed first are hashed again.
-const REMEMBERED: usize = 16_384;
-
-/// What a file looked like when its content was found to be what it should be.
-#[derive(Clone, PartialEq)]
-struct Stamp {
-    size: u64,
-    modified: i64,
-    /// Which file it is and when it changed, as finely as the storage knows.
-    tag: Option<String>,
-}
-
-impl Stamp {
-    fn of(meta: &ObjectMeta) -> Self {
-        let modified = meta.last_modified.timestamp_micros();
-        Self { size: meta.size, modified, tag: meta.e_tag.clone() }
-    }
-}
-
-#[derive(Default)]
-struct Remembered {
-    stamps: HashMap<Key, Stamp>,
-    /// The same files, those that were hashed first in front.
-    order: VecDeque<Key>,
-}
-
-/// Which files this process has found to be sound.
-pub(super) struct Sound {
-    remembered: Mutex<Remembered>,
-    turns: Arc<Semaphore>,
-}
-
-impl Default for Sound {
-    fn default() -> Self {
-        let turns = Arc::new(Semaphore::new(HASHINGS_AT_ONCE));
-        Self { remembered: Mutex::default(), turns }
-    }
-}
-
-impl Sound {
-    fn knows(&self, key: &Key, stamp: &Stamp) -> bool {
-        let remembered = self.remembered.lock().unwrap_or_else(PoisonError::into_inner);
-        remembered.stamps.get(key) == Some(stamp)
-    }
-
-    fn remember(&self, key: Key, stamp: Stamp) {
-        let mut remembered = self.remembered.lock().unwrap_or_else(PoisonError::into_inner);
-        if remembered.stamps.insert(key.clone(), stamp).is_none() {
-            remembered.order.push_back(key);
-        }
-        while remembered.order.len() > REMEMBERED {
-            if let Some(oldest) = remembered.order.pop_front() {
-                remembered.stamps.remove(&oldest);
-            }
-        }
-    }
-}
-
 /// A file that is open and known to be sound.
 pub struct Opened {
     /// Its bytes.
@@ -168,7 +110,7 @@ impl Artifacts {
     /// # Errors
     /// Where it is not there, is damaged, or the storage does not answer.
     pub async fn open_kept(&self, job: Uuid, file: &KeptFile) -> Result<Opened, ArtifactError> {
-        self.open(kept::key(job, &file.file), &file.sha256).await
+        self.open(kept_key(job, &file.file), &file.sha256).await
     }
 
     async fn open(&self, key: Key, sha256: &str) -> Result<Opened, ArtifactError> {
@@ -209,7 +151,7 @@ impl Artifacts {
         });
         match reading.await {
             Ok(Ok(true)) => Ok(()),
-            Ok(Ok(false)) => Err(super::damaged(key)),
+            Ok(Ok(false)) => Err(damaged(key)),
             Ok(Err(error)) => Err(error),
             Err(error) => Err(std::io::Error::other(error).into()),
         }
@@ -235,6 +177,7 @@ async fn hash(got: GetResult) -> Result<String, ArtifactError> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::sound::HASHINGS_AT_ONCE;
     use super::*;
 
     async fn parts(opened: Opened, range: Range<u64>) -> (Vec<u8>, usize) {
@@ -292,21 +235,5 @@ mod tests {
         }
         std::fs::write(&file, b"png").unwrap();
         open().await.unwrap();
-    }
-
-    #[test]
-    fn only_so_many_files_are_remembered() {
-        let sound = Sound::default();
-        let stamp = Stamp { size: 1, modified: 2, tag: None };
-        let key = |i: usize| Key::from(format!("jobs/{i}"));
-        for i in 0..REMEMBERED + 10 {
-            sound.remember(key(i), stamp.clone());
-            sound.remember(key(i), stamp.clone());
-        }
-        let remembered = sound.remembered.lock().unwrap();
-        assert_eq!((remembered.stamps.len(), remembered.order.len()), (REMEMBERED, REMEMBERED));
-        assert!(
-            !remembered.stamps.contains_key(&key(9)) && remembered.stamps.contains_key(&key(10))
-        );
     }
 }

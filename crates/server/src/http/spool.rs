@@ -3,7 +3,7 @@
 
 use super::App;
 use super::problem::Problem;
-use crate::artifacts::hex;
+use crate::hash::hex;
 use bytes::Bytes;
 use futures_util::{Stream, StreamExt};
 use sha2::{Digest, Sha256};
@@ -194,7 +194,8 @@ impl Read for Stretch<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::artifacts::{Hashing, sha256_hex};
+    use crate::artifacts::Hashing;
+    use crate::hash::sha256_hex;
     use std::io::Write;
 
     #[tokio::test]

@@ -5,7 +5,7 @@ use super::jobs::find;
 use super::problem::{Problem, documented};
 use super::read::{JobId, is_held, prefers};
 use crate::api::jobs::{Job, Progress, Trace, TracePoint};
-use crate::artifacts::sha256_hex;
+use crate::hash::sha256_hex;
 use crate::job_state::JobState;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};

@@ -3,7 +3,7 @@
 
 use super::address::{Network, may_receive};
 use crate::api::webhooks::{WebhookMessage, host_and_port};
-use crate::artifacts::hex;
+use crate::hash::hex;
 use axum::http::{Request, StatusCode, Uri, header};
 use bytes::Bytes;
 use hmac::{Hmac, KeyInit, Mac};
