@@ -5,7 +5,7 @@
 //! the id of the store, and a start where the two disagree is refused, with what to do.
 
 use crate::artifacts::{ArtifactError, Artifacts};
-use crate::store::sqlite::{SqliteStore, meta};
+use crate::store::sqlite::{SqliteStore, tables};
 use crate::store::{Meta, StoreError};
 use std::fs::{File, TryLockError};
 use std::os::unix::fs::PermissionsExt;
@@ -152,7 +152,7 @@ async fn check_ids(folder: &Path, artifacts: &Artifacts) -> Result<(), FolderErr
     let borne = artifacts.store_id().await.map_err(|source| files_trouble(folder, source))?;
     let Some(borne) = borne.filter(|_| database.exists()) else { return Ok(()) };
     // What is no database, or damaged, is named when it is opened.
-    let Ok(own) = meta::peek_id(&database).await else { return Ok(()) };
+    let Ok(own) = tables::peek_id(&database).await else { return Ok(()) };
     let what = match own {
         Some(own) if own == borne => return Ok(()),
         Some(own) => format!("the database is that of store {own}"),

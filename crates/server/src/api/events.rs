@@ -36,6 +36,16 @@ impl EventData {
     pub fn is_terminal(&self) -> bool {
         matches!(self, Self::State(event) if event.state.is_terminal())
     }
+
+    /// Reads an event back from its stored kind and JSON.
+    pub fn from_stored(kind: &str, data: &str) -> Result<Self, serde_json::Error> {
+        Ok(match kind {
+            "progress" => Self::Progress(serde_json::from_str(data)?),
+            "snapshot" => Self::Snapshot(serde_json::from_str(data)?),
+            "notice" => Self::Notice(serde_json::from_str(data)?),
+            _ => Self::State(serde_json::from_str(data)?),
+        })
+    }
 }
 
 /// The job went into another state.

@@ -4,7 +4,7 @@ use super::{BackupError, FILES, FORMAT, MANIFEST, Manifest, at, copy, refuse_fil
 use crate::artifacts::Place;
 use crate::clock;
 use crate::data_folder::{self, ARTIFACTS, DATABASE};
-use crate::store::sqlite::meta;
+use crate::store::sqlite::tables;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
@@ -98,7 +98,7 @@ fn manifest(from: &Path) -> Result<Manifest, BackupError> {
     })?;
     let manifest: Manifest = serde_json::from_str(&text)
         .map_err(|error| damaged(from, format!("{MANIFEST} does not read back: {error}")))?;
-    let own = meta::newest_version();
+    let own = tables::newest_version();
     if manifest.format != FORMAT || manifest.tables > own {
         return Err(BackupError::Refused(format!(
             "the backup was taken by version {} of hemilux (format {}, tables {}), this program reads format {FORMAT} with tables up to {own}; restore it with that version",

@@ -10,8 +10,8 @@ use super::{BackupError, FILES, FORMAT, MANIFEST, Manifest, at, refuse_filled};
 use crate::artifacts::{Artifacts, Place};
 use crate::clock;
 use crate::data_folder::{ARTIFACTS, DATABASE};
-use crate::store::sqlite::meta;
 use crate::store::sqlite::snapshot::{Facts, Kind, NamedFile, Snapshot};
+use crate::store::sqlite::tables;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -295,7 +295,7 @@ fn seal(
     let manifest = Manifest {
         format: FORMAT,
         program: env!("CARGO_PKG_VERSION").to_owned(),
-        tables: meta::newest_version(),
+        tables: tables::newest_version(),
         store_id: facts.store_id,
         taken_at: clock::wall(),
         jobs: facts.jobs,
@@ -303,7 +303,7 @@ fn seal(
         files,
         bytes,
         database_sha256: copy::content(&database)?.sha256,
-        files_sha256: crate::artifacts::sha256_hex(list.as_bytes()),
+        files_sha256: crate::hash::sha256_hex(list.as_bytes()),
         lost,
         begin_afresh,
     };

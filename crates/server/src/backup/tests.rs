@@ -1,7 +1,8 @@
 use super::*;
 use crate::api::jobs::PictureFormat;
-use crate::artifacts::{Artifacts, sha256_hex};
+use crate::artifacts::Artifacts;
 use crate::data_folder;
+use crate::hash::sha256_hex;
 use crate::job_state::JobState;
 use crate::specimens;
 use crate::store::solutions::Solutions;
@@ -53,7 +54,7 @@ impl Used {
     /// Ends the job that waits longest, with a picture.
     async fn work(&mut self, number: u8) -> Uuid {
         let (claim, _) =
-            self.store.claim(&crate::store::conformance::ASKING).await.unwrap().unwrap();
+            self.store.claim(&crate::store::conformance::fixture::ASKING).await.unwrap().unwrap();
         let picture =
             self.artifacts.put_picture(claim.job, PictureFormat::Png, (1, 1), vec![number]);
         let pictures = vec![picture.await.unwrap()];

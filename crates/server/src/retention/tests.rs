@@ -193,7 +193,7 @@ async fn a_sweep_finds_what_a_crash_left_and_leaves_the_rest() {
     std::fs::write(&other, b"of another part").unwrap();
     // And a job that runs: its files come before their records.
     let running = world.submit(1).await.unwrap();
-    world.store.claim(&crate::store::conformance::ASKING).await.unwrap().unwrap();
+    world.store.claim(&crate::store::conformance::fixture::ASKING).await.unwrap().unwrap();
     art.put_picture(running, PictureFormat::Png, (1, 1), b"to be recorded".to_vec()).await.unwrap();
 
     let now = Timestamp::from_second(1_700_000_000).unwrap();

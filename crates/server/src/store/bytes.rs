@@ -1,6 +1,7 @@
 //! How many bytes are stored and for whom, and which of them can go.
 
-use super::{Claim, StoreError};
+use super::error::StoreError;
+use super::jobs::Claim;
 use crate::api::events::NoticeEvent;
 use crate::api::jobs::Picture;
 use async_trait::async_trait;

@@ -1,35 +1,32 @@
 //! What the rest of the service relies on, checked on any store. Each test is a function over a
-//! [`Place`] where stores can be opened; [`suite`] makes a test of each for one kind of place, so
+//! [`Home`] where stores can be opened; [`suite`] makes a test of each for one kind of place, so
 //! that another store is one line away from passing the same.
 
 mod attempts;
 mod extensions;
+pub mod fixture;
 mod outbox;
 mod sharing;
 mod turns;
 
-use super::*;
 use crate::api::events::EventData;
-use crate::api::jobs::{JobRequest, Progress};
-use crate::api::scenes::Scene;
+use crate::api::jobs::{Picture, PictureFormat, Progress};
+use crate::api::request_hash::RequestHash;
 use crate::job_state::{Cause, JobState, MAX_FAILURES};
-use crate::specimens;
 use crate::store::scenes::{ScenePosition, Viewer};
+use crate::store::{Accepted, JobFilter, MAX_PROGRESS_EVENTS, NewJob, Outcome, Report, Store};
+use fixture::{
+    ASKING, Home, billed, claim, done, furnished, is_lost, progress, queue, scene, state,
+    terminal_events, wish,
+};
 use std::sync::Arc;
+use uuid::Uuid;
 
 pub use attempts::*;
 pub use extensions::*;
 pub use outbox::*;
 pub use sharing::*;
 pub use turns::*;
-
-/// Somewhere that keeps what stores keep. Each call opens what another process would: a store
-/// with a boot id of its own on the same content.
-#[async_trait]
-pub trait Place: Send + Sync {
-    /// Opens it.
-    async fn open(&self) -> Arc<dyn Store>;
-}
 
 /// Makes a `#[tokio::test]` of every function of this suite for one kind of place.
 macro_rules! suite {
@@ -78,60 +75,7 @@ macro_rules! suite {
 }
 pub(super) use suite;
 
-async fn furnished(place: &dyn Place) -> Arc<dyn Store> {
-    let store = place.open().await;
-    store.put_scene(&scene("scene", 0)).await.unwrap();
-    store
-}
-
-fn scene(id: &str, created_s: i64) -> Scene {
-    let created_at = jiff::Timestamp::from_second(created_s).unwrap();
-    Scene { id: id.into(), size: 1, created_at, ..specimens::scene(b"?") }
-}
-
-fn wish(priority: i32) -> NewJob {
-    let request: JobRequest =
-        serde_json::from_value(serde_json::json!({ "priority": priority })).unwrap();
-    NewJob { request, ..specimens::job("scene") }
-}
-
-async fn queue(store: &dyn Store, job: NewJob) -> Uuid {
-    let id = job.id;
-    assert!(matches!(store.accept(job, 100).await.unwrap(), Accepted::New(_)));
-    id
-}
-
-/// A worker whose jobs run in a process of their own.
-pub const ASKING: Asking<'static> = Asking { device: "cpu", own_process: true, paused: &[] };
-
-async fn claim(store: &dyn Store) -> Claim {
-    store.claim(&ASKING).await.unwrap().expect("a job waits").0
-}
-
-async fn state(store: &dyn Store, id: Uuid) -> JobState {
-    store.job(id).await.unwrap().unwrap().state
-}
-
-fn done() -> Outcome {
-    Outcome::of(JobState::Succeeded)
-}
-
-fn progress(iterations: u64) -> Report {
-    let progress = vec![Progress { iterations, ..Progress::default() }];
-    Report { progress, ..Report::default() }
-}
-
-fn is_lost<T>(result: Result<T, StoreError>) -> bool {
-    matches!(result, Err(StoreError::ClaimLost(_)))
-}
-
-async fn terminal_events(store: &dyn Store, id: Uuid) -> usize {
-    let events = store.events(id, 0, u32::MAX).await.unwrap();
-    assert!(events.windows(2).all(|pair| pair[0].seq < pair[1].seq));
-    events.iter().filter(|event| event.data.is_terminal()).count()
-}
-
-pub async fn scenes_are_kept_once_and_listed_newest_first(place: &dyn Place) {
+pub async fn scenes_are_kept_once_and_listed_newest_first(place: &dyn Home) {
     let store = place.open().await;
     for (id, created_s) in [("a", 1), ("b", 3), ("c", 2)] {
         assert!(store.put_scene(&scene(id, created_s)).await.unwrap());
@@ -149,7 +93,7 @@ pub async fn scenes_are_kept_once_and_listed_newest_first(place: &dyn Place) {
     assert_eq!(list(Some("c")).await, ["a"]);
 }
 
-pub async fn higher_priority_first_then_older(place: &dyn Place) {
+pub async fn higher_priority_first_then_older(place: &dyn Home) {
     let store = furnished(place).await;
     let mut ids = Vec::new();
     for priority in [0, 9, 0] {
@@ -161,7 +105,7 @@ pub async fn higher_priority_first_then_older(place: &dyn Place) {
     assert!(store.claim(&ASKING).await.unwrap().is_none());
 }
 
-pub async fn a_repeated_key_finds_its_job_and_no_other(place: &dyn Place) {
+pub async fn a_repeated_key_finds_its_job_and_no_other(place: &dyn Home) {
     let store = furnished(place).await;
     let keyed = |hash: &str| NewJob {
         idempotency_key: Some("key".into()),
@@ -185,7 +129,7 @@ pub async fn a_repeated_key_finds_its_job_and_no_other(place: &dyn Place) {
     assert_ne!(queue(&*store, keyed("another")).await, id);
 }
 
-pub async fn a_full_queue_refuses(place: &dyn Place) {
+pub async fn a_full_queue_refuses(place: &dyn Home) {
     let store = furnished(place).await;
     let first = queue(&*store, wish(0)).await;
     assert!(matches!(store.accept(wish(0), 1).await.unwrap(), Accepted::QueueFull));
@@ -194,7 +138,7 @@ pub async fn a_full_queue_refuses(place: &dyn Place) {
     assert_eq!(store.counts().await.unwrap().by_state, [1, 1, 0, 0, 0]);
 }
 
-pub async fn jobs_are_found_by_state_label_and_page(place: &dyn Place) {
+pub async fn jobs_are_found_by_state_label_and_page(place: &dyn Home) {
     let store = furnished(place).await;
     let mut ids = Vec::new();
     for n in 0..4 {
@@ -217,7 +161,7 @@ pub async fn jobs_are_found_by_state_label_and_page(place: &dyn Place) {
     assert_eq!(find(page).await, [ids[1]]);
 }
 
-pub async fn a_worker_that_lost_its_claim_writes_nothing(place: &dyn Place) {
+pub async fn a_worker_that_lost_its_claim_writes_nothing(place: &dyn Home) {
     let store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
     let old = claim(&*store).await;
@@ -236,7 +180,7 @@ pub async fn a_worker_that_lost_its_claim_writes_nothing(place: &dyn Place) {
     assert_eq!(terminal_events(&*store, id).await, 1);
 }
 
-pub async fn a_deleted_job_ends_its_worker_and_its_streams(place: &dyn Place) {
+pub async fn a_deleted_job_ends_its_worker_and_its_streams(place: &dyn Home) {
     let store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
     let held = claim(&*store).await;
@@ -252,7 +196,7 @@ pub async fn a_deleted_job_ends_its_worker_and_its_streams(place: &dyn Place) {
     assert!(store.events(id, 0, 100).await.unwrap().is_empty());
 }
 
-pub async fn a_job_that_kills_its_workers_is_given_up(place: &dyn Place) {
+pub async fn a_job_that_kills_its_workers_is_given_up(place: &dyn Home) {
     let store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
     for attempt in 1..=MAX_FAILURES {
@@ -276,7 +220,7 @@ pub async fn a_job_that_kills_its_workers_is_given_up(place: &dyn Place) {
     assert_eq!(terminal_events(&*store, id).await, 1);
 }
 
-pub async fn an_orderly_shutdown_costs_no_attempt(place: &dyn Place) {
+pub async fn an_orderly_shutdown_costs_no_attempt(place: &dyn Home) {
     let store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
     for _ in 0..2 * MAX_FAILURES {
@@ -287,7 +231,7 @@ pub async fn an_orderly_shutdown_costs_no_attempt(place: &dyn Place) {
     assert_eq!((job.state, job.attempts), (JobState::Queued, 0));
 }
 
-pub async fn a_cancel_reaches_the_worker_or_ends_the_job_with_it(place: &dyn Place) {
+pub async fn a_cancel_reaches_the_worker_or_ends_the_job_with_it(place: &dyn Home) {
     let store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
     let held = claim(&*store).await;
@@ -301,7 +245,7 @@ pub async fn a_cancel_reaches_the_worker_or_ends_the_job_with_it(place: &dyn Pla
     assert_eq!(terminal_events(&*store, id).await, 1);
 }
 
-pub async fn ended_jobs_stay_as_they_are(place: &dyn Place) {
+pub async fn ended_jobs_stay_as_they_are(place: &dyn Home) {
     let store = furnished(place).await;
     for end in [JobState::Succeeded, JobState::Failed, JobState::Cancelled] {
         let id = queue(&*store, wish(0)).await;
@@ -318,7 +262,7 @@ pub async fn ended_jobs_stay_as_they_are(place: &dyn Place) {
     assert_eq!(store.cancel(Uuid::now_v7()).await.unwrap(), None);
 }
 
-pub async fn leases_of_the_living_are_left_alone(place: &dyn Place) {
+pub async fn leases_of_the_living_are_left_alone(place: &dyn Home) {
     let (mine, other) = (furnished(place).await, place.open().await);
     let (first, second) = (queue(&*mine, wish(0)).await, queue(&*mine, wish(0)).await);
     let held = claim(&*mine).await;
@@ -331,7 +275,7 @@ pub async fn leases_of_the_living_are_left_alone(place: &dyn Place) {
     assert_eq!(mine.release_all().await.unwrap(), 1);
 }
 
-pub async fn a_lease_with_a_sign_of_life_does_not_expire(place: &dyn Place) {
+pub async fn a_lease_with_a_sign_of_life_does_not_expire(place: &dyn Home) {
     let store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
     let held = claim(&*store).await;
@@ -351,7 +295,7 @@ pub async fn a_lease_with_a_sign_of_life_does_not_expire(place: &dyn Place) {
     assert!(is_lost(store.finish(held, done()).await));
 }
 
-pub async fn identical_jobs_wait_for_the_one_that_runs(place: &dyn Place) {
+pub async fn identical_jobs_wait_for_the_one_that_runs(place: &dyn Home) {
     let store = furnished(place).await;
     let twin = || NewJob { render_key: Some("same".into()), ..wish(0) };
     let (first, second, third) = (
@@ -383,7 +327,7 @@ pub async fn identical_jobs_wait_for_the_one_that_runs(place: &dyn Place) {
     assert_eq!(store.twin(last).await.unwrap(), None);
 }
 
-pub async fn pictures_are_found_while_their_job_is(place: &dyn Place) {
+pub async fn pictures_are_found_while_their_job_is(place: &dyn Home) {
     let store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
     let held = claim(&*store).await;
@@ -413,7 +357,7 @@ pub async fn pictures_are_found_while_their_job_is(place: &dyn Place) {
     assert!(store.picture(id, "late", PictureFormat::Png).await.unwrap().is_none());
 }
 
-pub async fn two_processes_never_hold_the_same_job(place: &dyn Place) {
+pub async fn two_processes_never_hold_the_same_job(place: &dyn Home) {
     let stores = [furnished(place).await, place.open().await];
     const JOBS: usize = 20;
     for _ in 0..JOBS {
@@ -440,7 +384,7 @@ pub async fn two_processes_never_hold_the_same_job(place: &dyn Place) {
     }
 }
 
-pub async fn progress_is_thinned_and_its_ends_are_kept(place: &dyn Place) {
+pub async fn progress_is_thinned_and_its_ends_are_kept(place: &dyn Home) {
     let store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
     let held = claim(&*store).await;
@@ -463,22 +407,7 @@ pub async fn progress_is_thinned_and_its_ends_are_kept(place: &dyn Place) {
     assert_eq!(states.count(), 2, "only progress is thinned");
 }
 
-/// A job of `who`, of whom `max_queued` may wait and `max_running` run.
-fn billed(who: &str, max_queued: u64, max_running: u64, key: Option<&str>) -> NewJob {
-    NewJob {
-        idempotency_key: key.map(str::to_owned),
-        submitter: Submitter {
-            owner: who.into(),
-            billed_to: who.into(),
-            max_queued: Some(max_queued),
-            max_running: Some(max_running),
-            ..Submitter::default()
-        },
-        ..wish(0)
-    }
-}
-
-pub async fn quotas_count_each_submitter_for_itself(place: &dyn Place) {
+pub async fn quotas_count_each_submitter_for_itself(place: &dyn Home) {
     let store = furnished(place).await;
     let first = queue(&*store, billed("a", 2, 1, None)).await;
     let second = queue(&*store, billed("a", 2, 1, None)).await;

@@ -1,6 +1,6 @@
 //! What a store knows of API keys and of the owners of jobs.
 
-use super::StoreError;
+use super::error::StoreError;
 use crate::api::keys::KeyRecord;
 use crate::api::webhooks::WebhookTarget;
 use async_trait::async_trait;

@@ -1,6 +1,6 @@
 //! What a store knows of itself.
 
-use super::StoreError;
+use super::error::StoreError;
 use async_trait::async_trait;
 use jiff::Timestamp;
 use uuid::Uuid;

@@ -1,6 +1,6 @@
 //! Messages to webhooks, written together with the end of the job that they tell of.
 
-use super::StoreError;
+use super::error::StoreError;
 use crate::api::webhooks::{Delivery, WebhookMessage};
 use async_trait::async_trait;
 use std::time::Duration;

@@ -1,6 +1,6 @@
 //! What expires.
 
-use super::StoreError;
+use super::error::StoreError;
 use async_trait::async_trait;
 use jiff::Timestamp;
 use std::collections::BTreeSet;

@@ -1,6 +1,6 @@
 //! Whose scenes are, and what each of their holders sees of them.
 
-use super::StoreError;
+use super::error::StoreError;
 use crate::api::scenes::Scene;
 use async_trait::async_trait;
 

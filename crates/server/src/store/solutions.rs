@@ -1,6 +1,7 @@
 //! Where it is recorded what jobs know and begin with.
 
-use super::{Accepted, Claim, NewJob, StoreError};
+use super::error::StoreError;
+use super::jobs::{Accepted, Claim, NewJob};
 use crate::api::jobs::{Job, JobRequest};
 use crate::api::solutions::Solution;
 use async_trait::async_trait;

@@ -1,6 +1,6 @@
 //! Attempts that were broken off: what counts, and who goes first after that.
 
-use super::{ASKING, Place, claim, done, furnished, queue, terminal_events, wish};
+use super::fixture::{ASKING, Home, claim, done, furnished, queue, terminal_events, wish};
 use crate::job_state::{Cause, JobState, MAX_FAILURES, MAX_OUTAGES};
 use crate::store::{Asking, Claim, Store};
 use uuid::Uuid;
@@ -8,7 +8,7 @@ use uuid::Uuid;
 /// A worker whose jobs run in the server's own process.
 const WITHIN_THE_SERVER: Asking<'static> = Asking { own_process: false, ..ASKING };
 
-pub async fn a_job_that_ends_its_servers_from_within_is_given_up_later(place: &dyn Place) {
+pub async fn a_job_that_ends_its_servers_from_within_is_given_up_later(place: &dyn Home) {
     let mut store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
     store.release(claim(&*store).await, Cause::Failure, "the device was lost").await.unwrap();
@@ -27,7 +27,7 @@ pub async fn a_job_that_ends_its_servers_from_within_is_given_up_later(place: &d
     assert_eq!(terminal_events(&*store, id).await, 1);
 }
 
-pub async fn deaths_of_the_server_are_no_fault_of_a_job_in_its_own_process(place: &dyn Place) {
+pub async fn deaths_of_the_server_are_no_fault_of_a_job_in_its_own_process(place: &dyn Home) {
     let mut store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
     for death in 1..=2 * MAX_OUTAGES {
@@ -65,7 +65,7 @@ async fn is_nothing_to_claim(store: &dyn Store) -> bool {
     store.claim(&ASKING).await.unwrap().is_none()
 }
 
-pub async fn a_job_that_takes_all_memory_is_tried_alone(place: &dyn Place) {
+pub async fn a_job_that_takes_all_memory_is_tried_alone(place: &dyn Home) {
     let store = furnished(place).await;
     let greedy = queue(&*store, wish(1)).await;
     dies_of_memory_beside_others(&*store, greedy).await;
@@ -87,7 +87,7 @@ pub async fn a_job_that_takes_all_memory_is_tried_alone(place: &dyn Place) {
     claim(&*store).await;
 }
 
-pub async fn a_job_that_must_run_alone_is_not_passed_over_forever(place: &dyn Place) {
+pub async fn a_job_that_must_run_alone_is_not_passed_over_forever(place: &dyn Home) {
     let store = furnished(place).await;
     let greedy = queue(&*store, wish(0)).await;
     dies_of_memory_beside_others(&*store, greedy).await;
@@ -108,7 +108,7 @@ pub async fn a_job_that_must_run_alone_is_not_passed_over_forever(place: &dyn Pl
     assert_eq!(claim(&*store).await.job, greedy);
 }
 
-pub async fn a_job_that_was_interrupted_often_lets_others_go_first(place: &dyn Place) {
+pub async fn a_job_that_was_interrupted_often_lets_others_go_first(place: &dyn Home) {
     let mut store = furnished(place).await;
     let unlucky = queue(&*store, wish(0)).await;
     let urgent = queue(&*store, wish(5)).await;

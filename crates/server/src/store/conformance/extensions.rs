@@ -1,6 +1,6 @@
 //! Jobs that are given more budget.
 
-use super::{Place, claim, done, furnished, queue, state, wish};
+use super::fixture::{Home, claim, done, furnished, queue, state, wish};
 use crate::api::jobs::{Picture, PictureFormat, Progress, Stats};
 use crate::job_state::{Cause, JobState, MAX_FAILURES};
 use crate::store::solutions::Extended;
@@ -46,7 +46,7 @@ async fn shows(store: &dyn Store, id: Uuid, sha256: &str, iterations: u64) {
     }
 }
 
-pub async fn an_extension_keeps_the_result_until_there_is_a_better_one(place: &dyn Place) {
+pub async fn an_extension_keeps_the_result_until_there_is_a_better_one(place: &dyn Home) {
     let store = furnished(place).await;
     let id = queue(&*store, wish(0)).await;
     store.finish(claim(&*store).await, end(JobState::Succeeded, "first", 40)).await.unwrap();

@@ -1,9 +1,11 @@
 //! Messages to webhooks: lanes are told apart, counted and bounded.
 
-use super::*;
+use super::fixture::{Home, furnished, queue, wish};
 use crate::api::webhooks::{DeliveryState, Ending, WebhookTarget};
 use crate::store::outbox::{Attempt, Lane};
+use crate::store::{NewJob, Store, Submitter};
 use std::time::Duration;
+use uuid::Uuid;
 
 const LEASE: Duration = Duration::from_secs(30);
 
@@ -25,7 +27,7 @@ fn lane(owner: &str, host: &str) -> Lane {
     Lane { owner: owner.into(), host: host.into() }
 }
 
-pub async fn messages_wait_in_lanes_of_caller_and_receiver(place: &dyn Place) {
+pub async fn messages_wait_in_lanes_of_caller_and_receiver(place: &dyn Home) {
     let store = furnished(place).await;
     let mut jobs = Vec::new();
     for _ in 0..3 {
@@ -55,7 +57,7 @@ pub async fn messages_wait_in_lanes_of_caller_and_receiver(place: &dyn Place) {
     assert_eq!((third[0].id, third[0].attempts), (again[0].id, 1));
 }
 
-pub async fn messages_that_wait_are_bounded_from_the_fullest_lane(place: &dyn Place) {
+pub async fn messages_that_wait_are_bounded_from_the_fullest_lane(place: &dyn Home) {
     let store = furnished(place).await;
     let mut stuck = Vec::new();
     for _ in 0..6 {

@@ -1,6 +1,8 @@
 //! Scenes that several hold.
 
-use super::*;
+use super::fixture::{Home, billed, furnished, queue, scene, wish};
+use crate::store::Store;
+use crate::store::scenes::{ScenePosition, Viewer};
 
 fn by(holder: &str) -> Viewer<'_> {
     Viewer { holder, sees_all: false }
@@ -13,7 +15,7 @@ async fn names(store: &dyn Store, viewer: Viewer<'_>) -> Vec<Option<String>> {
     scenes.into_iter().map(|scene| scene.name).collect()
 }
 
-pub async fn each_holder_sees_a_scene_as_their_own(place: &dyn Place) {
+pub async fn each_holder_sees_a_scene_as_their_own(place: &dyn Home) {
     let store = furnished(place).await;
     store.put_scene(&scene("other", 1)).await.unwrap();
     assert!(store.shown_scene("scene", by("a")).await.unwrap().is_none());
@@ -43,7 +45,7 @@ pub async fn each_holder_sees_a_scene_as_their_own(place: &dyn Place) {
     assert_eq!(job.scene_name.as_deref(), Some("atrium.glb"));
 }
 
-pub async fn who_lets_go_of_a_scene_leaves_it_to_the_others(place: &dyn Place) {
+pub async fn who_lets_go_of_a_scene_leaves_it_to_the_others(place: &dyn Home) {
     let store = furnished(place).await;
     for holder in ["a", "b"] {
         store.hold_scene("scene", holder).await.unwrap();

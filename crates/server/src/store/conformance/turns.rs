@@ -1,6 +1,6 @@
 //! Whose job is claimed next.
 
-use super::{ASKING, Place, claim, done, furnished, wish};
+use super::fixture::{ASKING, Home, claim, done, furnished, wish};
 use crate::store::{Accepted, Asking, NewJob, Store, Submitter};
 use uuid::Uuid;
 
@@ -23,7 +23,7 @@ async fn next(store: &dyn Store) -> Uuid {
     held.job
 }
 
-pub async fn nobody_starves_behind_the_many_jobs_of_another(place: &dyn Place) {
+pub async fn nobody_starves_behind_the_many_jobs_of_another(place: &dyn Home) {
     let store = furnished(place).await;
     let mut many = Vec::new();
     for _ in 0..1000 {
@@ -43,7 +43,7 @@ pub async fn nobody_starves_behind_the_many_jobs_of_another(place: &dyn Place) {
     }
 }
 
-pub async fn who_had_no_turn_for_longest_goes_first(place: &dyn Place) {
+pub async fn who_had_no_turn_for_longest_goes_first(place: &dyn Home) {
     let store = furnished(place).await;
     let mut expected = Vec::new();
     for round in 0..3 {
@@ -74,7 +74,7 @@ pub async fn who_had_no_turn_for_longest_goes_first(place: &dyn Place) {
 }
 
 /// However many come, each with one job: who waits has a turn within a round.
-pub async fn nobody_starves_behind_ever_new_payers(place: &dyn Place) {
+pub async fn nobody_starves_behind_ever_new_payers(place: &dyn Home) {
     let store = furnished(place).await;
     let waits = [queue(&*store, of("waits")).await, queue(&*store, of("waits")).await];
     let mut claimed = Vec::new();
@@ -90,7 +90,7 @@ pub async fn nobody_starves_behind_ever_new_payers(place: &dyn Place) {
     assert!(turn(waits[1]).is_some_and(|turn| turn <= 5), "{:?}", turn(waits[1]));
 }
 
-pub async fn jobs_that_pause_are_not_claimed(place: &dyn Place) {
+pub async fn jobs_that_pause_are_not_claimed(place: &dyn Home) {
     let store = furnished(place).await;
     let (first, second) = (queue(&*store, of("a")).await, queue(&*store, of("a")).await);
     let other = queue(&*store, of("b")).await;

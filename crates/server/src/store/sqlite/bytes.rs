@@ -1,6 +1,7 @@
 //! Bytes in SQLite. The sums are kept by triggers (migration 9).
 
-use super::{SqliteStore, events, jobs, rows};
+use super::database::SqliteStore;
+use super::{events, life, payers, rows};
 use crate::api::events::{EventData, NoticeEvent};
 use crate::api::jobs::Picture;
 use crate::job_state::Event;
@@ -9,20 +10,7 @@ use crate::store::{Claim, StoreError};
 use async_trait::async_trait;
 use jiff::Timestamp;
 use sqlx::Row;
-use sqlx::sqlite::SqliteConnection;
 use uuid::Uuid;
-
-/// Bytes of pictures and solutions of a payer's jobs.
-pub async fn of_payer(
-    connection: &mut SqliteConnection,
-    billed_to: &str,
-) -> Result<u64, StoreError> {
-    let row = sqlx::query("SELECT bytes FROM payers WHERE billed_to = ?")
-        .bind(billed_to)
-        .fetch_optional(connection)
-        .await?;
-    Ok(row.map_or(0, |row| row.get::<i64, _>("bytes").unsigned_abs()))
-}
 
 #[async_trait]
 impl Bytes for SqliteStore {
@@ -37,7 +25,7 @@ impl Bytes for SqliteStore {
     }
 
     async fn payer_bytes(&self, billed_to: &str) -> Result<u64, StoreError> {
-        of_payer(&mut *self.reader.acquire().await?, billed_to).await
+        payers::stored_bytes(&mut *self.reader.acquire().await?, billed_to).await
     }
 
     async fn room(&self, job: Uuid) -> Result<Option<u64>, StoreError> {
@@ -162,7 +150,7 @@ impl Bytes for SqliteStore {
     ) -> Result<Vec<Picture>, StoreError> {
         let mut transaction = self.begin().await?;
         let held = Event::Report { fence: claim.fence };
-        jobs::happens_to_held(&mut transaction, claim, held).await?;
+        life::happens_to_held(&mut transaction, claim, held).await?;
         let job = claim.job.to_string();
         let mut pictures: Vec<Picture> = Vec::new();
         for seq in dropped {

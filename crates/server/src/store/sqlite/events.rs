@@ -1,8 +1,10 @@
 //! The event log of each job.
 
-use super::{now_ms, rows};
-use crate::api::events::{Event, EventData, ProgressEvent};
-use crate::api::jobs::Progress;
+use super::time::now_ms;
+use super::{jobs, rows};
+use crate::api::events::{Event, EventData, ProgressEvent, StateEvent};
+use crate::api::jobs::{JobError, Picture, Progress};
+use crate::job_state::Life;
 use crate::store::{MAX_PROGRESS_EVENTS, StoreError};
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqlitePool};
@@ -101,4 +103,51 @@ pub async fn trace(pool: &SqlitePool, job: Uuid) -> Result<Vec<Progress>, StoreE
         .collect::<Result<_, _>>()?;
     let latest = events.last().map(|event| event.fence);
     Ok(events.into_iter().filter(|e| Some(e.fence) == latest).map(|e| e.progress).collect())
+}
+
+/// Records pictures under the event that names them.
+pub async fn add_pictures(
+    connection: &mut SqliteConnection,
+    job: Uuid,
+    seq: i64,
+    pictures: &[Picture],
+) -> Result<(), StoreError> {
+    for picture in pictures {
+        sqlx::query(
+            "INSERT INTO pictures (job_id, seq, sha256, format, record) VALUES (?, ?, ?, ?, ?)",
+        )
+        .bind(job.to_string())
+        .bind(seq)
+        .bind(&picture.sha256)
+        .bind(picture.format.suffix())
+        .bind(rows::to_json(picture))
+        .execute(&mut *connection)
+        .await?;
+    }
+    Ok(())
+}
+
+/// Appends the event of a job's new state.
+pub async fn append_state(
+    connection: &mut SqliteConnection,
+    id: Uuid,
+    life: Life,
+    reason: Option<String>,
+    error: Option<JobError>,
+) -> Result<(), StoreError> {
+    // An extension that ends without a picture leaves the earlier result, which is then the newest
+    // picture again, whatever snapshots came after it.
+    let result = match life.state.is_terminal() {
+        true => jobs::get(connection, id).await?.and_then(|job| job.result).unwrap_or_default(),
+        false => Vec::new(),
+    };
+    let event = EventData::State(StateEvent {
+        state: life.state,
+        attempts: life.attempts,
+        reason,
+        pictures: result.clone(),
+        error,
+    });
+    let seq = append(connection, id, &event).await?;
+    add_pictures(connection, id, seq, &result).await
 }

@@ -1,6 +1,8 @@
 //! Keys and owners in SQLite.
 
-use super::{SqliteStore, now_ms, rows};
+use super::database::SqliteStore;
+use super::rows;
+use super::time::now_ms;
 use crate::api::keys::KeyRecord;
 use crate::api::webhooks::WebhookTarget;
 use crate::store::StoreError;

@@ -4,20 +4,29 @@
 //! Every write is one `BEGIN IMMEDIATE` transaction, and every commit reaches the
 //! disk before it returns (`synchronous = FULL`).
 
+mod accept;
 mod bytes;
 mod claims;
+mod database;
 mod events;
 mod jobs;
 mod keys;
-pub mod meta;
+mod life;
+mod meta;
 mod outbox;
+mod payers;
 mod retention;
 mod rows;
 mod scenes;
 pub mod snapshot;
 mod solutions;
+pub mod tables;
 #[cfg(test)]
 pub(crate) mod tests;
+mod time;
+mod trouble;
+
+pub use database::SqliteStore;
 
 use super::{
     Accepted, Asking, Claim, JobCounts, JobFilter, Lease, NewJob, Outcome, Report, Store,
@@ -26,130 +35,12 @@ use super::{
 use crate::api::events::Event;
 use crate::api::jobs::{Job, Picture, PictureFormat, Progress};
 use crate::api::scenes::Scene;
-use crate::failpoints;
 use crate::job_state::{Cause, Event as JobEvent};
 use async_trait::async_trait;
-use sqlx::sqlite::{
-    SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
-};
-use sqlx::{Connection, Row, Sqlite, Transaction};
-use std::path::Path;
-use std::time::Duration;
+use sqlx::Row;
+use time::now_ms;
+use trouble::failpoint;
 use uuid::Uuid;
-
-/// A SQLite database file.
-pub struct SqliteStore {
-    writer: SqlitePool,
-    reader: SqlitePool,
-    /// Leases have a connection of their own: one that a starved runtime has not yet handed back
-    /// must not keep them from being renewed.
-    leases: SqlitePool,
-    /// Names this process in leases.
-    owner: String,
-}
-
-impl SqliteStore {
-    /// Opens or creates the database and brings its tables up to date.
-    ///
-    /// # Errors
-    /// [`StoreError`] where the file cannot be opened or is of a later version.
-    pub async fn open(path: &Path) -> Result<Self, StoreError> {
-        let options = Self::options(path).create_if_missing(true);
-        let writer = Self::writer(&options).await?;
-        meta::MIGRATIONS.run(&writer).await?;
-        meta::ensure_id(&writer).await?;
-        Self::with(writer, options).await
-    }
-
-    /// Opens a database that is there, as it is: for commands beside a running server, under which
-    /// the tables must not change.
-    ///
-    /// # Errors
-    /// [`StoreError`] where there is none, or its tables are those of another version.
-    pub async fn open_as_it_is(path: &Path) -> Result<Self, StoreError> {
-        let options = Self::options(path);
-        let writer = Self::writer(&options).await?;
-        meta::check_version(&mut *writer.acquire().await?).await?;
-        Self::with(writer, options).await
-    }
-
-    fn options(path: &Path) -> SqliteConnectOptions {
-        SqliteConnectOptions::new()
-            .filename(path)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full)
-            .foreign_keys(true)
-            .busy_timeout(Duration::from_secs(10))
-    }
-
-    async fn writer(options: &SqliteConnectOptions) -> Result<SqlitePool, StoreError> {
-        let pool = pool().max_connections(1).acquire_timeout(Duration::from_secs(30));
-        Ok(pool.connect_with(options.clone()).await?)
-    }
-
-    async fn with(writer: SqlitePool, options: SqliteConnectOptions) -> Result<Self, StoreError> {
-        let leases = pool()
-            .max_connections(1)
-            .acquire_timeout(Duration::from_secs(10))
-            .connect_lazy_with(options.clone());
-        let reader = pool()
-            .max_connections(4)
-            .acquire_timeout(Duration::from_secs(30))
-            .connect_with(options.pragma("query_only", "on"))
-            .await?;
-        Ok(Self { writer, reader, leases, owner: Uuid::new_v4().to_string() })
-    }
-
-    async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
-    }
-}
-
-/// A pool whose connections are sound. Where the disk is full or fails, SQLite ends a transaction
-/// by itself, which sqlx does not learn of: it would refuse to begin another one on that connection
-/// forever.
-fn pool() -> SqlitePoolOptions {
-    SqlitePoolOptions::new().before_acquire(|connection, _| {
-        let is_sound = !connection.is_in_transaction();
-        Box::pin(async move { Ok(is_sound) })
-    })
-}
-
-/// What an error of SQLite means for whoever runs the server, and what they can do.
-pub fn diagnose(error: &sqlx::Error) -> Option<(&'static str, &'static str)> {
-    let code = error.as_database_error()?.code()?.parse::<u32>().ok()?;
-    // The primary codes of https://sqlite.org/rescode.html, the lowest byte.
-    Some(match code & 0xff {
-        3 | 14 => ("its file cannot be opened", "check the permissions of the data folder"),
-        8 => ("its file cannot be written", "make the data folder writable for the server"),
-        10 => ("the disk does not read or write", "check the disk and the space left on it"),
-        11 => ("its file is damaged", "stop the server and restore the file from a backup"),
-        13 => ("the disk is full", "free space under the data folder"),
-        26 => ("its file is not a database", "stop the server and restore the file from a backup"),
-        _ => return None,
-    })
-}
-
-/// Milliseconds since 1970 by the wall clock. For people and for sorting: it jumps, so nothing
-/// that a promise hangs on is decided by it.
-fn now_ms() -> i64 {
-    let now = crate::clock::now().as_millisecond();
-    #[cfg(test)]
-    let now = now + CLOCK_JUMP_MS.get();
-    now
-}
-
-#[cfg(test)]
-thread_local! {
-    /// How far the wall clock of this test has jumped.
-    static CLOCK_JUMP_MS: std::cell::Cell<i64> = const { std::cell::Cell::new(0) };
-}
-
-/// Where a test may make the store fail or die.
-fn failpoint(point: &'static str, about: impl std::fmt::Debug) -> Result<(), StoreError> {
-    failpoints::pass(point, || format!("{about:?}"))
-        .map_err(|injected| StoreError::Database(sqlx::Error::Io(std::io::Error::other(injected))))
-}
 
 #[async_trait]
 impl Store for SqliteStore {
@@ -178,7 +69,7 @@ impl Store for SqliteStore {
     async fn accept(&self, job: NewJob, max_queued: u64) -> Result<Accepted, StoreError> {
         let id = job.id;
         let mut transaction = self.begin().await?;
-        let accepted = jobs::accept(&mut transaction, job, max_queued).await?;
+        let accepted = accept::accept(&mut transaction, job, max_queued).await?;
         failpoint("create", id)?;
         transaction.commit().await?;
         failpoint("created", id)?;
@@ -199,14 +90,14 @@ impl Store for SqliteStore {
 
     async fn cancel(&self, id: Uuid) -> Result<Option<Job>, StoreError> {
         let mut transaction = self.begin().await?;
-        let job = jobs::cancel(&mut transaction, id).await?;
+        let job = life::cancel(&mut transaction, id).await?;
         transaction.commit().await?;
         Ok(job)
     }
 
     async fn delete(&self, id: Uuid) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
-        let was_there = jobs::delete(&mut transaction, id).await?;
+        let was_there = life::delete(&mut transaction, id).await?;
         transaction.commit().await?;
         Ok(was_there)
     }
@@ -221,7 +112,7 @@ impl Store for SqliteStore {
             return Ok(None);
         }
         let mut transaction = self.begin().await?;
-        let claimed = jobs::claim(&mut transaction, asking, &self.owner).await?;
+        let claimed = life::claim(&mut transaction, asking, &self.owner).await?;
         failpoint("claim", &claimed)?;
         transaction.commit().await?;
         failpoint("claimed", &claimed)?;
@@ -231,12 +122,12 @@ impl Store for SqliteStore {
     async fn report(&self, claim: Claim, report: Report) -> Result<bool, StoreError> {
         failpoint("report", claim)?;
         let mut writer = self.writer.acquire().await?;
-        jobs::report(&mut writer, claim, report).await
+        life::report(&mut writer, claim, report).await
     }
 
     async fn finish(&self, claim: Claim, outcome: Outcome) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
-        jobs::finish(&mut transaction, claim, outcome).await?;
+        life::finish(&mut transaction, claim, outcome).await?;
         failpoint("finish", claim)?;
         transaction.commit().await?;
         failpoint("finished", claim)
@@ -246,7 +137,7 @@ impl Store for SqliteStore {
         failpoint("release", claim)?;
         let mut transaction = self.begin().await?;
         let event = JobEvent::Release { fence: claim.fence, cause };
-        jobs::release(&mut transaction, claim, event, reason).await?;
+        life::release(&mut transaction, claim, event, reason).await?;
         Ok(transaction.commit().await?)
     }
 
@@ -258,7 +149,7 @@ impl Store for SqliteStore {
                 let cause = Cause::Circumstances;
                 let event = JobEvent::Release { fence: lease.claim.fence, cause };
                 let reason = "the server shut down";
-                jobs::release(&mut transaction, lease.claim, event, reason).await?;
+                life::release(&mut transaction, lease.claim, event, reason).await?;
                 released += 1;
             }
         }
@@ -272,7 +163,7 @@ impl Store for SqliteStore {
         for lease in jobs::leases(&mut transaction).await? {
             if lease.owner != self.owner {
                 let event = JobEvent::ServerDied { fence: lease.claim.fence };
-                jobs::release(&mut transaction, lease.claim, event, "the server died").await?;
+                life::release(&mut transaction, lease.claim, event, "the server died").await?;
                 recovered.push(lease.claim.job);
             }
         }
@@ -305,7 +196,7 @@ impl Store for SqliteStore {
             return Ok(false);
         }
         let event = JobEvent::LeaseExpired { fence: lease.claim.fence };
-        jobs::release(&mut transaction, lease.claim, event, reason).await?;
+        life::release(&mut transaction, lease.claim, event, reason).await?;
         transaction.commit().await?;
         Ok(true)
     }

@@ -1,7 +1,8 @@
 //! The outbox in SQLite. A trigger of the tables fills it; see the migration.
 
-use super::retention::ROWS_AT_ONCE;
-use super::{SqliteStore, now_ms, rows};
+use super::database::{ROWS_AT_ONCE, SqliteStore};
+use super::rows;
+use super::time::now_ms;
 use crate::api::webhooks::{
     Delivery, DeliveryState, Ending, WebhookMessage, WebhookTarget, host_and_port,
 };

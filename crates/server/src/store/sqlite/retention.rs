@@ -1,6 +1,8 @@
 //! Expiry in SQLite.
 
-use super::{SqliteStore, jobs, now_ms, rows, solutions};
+use super::database::{ROWS_AT_ONCE, SqliteStore};
+use super::time::now_ms;
+use super::{life, rows, solutions};
 use crate::store::StoreError;
 use crate::store::retention::{Recorded, Retention};
 use async_trait::async_trait;
@@ -12,8 +14,6 @@ use uuid::Uuid;
 
 /// Hidden jobs that one call forgets.
 const JOBS_AT_ONCE: u32 = 100;
-/// Rows that one write removes.
-pub const ROWS_AT_ONCE: u32 = 500;
 /// A job that was hidden so far in the future was hidden by a clock that was wrong.
 const CLOCK_WAS_AHEAD_MS: i64 = 3_600_000;
 
@@ -43,7 +43,7 @@ impl Retention for SqliteStore {
         .fetch_optional(&mut *transaction)
         .await?
         .is_some();
-        let is_gone = may_go && jobs::delete(&mut transaction, job).await?;
+        let is_gone = may_go && life::delete(&mut transaction, job).await?;
         transaction.commit().await?;
         Ok(is_gone)
     }

@@ -1,5 +1,6 @@
 //! Rows to records and back.
 
+use super::time::now_ms;
 use crate::api::Warning;
 use crate::api::jobs::{Job, Picture, Progress, Stats, Timings};
 use crate::job_state::JobState;
@@ -95,7 +96,7 @@ pub fn job(row: &SqliteRow) -> Result<Job, StoreError> {
 }
 
 fn timings(created_ms: i64, started_ms: Option<i64>, finished_ms: Option<i64>) -> Timings {
-    let end = finished_ms.unwrap_or_else(super::now_ms);
+    let end = finished_ms.unwrap_or_else(now_ms);
     let seconds = |from: i64, to: i64| (to - from).max(0) as f64 / 1e3;
     Timings {
         queued_s: seconds(created_ms, started_ms.unwrap_or(end)),

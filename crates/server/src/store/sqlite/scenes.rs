@@ -1,6 +1,8 @@
 //! Holders of scenes in SQLite.
 
-use super::{SqliteStore, now_ms, rows};
+use super::database::SqliteStore;
+use super::rows;
+use super::time::now_ms;
 use crate::api::scenes::Scene;
 use crate::builtin;
 use crate::store::StoreError;

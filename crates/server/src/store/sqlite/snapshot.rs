@@ -1,6 +1,7 @@
 //! A consistent copy of a database that may be in use, and the files that its records name.
 
-use super::{SqliteStore, meta, rows};
+use super::database::SqliteStore;
+use super::{retention, rows, solutions, tables};
 use crate::api::jobs::Picture;
 use crate::api::scenes::Scene;
 use crate::api::solutions::Solution;
@@ -62,7 +63,7 @@ impl Snapshot {
     /// Where `live` is not of this version, or one of them cannot be read or written.
     pub async fn take(live: &Path, copy: &Path) -> Result<Self, StoreError> {
         let mut connection = SqliteStore::options(live).connect().await?;
-        meta::check_version(&mut connection).await?;
+        tables::check_version(&mut connection).await?;
         let target = copy.to_string_lossy().into_owned();
         sqlx::query("VACUUM INTO ?").bind(target).execute(&mut connection).await?;
         connection.close().await?;
@@ -94,7 +95,7 @@ impl Snapshot {
         .fetch_one(&mut self.connection)
         .await?;
         Ok(Facts {
-            store_id: meta::store_id(&mut self.connection).await?,
+            store_id: tables::store_id(&mut self.connection).await?,
             jobs: row.get::<i64, _>("jobs").unsigned_abs(),
             scenes: row.get::<i64, _>("scenes").unsigned_abs(),
         })
@@ -144,7 +145,7 @@ impl Snapshot {
                 kind: Kind::Content,
             });
         }
-        let solution = super::solutions::find(&mut self.connection, job).await?;
+        let solution = solutions::find(&mut self.connection, job).await?;
         files.extend(solution.into_iter().flat_map(|solution| files_of_solution(job, solution)));
         Ok(files)
     }
@@ -185,7 +186,7 @@ impl Snapshot {
                 if query.fetch_optional(&mut self.connection).await?.is_none() {
                     return Ok(false);
                 }
-                let names = super::retention::file_names(&mut self.connection, *job).await?;
+                let names = retention::file_names(&mut self.connection, *job).await?;
                 Ok(names.contains(name))
             }
         }

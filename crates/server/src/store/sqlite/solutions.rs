@@ -1,6 +1,7 @@
 //! Solutions in SQLite.
 
-use super::{SqliteStore, claims, jobs, rows};
+use super::database::SqliteStore;
+use super::{accept, claims, jobs, life, payers, rows};
 use crate::api::jobs::JobRequest;
 use crate::api::solutions::Solution;
 use crate::job_state::{Event, JobState};
@@ -20,7 +21,7 @@ impl Solutions for SqliteStore {
     ) -> Result<Option<Solution>, StoreError> {
         let mut transaction = self.begin().await?;
         let held = Event::Report { fence: claim.fence };
-        jobs::happens_to_held(&mut transaction, claim, held).await?;
+        life::happens_to_held(&mut transaction, claim, held).await?;
         let before = find(&mut transaction, claim.job).await?;
         put(&mut transaction, claim.job, solution).await?;
         transaction.commit().await?;
@@ -46,7 +47,7 @@ impl Solutions for SqliteStore {
         max_queued: u64,
     ) -> Result<Accepted, StoreError> {
         let mut transaction = self.begin().await?;
-        let accepted = jobs::accept(&mut transaction, job, max_queued).await?;
+        let accepted = accept::accept(&mut transaction, job, max_queued).await?;
         if let Accepted::New(job) = &accepted {
             put(&mut transaction, job.id, solution).await?;
         }
@@ -77,11 +78,11 @@ impl Solutions for SqliteStore {
         if jobs::waiting(&mut transaction).await? >= max_queued {
             return Ok(Extended::QueueFull);
         }
-        let payer = jobs::payer(&mut transaction, id).await?;
-        if jobs::own_queue_is_full(&mut transaction, &payer, max_own).await? {
+        let payer = payers::of_job(&mut transaction, id).await?;
+        if payers::own_queue_is_full(&mut transaction, &payer, max_own).await? {
             return Ok(Extended::OwnQueueFull);
         }
-        match jobs::extend(&mut transaction, id, request).await? {
+        match life::extend(&mut transaction, id, request).await? {
             Some(true) => {}
             Some(false) => return Ok(Extended::NotNow(Box::new(job))),
             None => return Ok(Extended::Missing),

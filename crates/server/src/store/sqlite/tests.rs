@@ -1,13 +1,18 @@
 //! The conformance suite on database files, and what only an embedded store has: old data
 //! folders, clocks that jump, files that are damaged.
 
+use super::time::CLOCK_JUMP_MS;
 use super::*;
 use crate::job_state::JobState;
 use crate::leases::{Leases, supervise};
 use crate::store::Meta;
-use crate::store::conformance::{ASKING, Place, suite};
+use crate::store::conformance::fixture::{ASKING, Home};
+use crate::store::conformance::suite;
+use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
 use std::borrow::Cow;
+use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 use tempfile::TempDir;
 use tokio_util::sync::CancellationToken;
 
@@ -24,7 +29,7 @@ impl Folder {
 }
 
 #[async_trait]
-impl Place for Folder {
+impl Home for Folder {
     async fn open(&self) -> Arc<dyn Store> {
         Arc::new(SqliteStore::open(&self.file()).await.unwrap())
     }
@@ -36,7 +41,7 @@ suite!(Folder::new());
 pub(crate) async fn first_release(file: &Path) {
     let options = SqliteConnectOptions::new().filename(file).create_if_missing(true);
     let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await.unwrap();
-    let all = &meta::MIGRATIONS;
+    let all = &tables::MIGRATIONS;
     let first: Vec<_> = all.iter().take(1).cloned().collect();
     let first = sqlx::migrate::Migrator {
         migrations: Cow::Owned(first),

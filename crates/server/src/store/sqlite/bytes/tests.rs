@@ -73,7 +73,8 @@ fn notice() -> NoticeEvent {
 /// A job of `payer` that has ended with so many bytes.
 async fn ended(store: &SqliteStore, payer: &str, size: u64) -> Uuid {
     let id = submit(store, payer, None).await;
-    let (claim, _) = store.claim(&crate::store::conformance::ASKING).await.unwrap().unwrap();
+    let (claim, _) =
+        store.claim(&crate::store::conformance::fixture::ASKING).await.unwrap().unwrap();
     assert_eq!(claim.job, id);
     store.finish(claim, outcome(size)).await.unwrap();
     id
@@ -120,7 +121,7 @@ async fn kept_sums_are_what_is_stored_whatever_happens() {
             }
             (2..=3, _) => {
                 let Some((claim, _)) =
-                    store.claim(&crate::store::conformance::ASKING).await.unwrap()
+                    store.claim(&crate::store::conformance::fixture::ASKING).await.unwrap()
                 else {
                     continue;
                 };
@@ -182,7 +183,8 @@ async fn a_full_store_refuses_new_jobs_and_no_repetition() {
     };
     let first = store.accept(sent("first"), 10).await.unwrap();
     assert!(matches!(first, Accepted::New(_)), "{first:?}");
-    let (claim, _) = store.claim(&crate::store::conformance::ASKING).await.unwrap().unwrap();
+    let (claim, _) =
+        store.claim(&crate::store::conformance::fixture::ASKING).await.unwrap().unwrap();
     store.finish(claim, outcome(100)).await.unwrap();
     let again = store.accept(sent("first"), 10).await.unwrap();
     assert!(matches!(again, Accepted::Again(job) if job.id == claim.job));
@@ -215,7 +217,8 @@ async fn who_stores_most_makes_room_first_and_pinned_or_running_jobs_stay() {
     }
     let empty = ended(&store, "much", 0).await;
     submit(&store, "much", None).await;
-    let (running, _) = store.claim(&crate::store::conformance::ASKING).await.unwrap().unwrap();
+    let (running, _) =
+        store.claim(&crate::store::conformance::fixture::ASKING).await.unwrap().unwrap();
     store.report(running, snapshot("s", 500)).await.unwrap();
     for expected in much {
         assert_eq!(store.evictable().await.unwrap(), Some((expected, 10)));
@@ -272,7 +275,8 @@ async fn snapshots_go_with_their_events_and_what_is_still_named_stays() {
     let folder = TempDir::new().unwrap();
     let store = store(&folder).await;
     let id = submit(&store, "a", Some(100)).await;
-    let (claim, _) = store.claim(&crate::store::conformance::ASKING).await.unwrap().unwrap();
+    let (claim, _) =
+        store.claim(&crate::store::conformance::fixture::ASKING).await.unwrap().unwrap();
     assert_eq!(store.room(id).await.unwrap(), Some(100));
     for (sha256, size) in [("x", 10), ("y", 20), ("x", 10)] {
         store.report(claim, snapshot(sha256, size)).await.unwrap();
