@@ -2,8 +2,7 @@
 //! by other processes too, so the store is asked, about once a second for all of them together.
 
 use crate::access::Caller;
-use crate::service::Service;
-use crate::store::StoreError;
+use crate::store::{Store, StoreError};
 use jiff::Timestamp;
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -31,12 +30,12 @@ impl KeyWatch {
         KeyEnd(caller.key().map(|key| (key.id.clone(), self.ended.subscribe())))
     }
 
-    async fn look(&self, service: &Service) -> Result<(), StoreError> {
+    async fn look(&self, store: &dyn Store) -> Result<(), StoreError> {
         if self.ended.receiver_count() == 0 {
             return Ok(());
         }
         let now = Timestamp::now();
-        let keys = service.store.keys().await?;
+        let keys = store.keys().await?;
         let ended: HashSet<String> =
             keys.into_iter().filter(|key| !key.is_good(now)).map(|key| key.id).collect();
         self.ended.send_if_modified(|known| {
@@ -68,13 +67,13 @@ impl KeyEnd {
     }
 }
 
-/// Looks at the keys now and then, until the task is aborted.
-pub async fn look_after(service: Arc<Service>) {
+/// Looks at the keys of that store now and then, until the task is aborted.
+pub async fn look_after(watch: Arc<KeyWatch>, store: Arc<dyn Store>) {
     let mut ticks = tokio::time::interval(EVERY);
     ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
         ticks.tick().await;
-        if let Err(error) = service.key_watch.look(&service).await {
+        if let Err(error) = watch.look(&*store).await {
             tracing::error!(%error, "cannot look whether keys have ended");
         }
     }

@@ -2,7 +2,8 @@
 //!
 //! A job's path: [`http`] accepts it, the [`store`] keeps it, the [`queue`] hands it to a
 //! [`worker`], which owns a device and renders; pictures go to [`artifacts`], [`events`] wake
-//! whoever follows. [`service`] holds it all together; [`cli`] is the program around it.
+//! whoever follows. They all work with what is [`shared`]; [`service`] starts them; [`cli`] is the
+//! program around it.
 
 pub mod access;
 pub mod api;
@@ -25,9 +26,12 @@ pub mod key_watch;
 pub mod leases;
 pub mod memory;
 pub mod metrics;
+pub mod networks;
+pub mod pool;
 pub mod queue;
 pub mod retention;
 pub mod service;
+pub mod shared;
 #[cfg(test)]
 mod specimens;
 pub mod store;

@@ -13,7 +13,7 @@ use crate::artifacts::{ArtifactError, Artifacts, Content};
 use crate::clock::{Clock, Memory, Reading};
 use crate::config::GuardConfig;
 use crate::events::Bell;
-use crate::service::Service;
+use crate::shared::Shared;
 use crate::store::bytes::Staying;
 use crate::store::{Store, StoreError};
 use jiff::{SignedDuration, Timestamp};
@@ -237,20 +237,20 @@ impl Keeper {
 }
 
 /// Removes what is to go, now and then, until the task is aborted.
-pub async fn keep_order(service: Arc<Service>) {
+pub async fn keep_order(shared: Arc<Shared>, keeper: Keeper) {
     let mut ticks = tokio::time::interval(PURGE_EVERY);
-    let rules = Rules::of(&service.config.guard);
+    let rules = Rules::of(&shared.config.guard);
     let mut doubted = false;
     for round in 0_u32.. {
         ticks.tick().await;
-        if let Err(error) = service.keeper.purge(PURGE_AFTER_MS).await {
+        if let Err(error) = keeper.purge(PURGE_AFTER_MS).await {
             tracing::error!(%error, "cannot purge deleted jobs");
         }
-        match service.keeper.collect_let_go().await {
-            Ok(scenes) => report(&service, Removed { scenes, ..Removed::default() }),
+        match keeper.collect_let_go().await {
+            Ok(scenes) => report(&shared, Removed { scenes, ..Removed::default() }),
             Err(error) => tracing::error!(%error, "cannot remove scenes that nobody holds"),
         }
-        let reading = service.clock.look();
+        let reading = shared.clock.look();
         match &reading.doubt {
             Some(why) if !doubted => tracing::warn!(why, "the clock is in doubt"),
             None if doubted => tracing::info!("the clock is believed again"),
@@ -258,24 +258,24 @@ pub async fn keep_order(service: Arc<Service>) {
         }
         doubted = reading.doubt.is_some();
         if round % EXPIRE_EVERY_ROUNDS == 0 {
-            expire(&service, rules, &reading).await;
+            expire(&shared, &keeper, rules, &reading).await;
         }
-        service.metrics.clock_is_doubted(doubted);
+        shared.metrics.clock_is_doubted(doubted);
     }
 }
 
 /// Removes what has expired. While the clock is in doubt, nothing goes because of its age.
-async fn expire(service: &Service, rules: Rules, reading: &Reading) {
+async fn expire(shared: &Shared, keeper: &Keeper, rules: Rules, reading: &Reading) {
     let is_believed = reading.doubt.is_none();
     let rules = Rules { age: rules.age.filter(|_| is_believed), ..rules };
-    match service.keeper.expire(rules, reading.now).await {
-        Ok(removed) => report(service, removed),
+    match keeper.expire(rules, reading.now).await {
+        Ok(removed) => report(shared, removed),
         Err(error) => tracing::error!(%error, "cannot remove what is expired"),
     }
-    if is_believed && let Err(error) = service.store.forget_messages(crate::webhooks::KEEP).await {
+    if is_believed && let Err(error) = shared.store.forget_messages(crate::webhooks::KEEP).await {
         tracing::error!(%error, "cannot forget old webhook messages");
     }
-    if let Err(error) = remember(&*service.store, &service.clock.memory()).await {
+    if let Err(error) = remember(&*shared.store, &shared.clock.memory()).await {
         tracing::error!(%error, "cannot note the time");
     }
 }
@@ -303,12 +303,12 @@ async fn remember(store: &dyn Store, memory: &Memory) -> Result<(), StoreError> 
 }
 
 /// Counts and logs what was removed.
-pub fn report(service: &Service, removed: Removed) {
+pub fn report(shared: &Shared, removed: Removed) {
     if removed != Removed::default() {
         tracing::info!(?removed, "retention");
     }
-    service.metrics.count_collected("job", removed.jobs);
-    service.metrics.count_collected("scene", removed.scenes);
+    shared.metrics.count_collected("job", removed.jobs);
+    shared.metrics.count_collected("scene", removed.scenes);
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Copying and hashing files, durably and in bounded memory.
 
-use super::{BackupError, at};
+use super::error::{BackupError, at};
 use crate::artifacts::{Hashing, Place};
 use std::fs::File;
 use std::io::{BufReader, Write};

@@ -1,6 +1,8 @@
 //! Restoring a backup into an empty data folder.
 
-use super::{BackupError, FILES, FORMAT, MANIFEST, Manifest, at, copy, refuse_filled};
+use super::copy;
+use super::error::{BackupError, at, refuse_filled};
+use super::manifest::{FILES, FORMAT, MANIFEST, Manifest};
 use crate::artifacts::Place;
 use crate::clock;
 use crate::data_folder::{self, ARTIFACTS, DATABASE};

@@ -6,7 +6,8 @@
 //! was replaced: a newer copy of the database knows. What is gone there too is lost.
 
 use super::copy::{self, Content};
-use super::{BackupError, FILES, FORMAT, MANIFEST, Manifest, at, refuse_filled};
+use super::error::{BackupError, at, refuse_filled};
+use super::manifest::{FILES, FORMAT, MANIFEST, Manifest};
 use crate::artifacts::{Artifacts, Place};
 use crate::clock;
 use crate::data_folder::{ARTIFACTS, DATABASE};

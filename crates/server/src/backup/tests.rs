@@ -8,8 +8,9 @@ use crate::specimens;
 use crate::store::solutions::Solutions;
 use crate::store::sqlite::SqliteStore;
 use crate::store::{Accepted, Outcome, Store};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use tempfile::TempDir;
+use uuid::Uuid;
 
 /// A data folder with a scene and jobs that have ended, each with a picture and a solution.
 struct Used {

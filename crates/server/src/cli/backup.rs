@@ -1,6 +1,6 @@
 //! `hemilux backup` and `hemilux restore`.
 
-use super::{Failure, print};
+use super::process::{self, Failure, print};
 use crate::backup::{self, Manifest};
 use clap::Args;
 use std::path::PathBuf;
@@ -31,7 +31,7 @@ pub struct Restore {
 
 /// Takes a backup.
 pub fn take(arguments: &Backup) -> Result<(), Failure> {
-    super::keep_files_private();
+    process::keep_files_private();
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -55,7 +55,7 @@ pub fn take(arguments: &Backup) -> Result<(), Failure> {
 
 /// Restores a backup.
 pub fn restore(arguments: &Restore) -> Result<(), Failure> {
-    super::keep_files_private();
+    process::keep_files_private();
     let Restore { from, data_dir, database_only } = arguments;
     if *database_only {
         let former = backup::restore_database(from, data_dir).map_err(Failure::failed)?;

@@ -1,6 +1,6 @@
 //! `hemilux devices`.
 
-use super::{Failure, print};
+use super::process::{Failure, print};
 use crate::worker::devices;
 use std::fmt::Write;
 

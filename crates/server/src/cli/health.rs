@@ -1,7 +1,7 @@
 //! `hemilux health`: asks a running server whether it can take jobs, for container engines whose
 //! images hold no other HTTP client.
 
-use super::{Failure, print};
+use super::process::{Failure, print};
 use clap::Args;
 use std::io::{Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};

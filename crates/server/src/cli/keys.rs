@@ -1,6 +1,6 @@
 //! `hemilux keys`: makes, lists and ends API keys, beside a running server or without one.
 
-use super::{Failure, print};
+use super::process::{self, Failure, print};
 use crate::access;
 use crate::api::keys::{KeyLimits, KeyRecord, Scope};
 use crate::api::webhooks::{Ending, WebhookTarget};
@@ -82,7 +82,7 @@ struct New {
 
 /// Runs the command.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
-    super::keep_files_private();
+    process::keep_files_private();
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()

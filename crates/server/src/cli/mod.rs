@@ -5,6 +5,7 @@ mod compare;
 mod devices;
 mod health;
 mod keys;
+mod process;
 mod render;
 mod serve;
 
@@ -13,7 +14,7 @@ use crate::config::Config;
 use crate::telemetry::{self, LogFormat};
 use crate::worker::import::{self, ImportBounds};
 use clap::{Parser, Subcommand};
-use std::io::Write;
+use process::{Failure, print};
 use std::process::ExitCode;
 
 /// Global illumination by hemicube shooting: a render server and a command-line renderer.
@@ -87,7 +88,7 @@ pub fn main() -> ExitCode {
         Command::Keys(arguments) => keys::run(arguments),
         Command::Backup(arguments) => backup::take(&arguments),
         Command::Restore(arguments) => backup::restore(&arguments),
-        Command::Openapi => print(&crate::http::openapi::yaml()),
+        Command::Openapi => print(&crate::http::description()),
         Command::DeviceWorker { device, memory_mb, .. } => {
             crate::worker::child::run(&device, memory_mb).map_err(Failure::failed)
         }
@@ -102,39 +103,6 @@ pub fn main() -> ExitCode {
             eprintln!("hemilux: {}", failure.message);
             ExitCode::from(failure.code)
         }
-    }
-}
-
-/// Makes what this process creates readable for its own user alone: the database holds the secrets
-/// of webhooks, the folder everyone's scenes and pictures.
-fn keep_files_private() {
-    rustix::process::umask(rustix::fs::Mode::RWXG | rustix::fs::Mode::RWXO);
-}
-
-/// Why the program ends without success.
-#[derive(Debug)]
-struct Failure {
-    message: String,
-    code: u8,
-}
-
-impl Failure {
-    /// The work failed: exit code 1.
-    fn failed(message: impl ToString) -> Self {
-        Self { message: message.to_string(), code: 1 }
-    }
-
-    /// The program was asked for something that cannot be: exit code 2.
-    fn usage(message: impl ToString) -> Self {
-        Self { message: message.to_string(), code: 2 }
-    }
-}
-
-/// Prints; a reader that went away is no failure.
-fn print(text: &str) -> Result<(), Failure> {
-    match std::io::stdout().write_all(text.as_bytes()) {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::failed(error)),
-        _ => Ok(()),
     }
 }
 

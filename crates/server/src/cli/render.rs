@@ -1,6 +1,6 @@
 //! `hemilux render`.
 
-use super::Failure;
+use super::process::Failure;
 use crate::worker::{devices, scenes};
 use crate::{builtin, panic_text};
 use clap::Args;

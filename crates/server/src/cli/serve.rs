@@ -1,6 +1,6 @@
 //! `hemilux serve`.
 
-use super::Failure;
+use super::process::{self, Failure};
 use crate::config::Config;
 use crate::service::{self, ServeError};
 use std::io::Write;
@@ -12,7 +12,7 @@ const LAST_WAIT: std::time::Duration = std::time::Duration::from_secs(1);
 
 /// Serves until SIGINT or SIGTERM.
 pub fn run(config: Config) -> Result<(), Failure> {
-    super::keep_files_private();
+    process::keep_files_private();
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()

@@ -1,7 +1,7 @@
 //! Settings of who may do how much, and of what is kept.
 
 use crate::api::keys::KeyLimits;
-use crate::webhooks::address::Network;
+use crate::networks::Network;
 use axum::http::HeaderValue;
 use clap::builder::BoolishValueParser;
 use clap::{Args, ValueEnum};

@@ -2,7 +2,7 @@
 //!
 //! It goes by the path, not by the handler, so that a new route is closed until it is opened here.
 
-use super::App;
+use super::app::App;
 use super::audit::Who;
 use super::problem::Problem;
 use crate::access::{self, Caller};
@@ -66,10 +66,10 @@ pub async fn check(State(app): State<App>, mut request: Request, next: Next) -> 
 async fn admit(app: &App, door: Door, request: &mut Request) -> Result<Option<Response>, Problem> {
     let address = request.extensions().get::<ConnectInfo<SocketAddr>>().map(|info| info.0.ip());
     let needs_key = match door {
-        Door::Metrics => app.config.guard.metrics_need_key,
-        _ => app.config.guard.require_keys || app.store.any_keys().await?,
+        Door::Metrics => app.shared.config.guard.metrics_need_key,
+        _ => app.shared.config.guard.require_keys || app.shared.store.any_keys().await?,
     };
-    let limits = app.config.guard.limits(!app.config.listen.ip().is_loopback());
+    let limits = app.shared.config.guard.limits(!app.shared.config.listen.ip().is_loopback());
     let caller = if needs_key {
         let key = good_key(app, request.headers()).await?;
         Caller::with_key(key, limits)
@@ -97,15 +97,15 @@ async fn admit(app: &App, door: Door, request: &mut Request) -> Result<Option<Re
             None => address.map(access::counted_as).unwrap_or_default(),
         };
         app.rates.take(&name, rate, Instant::now()).map_err(|wait| {
-            app.metrics.count_refusal("requests_per_second");
+            app.shared.metrics.count_refusal("requests_per_second");
             let detail = format!("more than {rate} requests a second; slow down");
             Problem::over_limit("requests_per_second", detail, wait.as_secs_f64())
         })?;
     }
     if brings_work(&method, &path)
-        && let Some(detail) = app.disk.shortage()
+        && let Some(detail) = app.shared.disk.shortage()
     {
-        app.metrics.count_refusal("disk");
+        app.shared.metrics.count_refusal("disk");
         return Err(Problem::disk_full(detail));
     }
     if !caller.sees_all()
@@ -130,13 +130,13 @@ async fn good_key(app: &App, headers: &HeaderMap) -> Result<crate::api::keys::Ke
     if !scheme.eq_ignore_ascii_case("bearer") {
         return Err(wrong());
     }
-    let record = app.store.key(&access::hash(key.trim())).await?.ok_or_else(wrong)?;
+    let record = app.shared.store.key(&access::hash(key.trim())).await?.ok_or_else(wrong)?;
     let now = Timestamp::now();
     if !record.is_good(now) {
         return Err(wrong());
     }
     if app.key_uses.is_news(&record.id) {
-        let (store, id) = (app.store.clone(), record.id.clone());
+        let (store, id) = (app.shared.store.clone(), record.id.clone());
         tokio::spawn(async move {
             if let Err(error) = store.key_used(&id, now).await {
                 tracing::warn!(%error, key = id, "cannot note the use of a key");
@@ -167,11 +167,11 @@ async fn hide_foreign(
     let Some((_, id)) = id else { return Ok(None) };
     let is_own = if is_job {
         match id.parse::<Uuid>() {
-            Ok(id) => app.store.job_owner(id).await?.as_deref() == Some(caller.owner()),
+            Ok(id) => app.shared.store.job_owner(id).await?.as_deref() == Some(caller.owner()),
             Err(_) => false,
         }
     } else {
-        app.store.holds_scene(id, caller.billed_to()).await?
+        app.shared.store.holds_scene(id, caller.billed_to()).await?
     };
     if is_own {
         return Ok(None);

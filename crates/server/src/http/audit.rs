@@ -6,9 +6,8 @@
 //! strings, cut where they are long, so nobody can write lines of their own. Keys, secrets and
 //! queries are never in it.
 
-use super::App;
+use super::app::App;
 use crate::access::Caller;
-use crate::config::GuardConfig;
 use crate::trace_context::RequestId;
 use axum::body::HttpBody;
 use axum::extract::{ConnectInfo, Request, State};
@@ -19,80 +18,11 @@ use jiff::Timestamp;
 use percent_encoding::percent_decode_str;
 use serde::Serialize;
 use std::borrow::Cow;
-use std::fs::File;
-use std::io::Write;
 use std::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use std::time::{Duration, Instant};
+use std::sync::{Arc, OnceLock};
 
 /// Longest part of a path that is written.
 const MAX_CHARS: usize = 128;
-
-/// Lines a second of requests that were not let in.
-const STRANGERS_A_SECOND: u32 = 20;
-
-/// Where lines go.
-pub struct Audit {
-    is_on: bool,
-    file: Option<PathBuf>,
-    strangers: Mutex<Strangers>,
-}
-
-/// How many lines there were of requests that were not let in.
-#[derive(Default)]
-struct Strangers {
-    /// In the second that began then.
-    lines: Option<(Instant, u32)>,
-    left_out: u64,
-}
-
-impl Strangers {
-    /// Whether there may be another line, and how many were left out since the last one.
-    fn next(&mut self) -> Option<u64> {
-        let now = Instant::now();
-        let second = Duration::from_secs(1);
-        let (began, lines) =
-            self.lines.filter(|(began, _)| now.duration_since(*began) < second).unwrap_or((now, 0));
-        self.lines = Some((began, lines + 1));
-        if lines >= STRANGERS_A_SECOND {
-            self.left_out += 1;
-            return None;
-        }
-        Some(std::mem::take(&mut self.left_out))
-    }
-}
-
-impl Audit {
-    /// As the operator has set it.
-    ///
-    /// # Errors
-    /// Where the file cannot be written.
-    pub fn new(config: &GuardConfig) -> std::io::Result<Self> {
-        let audit = Self {
-            is_on: config.audit.is_on(),
-            file: config.audit_file.clone(),
-            strangers: Mutex::default(),
-        };
-        if audit.is_on {
-            audit.write(b"")?;
-        }
-        Ok(audit)
-    }
-
-    fn is_wanted(&self) -> bool {
-        self.is_on && tracing::enabled!(target: "audit", tracing::Level::INFO)
-    }
-
-    /// Writes a whole line at once. The file is opened for each, so that it may be moved away at
-    /// any time.
-    fn write(&self, line: &[u8]) -> std::io::Result<()> {
-        match &self.file {
-            Some(path) => File::options().create(true).append(true).open(path)?.write_all(line),
-            None => std::io::stderr().lock().write_all(line),
-        }
-    }
-}
 
 /// Carried by a request to where it is let in, which notes the caller here.
 #[derive(Clone, Default)]
@@ -230,7 +160,7 @@ impl Drop for Entry {
         let left_out = match self.who.0.get() {
             Some(_) => None,
             // Whoever has no key can send any number of these.
-            None => match audit.strangers.lock().unwrap_or_else(PoisonError::into_inner).next() {
+            None => match audit.next_of_strangers() {
                 Some(left_out) => Some(left_out).filter(|left_out| *left_out > 0),
                 None => return,
             },
@@ -312,17 +242,6 @@ fn cut(text: &str) -> Cow<'_, str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn who_is_not_let_in_does_not_fill_the_log() {
-        let mut strangers = Strangers::default();
-        let written = (0..1000).filter(|_| strangers.next().is_some()).count() as u64;
-        assert_eq!(written, u64::from(STRANGERS_A_SECOND));
-        strangers.lines =
-            strangers.lines.map(|(began, lines)| (began - Duration::from_secs(1), lines));
-        assert_eq!(strangers.next(), Some(1000 - written), "they are counted");
-        assert_eq!(strangers.next(), Some(0));
-    }
 
     #[test]
     fn every_change_is_in_it_and_of_what_is_read_the_pictures() {

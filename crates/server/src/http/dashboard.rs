@@ -1,7 +1,7 @@
 //! The dashboard: static files, part of the program, and the few facts about this server that the
 //! page cannot learn from the API.
 
-use super::App;
+use super::app::App;
 use crate::builtin;
 use axum::extract::State;
 use axum::http::header;
@@ -84,9 +84,9 @@ async fn about(State(app): State<App>) -> impl IntoResponse {
         version: env!("CARGO_PKG_VERSION"),
         methods: app.vocabulary.methods.clone(),
         builtin_scenes: builtin::names(),
-        max_side: app.config.max_side,
-        max_seconds: app.config.max_seconds,
-        max_upload_mb: app.config.max_upload_mb,
+        max_side: app.shared.config.max_side,
+        max_seconds: app.shared.config.max_seconds,
+        max_upload_mb: app.shared.config.max_upload_mb,
     };
     ([(header::CACHE_CONTROL, "no-cache")], Json(about))
 }

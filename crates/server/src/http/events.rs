@@ -1,8 +1,9 @@
 //! `/v1/jobs/{id}/events`: server-sent events, replayed from the store and then live.
 
-use super::App;
+use super::app::App;
+use super::documented;
 use super::jobs::find;
-use super::problem::{Problem, documented};
+use super::problem::Problem;
 use super::read::{JobId, Query};
 use crate::access::Caller;
 use crate::api::events::{Event, EventData};
@@ -27,8 +28,6 @@ use uuid::Uuid;
 const BATCH: u32 = 256;
 /// Largest picture that an event carries, bytes.
 const MAX_INLINE_BYTES: u64 = 1 << 20;
-/// Bytes of pictures in events that are on their way to clients, all streams together.
-pub const INLINE_BYTES_AT_ONCE: usize = 64 << 20;
 /// How long an event waits for its share of them, before it goes without its picture.
 const INLINE_PATIENCE: Duration = Duration::from_secs(2);
 /// How long to trust that no news is no news.
@@ -87,7 +86,7 @@ pub async fn stream_events(
         _ => None,
     };
     let follower = Follower {
-        listener: app.bell.listen(id),
+        listener: app.shared.bell.listen(id),
         key_end: app.key_watch.of(&caller),
         after: last_seen.or(query.after).unwrap_or(0),
         inline: query.inline,
@@ -96,7 +95,7 @@ pub async fn stream_events(
         has_waited: false,
         ended: false,
         job: id,
-        _count: app.metrics.count_stream(),
+        _count: app.shared.metrics.count_stream(),
         app: app.clone(),
     };
     find(&app, id).await?;
@@ -146,7 +145,7 @@ impl Follower {
             if self.ended && self.nothing_will_come().await {
                 return None;
             }
-            let events = self.app.store.events(self.job, self.after, BATCH).await;
+            let events = self.app.shared.store.events(self.job, self.after, BATCH).await;
             match events {
                 Ok(events) => self.waiting.extend(events),
                 Err(error) => {
@@ -162,7 +161,7 @@ impl Follower {
                     () = self.listener.news() => {}
                     () = tokio::time::sleep(RECHECK) => {}
                     () = self.key_end.comes() => return None,
-                    () = self.app.shutdown.cancelled() => return None,
+                    () = self.app.shared.shutdown.cancelled() => return None,
                 }
             }
         }
@@ -170,10 +169,10 @@ impl Follower {
 
     /// Whether the job has ended, or is gone, and all its events lie behind `after`.
     async fn nothing_will_come(&self) -> bool {
-        let job = self.app.store.job(self.job).await;
+        let job = self.app.shared.store.job(self.job).await;
         let over = matches!(&job, Ok(None)) || matches!(&job, Ok(Some(j)) if j.state.is_terminal());
         // The end may have come between reading the events and reading the job.
-        over && matches!(self.app.store.events(self.job, self.after, 1).await, Ok(e) if e.is_empty())
+        over && matches!(self.app.shared.store.events(self.job, self.after, 1).await, Ok(e) if e.is_empty())
     }
 
     async fn write(&mut self, mut event: Event) -> sse::Event {
@@ -200,7 +199,7 @@ impl Follower {
             share = room.acquire_many_owned(bytes) => share.ok(),
             () = tokio::time::sleep(INLINE_PATIENCE) => None,
             () = self.key_end.comes() => None,
-            () = self.app.shutdown.cancelled() => None,
+            () = self.app.shared.shutdown.cancelled() => None,
         };
         self.has_waited = share.is_none();
         share
@@ -220,7 +219,7 @@ impl Follower {
         // As text, a third longer; and once more, while it is put together.
         let bytes = u32::try_from(3 * picture.size).unwrap_or(u32::MAX);
         let Some(share) = self.room(bytes).await else { return };
-        match self.app.artifacts.picture(self.job, &picture.sha256, format).await {
+        match self.app.shared.artifacts.picture(self.job, &picture.sha256, format).await {
             Ok(bytes) => {
                 let engine = base64::engine::general_purpose::STANDARD;
                 picture.base64 = Some(engine.encode(bytes));

@@ -8,7 +8,7 @@
 //! attacker owns may lead to this server's address all of a sudden (DNS rebinding), so that their
 //! page is of the same origin: the name shows in `Host`.
 
-use super::App;
+use super::app::App;
 use super::problem::Problem;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, Method, header};
@@ -22,7 +22,7 @@ pub async fn refuse_foreign_pages(
     request: Request,
     next: Next,
 ) -> Response {
-    let guard = &app.config.guard;
+    let guard = &app.shared.config.guard;
     let foreign = foreign_page(&guard.cors_origin, request.method(), request.headers());
     if let Some(detail) = foreign {
         return Problem::forbidden(detail).into_response();
@@ -31,7 +31,8 @@ pub async fn refuse_foreign_pages(
     let is_probe = matches!(request.uri().path(), "/livez" | "/readyz");
     if !is_probe && let Some(name) = foreign_name(&guard.allowed_host, request.headers()) {
         // A page under a foreign name knows no key, so where keys are asked for any name will do.
-        let asks_for_keys = guard.require_keys || app.store.any_keys().await.unwrap_or(false);
+        let asks_for_keys =
+            guard.require_keys || app.shared.store.any_keys().await.unwrap_or(false);
         if !asks_for_keys {
             let detail = format!(
                 "the Host header says {name:?}; without API keys the server answers only where it is called by an IP address, localhost or a name of --allowed-host (HEMILUX_ALLOWED_HOST): name it there, or make a key with `hemilux keys add`"

@@ -1,9 +1,10 @@
 //! Pictures of a job: the newest one, and each by its content.
 
-use super::App;
+use super::app::App;
+use super::documented;
 use super::file::{self, Content};
 use super::jobs::find;
-use super::problem::{Problem, documented};
+use super::problem::Problem;
 use super::read::{JobId, prefers};
 use crate::access::Caller;
 use crate::api::jobs::{Picture, PictureFormat};
@@ -119,7 +120,7 @@ pub async fn snapshot(
     let id: Uuid = id.parse().map_err(|_| unknown())?;
     let (sha256, suffix) = file.split_once('.').ok_or_else(unknown)?;
     let format = PictureFormat::parse(suffix).ok_or_else(unknown)?;
-    let picture = app.store.picture(id, sha256, format).await?.ok_or_else(unknown)?;
+    let picture = app.shared.store.picture(id, sha256, format).await?.ok_or_else(unknown)?;
     // What a key protects must not come out of a cache that others share.
     let cache = match caller.key() {
         Some(_) => "private, max-age=31536000, immutable",
@@ -134,7 +135,7 @@ async fn newest(
     format: PictureFormat,
     asked: (&Method, &HeaderMap),
 ) -> Result<Response, Problem> {
-    let Some(picture) = app.store.newest_picture(id, format).await? else {
+    let Some(picture) = app.shared.store.newest_picture(id, format).await? else {
         find(app, id).await?;
         let detail = format!(
             "the job has no {} picture yet; snapshots and the final picture appear here",
@@ -153,6 +154,6 @@ async fn send(
     cache: &'static str,
 ) -> Result<Response, Problem> {
     let (sha256, media_type) = (&picture.sha256, picture.format.media_type());
-    let open = app.artifacts.open_picture(job, sha256, picture.format);
+    let open = app.shared.artifacts.open_picture(job, sha256, picture.format);
     file::answer(asked, Content { sha256, media_type, cache }, open).await
 }

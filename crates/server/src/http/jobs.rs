@@ -1,7 +1,8 @@
 //! `/v1/jobs`.
 
-use super::App;
-use super::problem::{Problem, documented};
+use super::app::App;
+use super::documented;
+use super::problem::Problem;
 use super::read::{self, JobId, MAX_JSON_BYTES, Query, in_range, media_type};
 use super::{scenes, upload};
 use crate::access::Caller;
@@ -14,9 +15,9 @@ use crate::api::webhooks::host_and_port;
 use crate::builtin;
 use crate::hash::sha256_hex;
 use crate::job_state::JobState;
+use crate::networks::may_receive;
 use crate::store::{Accepted, JobFilter, NewJob, Submitter};
 use crate::trace_context::TraceParent;
-use crate::webhooks::address::may_receive;
 use crate::worker;
 use axum::Json;
 use axum::extract::{Request, State};
@@ -92,7 +93,7 @@ pub async fn create_job(
         submitter: Submitter { webhook, ..submitter(&caller, trace_parent) },
         render_key,
     };
-    answer(&app, &caller, app.store.accept(new, app.config.max_queued).await?)
+    answer(&app, &caller, app.shared.store.accept(new, app.shared.config.max_queued).await?)
 }
 
 /// What a request brings: a job, and its scene, stored. One that `is_repeatable` may be the
@@ -165,8 +166,8 @@ pub fn submitter(caller: &Caller, trace_parent: Option<String>) -> Submitter {
 pub fn answer(app: &App, caller: &Caller, accepted_as: Accepted) -> Result<Response, Problem> {
     match accepted_as {
         Accepted::New(job) => {
-            app.queue.wake();
-            app.bell.ring(job.id);
+            app.shared.queue.wake();
+            app.shared.bell.ring(job.id);
             Ok(accepted(*job, false))
         }
         Accepted::Again(job) => Ok(accepted(*job, true)),
@@ -174,7 +175,7 @@ pub fn answer(app: &App, caller: &Caller, accepted_as: Accepted) -> Result<Respo
             "this Idempotency-Key was used for another request; use a new key for a new job",
         )),
         Accepted::QueueFull => {
-            app.metrics.count_refusal("queue");
+            app.shared.metrics.count_refusal("queue");
             Err(Problem::queue_full(5))
         }
         Accepted::OwnQueueFull => Err(own_queue_full(app, caller)),
@@ -185,7 +186,7 @@ pub fn answer(app: &App, caller: &Caller, accepted_as: Accepted) -> Result<Respo
 
 /// The answer to who has as many jobs waiting as they may.
 pub fn own_queue_full(app: &App, caller: &Caller) -> Problem {
-    app.metrics.count_refusal("jobs_queued");
+    app.shared.metrics.count_refusal("jobs_queued");
     let most = caller.limits.jobs_queued.unwrap_or(0);
     let detail = format!("{most} jobs of this caller wait already, which is its limit");
     Problem::over_limit("jobs_queued", detail, 5.0)
@@ -259,7 +260,7 @@ pub fn check_priority(caller: &Caller, job: &JobRequest) -> Result<(), Problem> 
 
 /// Refuses what the server or the engine would not do.
 pub fn check(app: &App, job: &JobRequest) -> Result<(), Problem> {
-    let mut errors = job.problems(&app.config.job_limits(), &app.vocabulary);
+    let mut errors = job.problems(&app.shared.config.job_limits(), &app.vocabulary);
     errors.extend(webhook_problem(app, job));
     if errors.is_empty() {
         errors.extend(worker::request_problem(job));
@@ -274,7 +275,7 @@ fn webhook_problem(app: &App, job: &JobRequest) -> Option<FieldError> {
     let address = host.parse().ok()?;
     let rule =
         "must not be an address inside a network, unless --webhook-allow of the server names it";
-    (!may_receive(address, &app.config.guard.webhook_allow))
+    (!may_receive(address, &app.shared.config.guard.webhook_allow))
         .then(|| FieldError::new("webhook.url", rule))
 }
 
@@ -285,7 +286,7 @@ pub fn check_memory(app: &App, job: &JobRequest, scene: &Scene) -> Result<(), Pr
     if needed <= most {
         return Ok(());
     }
-    app.metrics.count_refusal("memory");
+    app.shared.metrics.count_refusal("memory");
     let (needed, most) = (needed >> 20, most >> 20);
     let detail = format!(
         "{} needs about {needed} MiB for this scene and picture, and jobs may have {most} MiB; ask for a smaller picture, a simpler scene or another method",
@@ -298,13 +299,13 @@ pub fn check_memory(app: &App, job: &JobRequest, scene: &Scene) -> Result<(), Pr
 /// queued or runs at that time is still done: then the limit is exceeded by its final pictures.
 pub async fn check_stored(app: &App, caller: &Caller) -> Result<(), Problem> {
     let Some(most) = caller.limits.stored_bytes else { return Ok(()) };
-    let stored = app.store.payer_bytes(caller.billed_to()).await?;
+    let stored = app.shared.store.payer_bytes(caller.billed_to()).await?;
     if stored < most { Ok(()) } else { Err(store_full(app, caller, stored)) }
 }
 
 /// The answer to who has so many bytes stored, which is as many as they may.
 fn store_full(app: &App, caller: &Caller, stored: u64) -> Problem {
-    app.metrics.count_refusal("stored_bytes");
+    app.shared.metrics.count_refusal("stored_bytes");
     let most = caller.limits.stored_bytes.unwrap_or(0);
     let detail = format!(
         "the pictures and solutions of this caller have {stored} bytes and may have {most}; delete jobs first"
@@ -321,7 +322,7 @@ async fn named_scene(app: &App, caller: &Caller, job: &JobRequest) -> Result<Sce
     if let Some(bytes) = builtin::scene(name) {
         return upload::store_builtin(app, caller, sha256_hex(bytes), bytes).await;
     }
-    let found = app.store.shown_scene(name, caller.viewer()).await?;
+    let found = app.shared.store.shown_scene(name, caller.viewer()).await?;
     found.ok_or_else(|| {
         let detail = format!(
             "no stored scene has this id; POST it to /v1/scenes first, or name one of {:?}",
@@ -373,7 +374,7 @@ pub async fn list_jobs(
     let before = before.map_err(|_| Problem::unreadable("cursor must be a next_cursor"))?;
     let owner = (!caller.sees_all()).then(|| caller.owner().to_owned());
     let filter = JobFilter { state: query.state, label, before, owner, limit: limit + 1 };
-    let mut jobs = app.store.jobs(&filter).await?;
+    let mut jobs = app.shared.store.jobs(&filter).await?;
     let more = jobs.len() > limit as usize;
     jobs.truncate(limit as usize);
     let next_cursor = jobs.last().filter(|_| more).map(|job| job.id.to_string());
@@ -422,7 +423,7 @@ pub async fn get_job(
     let wait = in_range("wait", query.wait.unwrap_or(0.0), 0.0..=60.0)?;
     let deadline = tokio::time::Instant::now() + Duration::from_secs_f64(wait);
     let until = query.until.unwrap_or_default();
-    let mut listener = app.bell.listen(id);
+    let mut listener = app.shared.bell.listen(id);
     let mut key_end = app.key_watch.of(&caller);
     let mut first = None;
     loop {
@@ -440,14 +441,14 @@ pub async fn get_job(
             () = key_end.comes() => {
                 return Err(Problem::unauthenticated("the API key has ended meanwhile", true));
             }
-            () = app.shutdown.cancelled() => return Ok(Json(job)),
+            () = app.shared.shutdown.cancelled() => return Ok(Json(job)),
         }
     }
 }
 
 /// The job of that id, or a 404.
 pub async fn find(app: &App, id: Uuid) -> Result<Job, Problem> {
-    app.store.job(id).await?.ok_or_else(|| Problem::not_found("there is no such job"))
+    app.shared.store.job(id).await?.ok_or_else(|| Problem::not_found("there is no such job"))
 }
 
 /// Ask a job to end.
@@ -464,8 +465,8 @@ pub async fn find(app: &App, id: Uuid) -> Result<Job, Problem> {
     )
 )]
 pub async fn cancel_job(State(app): State<App>, JobId(id): JobId) -> Result<Json<Job>, Problem> {
-    let job = app.store.cancel(id).await?;
-    app.bell.ring(id);
+    let job = app.shared.store.cancel(id).await?;
+    app.shared.bell.ring(id);
     job.map(Json).ok_or_else(|| Problem::not_found("there is no such job"))
 }
 
@@ -482,7 +483,7 @@ pub async fn cancel_job(State(app): State<App>, JobId(id): JobId) -> Result<Json
     )
 )]
 pub async fn delete_job(State(app): State<App>, JobId(id): JobId) -> Result<StatusCode, Problem> {
-    app.store.delete(id).await?;
-    app.bell.ring(id);
+    app.shared.store.delete(id).await?;
+    app.shared.bell.ring(id);
     Ok(StatusCode::NO_CONTENT)
 }

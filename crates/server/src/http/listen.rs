@@ -1,6 +1,6 @@
 //! Connections (HTTP/1.1): how many, how long a client may take over a request's head, how they end.
 
-use super::App;
+use super::app::App;
 use super::places::{Full, Places};
 use crate::access::counted_as;
 use axum::Router;
@@ -38,7 +38,7 @@ pub async fn serve(
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
-            () = app.shutdown.cancelled() => break,
+            () = app.shared.shutdown.cancelled() => break,
         };
         let (stream, peer) = match accepted {
             Ok(accepted) => accepted,
@@ -56,11 +56,11 @@ pub async fn serve(
                     Full::Own => "address",
                 };
                 tracing::debug!(%peer, limit, "closes a connection too many");
-                app.metrics.count_refused_connection(limit);
+                app.shared.metrics.count_refused_connection(limit);
                 continue;
             }
         };
-        let count = app.metrics.count_connection();
+        let count = app.shared.metrics.count_connection();
         drop_deaf_clients(&stream);
         let router = match routers.call(peer).await {
             Ok(router) => TowerToHyperService::new(router),

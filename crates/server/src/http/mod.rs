@@ -1,10 +1,13 @@
 //! The HTTP side of the service.
 
 mod access;
-pub mod audit;
+pub mod app;
+mod audit;
+pub mod audit_log;
 mod cors;
 mod dashboard;
 mod docs;
+mod documented;
 mod events;
 mod file;
 mod fresh;
@@ -14,13 +17,14 @@ mod images;
 pub mod import_turns;
 mod jobs;
 pub mod listen;
-pub mod openapi;
+mod openapi;
 mod pin;
 pub mod places;
 mod probes;
 pub mod problem;
 pub mod rate;
 mod read;
+mod recent;
 mod scenes;
 mod solutions;
 mod spool;
@@ -29,23 +33,16 @@ mod traces;
 mod upload;
 mod webhooks;
 
-pub use events::INLINE_BYTES_AT_ONCE;
-pub use probes::Probes;
-
-use crate::service::Service;
-use axum::Router;
+use app::App;
 use axum::extract::DefaultBodyLimit;
 use axum::middleware::from_fn;
 use axum::middleware::from_fn_with_state;
-use std::sync::Arc;
+use axum::{Extension, Router};
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{DefaultPredicate, NotForContentType, Predicate};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
-
-/// What handlers share.
-pub type App = Arc<Service>;
 
 /// The documented routes.
 fn api() -> OpenApiRouter<App> {
@@ -77,6 +74,11 @@ fn api() -> OpenApiRouter<App> {
         .routes(routes!(docs::openapi_yaml))
 }
 
+/// The API's description, OpenAPI in YAML.
+pub fn description() -> String {
+    openapi::yaml(api().split_for_parts().1)
+}
+
 /// Which answers are compressed: not those that are files, of which clients ask for parts.
 fn compressed() -> impl Predicate {
     DefaultPredicate::new().and(NotForContentType::const_new("model/gltf-binary"))
@@ -84,10 +86,12 @@ fn compressed() -> impl Predicate {
 
 /// The whole application.
 pub fn router(app: App) -> Router {
-    let (api, _) = api().split_for_parts();
+    let (api, paths) = api().split_for_parts();
+    let description = docs::Description(openapi::yaml(paths).into());
     let api = api
         .merge(docs::swagger_ui())
         .merge(dashboard::pages())
+        .layer(Extension(description))
         // Uploads count their own bytes; everything else is small.
         .layer(DefaultBodyLimit::disable())
         .layer(from_fn_with_state(app.clone(), access::check))
@@ -95,7 +99,7 @@ pub fn router(app: App) -> Router {
         .layer(from_fn_with_state(app.clone(), guard::refuse_foreign_pages))
         .layer(from_fn(problem::write_problems))
         .layer(from_fn_with_state(app.clone(), audit::write_down));
-    let origins = &app.config.guard.cors_origin;
+    let origins = &app.shared.config.guard.cors_origin;
     let api = if origins.is_empty() { api } else { api.layer(cors::layer(origins)) };
     api
         // Outside the problems, which read the framework's own error texts.

@@ -36,9 +36,8 @@ pub fn base() -> utoipa::openapi::OpenApi {
     Base::openapi()
 }
 
-/// The whole description.
-pub fn document() -> utoipa::openapi::OpenApi {
-    let (_, mut document) = super::api().split_for_parts();
+/// Completes a description that has the paths as the handlers say them.
+fn complete(mut document: utoipa::openapi::OpenApi) -> utoipa::openapi::OpenApi {
     for (path, item) in &mut document.paths.paths {
         let is_closed = path.starts_with("/v1/");
         let operations = [&mut item.get, &mut item.post, &mut item.delete]
@@ -95,9 +94,9 @@ pub fn document() -> utoipa::openapi::OpenApi {
     document
 }
 
-/// The description as YAML.
-pub fn yaml() -> String {
-    document().to_yaml().expect("the API's description serialises")
+/// The whole description as YAML, of one that has the paths as the handlers say them.
+pub fn yaml(document: utoipa::openapi::OpenApi) -> String {
+    complete(document).to_yaml().expect("the API's description serialises")
 }
 
 fn problem(text: &str) -> Response {

@@ -1,8 +1,9 @@
 //! `/v1/jobs/{id}/pin`: what stays however old it gets.
 
-use super::App;
+use super::app::App;
+use super::documented;
 use super::jobs::find;
-use super::problem::{Problem, documented};
+use super::problem::Problem;
 use super::read::JobId;
 use crate::access::Caller;
 use crate::api::jobs::Job;
@@ -46,14 +47,14 @@ pub async fn unpin_job(State(app): State<App>, JobId(id): JobId) -> Result<Json<
 }
 
 async fn set(app: &App, id: Uuid, pinned: bool, most: Option<u64>) -> Result<Json<Job>, Problem> {
-    let done = app.store.pin(id, pinned, most).await?;
+    let done = app.shared.store.pin(id, pinned, most).await?;
     if done == Pinned::NotYet {
         return Err(Problem::not_now(
             "the job has not ended, and what this caller may pin is limited: pin it when it has",
         ));
     }
     if let Pinned::OverQuota { pinned, job } = done {
-        app.metrics.count_refusal("pinned_bytes");
+        app.shared.metrics.count_refusal("pinned_bytes");
         let most = most.unwrap_or(0);
         let detail = format!(
             "this caller has {pinned} bytes of pinned jobs and may have {most}; this job has {job}. Let another one expire first"

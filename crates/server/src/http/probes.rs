@@ -1,20 +1,17 @@
 //! Health, metrics and the pool. Health and metrics are open to all, so whatever they ask of the
 //! database is asked about once a second.
 
-use super::App;
-use super::fresh::Fresh;
+use super::app::App;
 use super::problem::Problem;
 use crate::access::Caller;
 use crate::api::{DeviceList, DeviceStatus};
 use crate::metrics::{self, Present};
-use crate::store::JobCounts;
 use axum::Json;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::header;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 use utoipa::ToSchema;
 
@@ -27,20 +24,6 @@ const LONGEST_SILENCE: Duration = Duration::from_secs(10);
 /// How long metrics wait for figures before they take those of before; those who scrape often give
 /// up after ten seconds.
 const FIGURES_PATIENCE: Duration = Duration::from_secs(5);
-
-/// What the database said last to probes.
-pub struct Probes {
-    /// Whether it can be read and written.
-    database: Arc<Fresh<()>>,
-    /// Jobs by state, and messages to webhooks still to be delivered.
-    figures: Arc<Fresh<(JobCounts, u64)>>,
-}
-
-impl Default for Probes {
-    fn default() -> Self {
-        Self { database: Arc::default(), figures: Arc::new(Fresh::costly()) }
-    }
-}
 
 /// A probe's answer.
 #[derive(Serialize, ToSchema)]
@@ -65,16 +48,16 @@ pub async fn livez() -> Json<Healthy> {
     responses((status = 200, description = "It can.", body = Healthy))
 )]
 pub async fn readyz(State(app): State<App>) -> Result<Json<Healthy>, Problem> {
-    if app.shutdown.is_cancelled() {
+    if app.shared.shutdown.is_cancelled() {
         return Err(Problem::unavailable("the server is shutting down"));
     }
-    let store = app.store.clone();
+    let store = app.shared.store.clone();
     let ping = || async move { store.ping().await.map_err(Problem::from) };
-    match app.probes.database.get(PATIENCE, ping).await {
+    match app.recent.database.get(PATIENCE, ping).await {
         Some((at, answer)) if at.elapsed() < LONGEST_SILENCE => answer?,
         _ => return Err(Problem::unavailable("the database does not answer")),
     }
-    let mut statuses = app.pool.devices().into_iter().filter_map(|device| device.status);
+    let mut statuses = app.shared.pool.devices().into_iter().filter_map(|device| device.status);
     if !statuses.any(|status| matches!(status, DeviceStatus::Idle | DeviceStatus::Busy)) {
         return Err(Problem::unavailable("no device of the pool is ready"));
     }
@@ -90,19 +73,22 @@ pub async fn readyz(State(app): State<App>) -> Result<Json<Healthy>, Problem> {
     responses((status = 200, description = "The metrics.", body = String, content_type = "application/openmetrics-text"))
 )]
 pub async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
-    let store = app.store.clone();
+    let store = app.shared.store.clone();
     let count = || async move { Ok((store.counts().await?, store.undelivered().await?)) };
-    let counted = app.probes.figures.get(FIGURES_PATIENCE, count).await;
+    let counted = app.recent.figures.get(FIGURES_PATIENCE, count).await;
     let unknown = || Problem::unavailable("the database does not answer");
     let (jobs, webhooks_pending) = counted.ok_or_else(unknown)?.1?;
     let present = Present {
         jobs,
-        devices: app.pool.devices(),
+        devices: app.shared.pool.devices(),
         webhooks_pending,
-        disk_free_bytes: app.disk.free_bytes(),
+        disk_free_bytes: app.shared.disk.free_bytes(),
     };
-    let text =
-        app.metrics.encode(&present).map_err(|error| Problem::internal(error.to_string()))?;
+    let text = app
+        .shared
+        .metrics
+        .encode(&present)
+        .map_err(|error| Problem::internal(error.to_string()))?;
     Ok(([(header::CONTENT_TYPE, metrics::MEDIA_TYPE)], text).into_response())
 }
 
@@ -115,11 +101,11 @@ pub async fn list_devices(
     State(app): State<App>,
     caller: Caller,
 ) -> Result<Json<DeviceList>, Problem> {
-    let mut devices = app.pool.devices();
+    let mut devices = app.shared.pool.devices();
     if !caller.sees_all() {
         for device in &mut devices {
             let Some(job) = device.job else { continue };
-            let owner = app.store.job_owner(job).await?;
+            let owner = app.shared.store.job_owner(job).await?;
             device.job = device.job.filter(|_| owner.as_deref() == Some(caller.owner()));
         }
     }
@@ -137,6 +123,6 @@ pub async fn count_requests(State(app): State<App>, request: Request, next: Next
     let begun = Instant::now();
     let response = next.run(request).await;
     let seconds = begun.elapsed().as_secs_f64();
-    app.metrics.count_request(&method, route, response.status(), seconds);
+    app.shared.metrics.count_request(&method, route, response.status(), seconds);
     response
 }

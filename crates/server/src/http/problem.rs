@@ -11,7 +11,7 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
-use utoipa::{IntoResponses, ToSchema};
+use utoipa::ToSchema;
 
 /// Media type of problem documents.
 pub const MEDIA_TYPE: &str = "application/problem+json";
@@ -374,32 +374,4 @@ pub async fn write_problems(request: Request, next: Next) -> Response {
 pub fn from_panic(panic: Box<dyn std::any::Any + Send>) -> Response {
     tracing::error!(panic = %crate::panic_text(&*panic), "a request handler panicked");
     Problem::internal("an unexpected fault; the server's log has more").into_response()
-}
-
-macro_rules! documented {
-    ($($name:ident $status:literal $text:literal)*) => {$(
-        #[doc = $text]
-        #[derive(IntoResponses)]
-        #[response(status = $status, description = $text, content_type = "application/problem+json")]
-        #[allow(dead_code, reason = "stands for the answer in the API's description")]
-        pub struct $name(ProblemDocument);
-    )*};
-}
-
-/// Error answers for the API's description.
-pub mod documented {
-    use super::{IntoResponses, ProblemDocument};
-
-    documented! {
-        BadRequest 400 "The request cannot be read."
-        NotFound 404 "There is no such thing."
-        TooSlow 408 "The request took too long to arrive."
-        Conflict 409 "The idempotency key belongs to another request."
-        NotNow 409 "That cannot be done with the job as it is."
-        TooLarge 413 "The request is over a size limit."
-        UnsupportedMedia 415 "The content type is not supported."
-        BadRange 416 "The file has no such part."
-        Invalid 422 "Readable, but some fields cannot be met; `errors` names them."
-        OverLimit 429 "Too many jobs wait, or a limit of this caller is reached; see `limit` and Retry-After."
-    }
 }

@@ -1,7 +1,8 @@
 //! `/v1/scenes`.
 
-use super::App;
-use super::problem::{Problem, documented};
+use super::app::App;
+use super::documented;
+use super::problem::Problem;
 use super::read::{Query, in_range, media_type};
 use super::upload;
 use crate::access::Caller;
@@ -110,9 +111,9 @@ pub async fn named(
     name: Option<String>,
 ) -> Result<Scene, Problem> {
     if let Some(name) = name {
-        app.store.name_scene(&scene.id, caller.billed_to(), &name).await?;
+        app.shared.store.name_scene(&scene.id, caller.billed_to(), &name).await?;
     }
-    Ok(app.store.shown_scene(&scene.id, caller.viewer()).await?.unwrap_or(scene))
+    Ok(app.shared.store.shown_scene(&scene.id, caller.viewer()).await?.unwrap_or(scene))
 }
 
 /// Get a scene.
@@ -130,7 +131,7 @@ pub async fn get_scene(
     caller: Caller,
     Path(id): Path<String>,
 ) -> Result<Json<Scene>, Problem> {
-    match app.store.shown_scene(&id, caller.viewer()).await? {
+    match app.shared.store.shown_scene(&id, caller.viewer()).await? {
         Some(scene) => Ok(Json(scene)),
         None => Err(Problem::not_found("there is no such scene")),
     }
@@ -157,7 +158,7 @@ pub async fn delete_scene(
     Path(id): Path<String>,
 ) -> Result<StatusCode, Problem> {
     let holder = (!caller.sees_all()).then(|| caller.billed_to());
-    app.store.let_go_scene(&id, holder).await?;
+    app.shared.store.let_go_scene(&id, holder).await?;
     if let Err(error) = app.keeper.collect_let_go().await {
         // Retention finds it again.
         tracing::warn!(%error, scene = id, "cannot remove a scene that nobody holds");
@@ -194,7 +195,8 @@ pub async fn list_scenes(
 ) -> Result<Json<ScenePage>, Problem> {
     let limit = in_range("limit", page.limit.unwrap_or(50), 1..=200)?;
     let before = page.cursor.as_deref().map(position).transpose()?;
-    let mut scenes = app.store.shown_scenes(caller.viewer(), before.as_ref(), limit + 1).await?;
+    let mut scenes =
+        app.shared.store.shown_scenes(caller.viewer(), before.as_ref(), limit + 1).await?;
     let more = scenes.len() > limit as usize;
     scenes.truncate(limit as usize);
     let next_cursor = scenes.last().filter(|_| more).map(cursor);

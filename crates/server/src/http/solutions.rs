@@ -1,13 +1,14 @@
 //! What can be made of a job that has ended: more of the same, other pictures, its record, its
 //! light.
 
-use super::App;
+use super::app::App;
+use super::documented;
 use super::file::{self, Content};
 use super::jobs::{
     answer, check, check_memory, check_priority, check_stored, find, idempotency_key,
     own_queue_full, submitter,
 };
-use super::problem::{Problem, documented};
+use super::problem::Problem;
 use super::read::{self, JobId, MAX_JSON_BYTES, media_type};
 use super::upload;
 use crate::access::Caller;
@@ -71,10 +72,10 @@ pub async fn extend_job(
     refuse_less(&extension, &solution, job.estimated_error)?;
     check_stored(&app, &caller).await?;
     let own = caller.limits.jobs_queued;
-    match app.store.extend(id, &request, app.config.max_queued, own).await? {
+    match app.shared.store.extend(id, &request, app.shared.config.max_queued, own).await? {
         Extended::Queued(job) => {
-            app.queue.wake();
-            app.bell.ring(id);
+            app.shared.queue.wake();
+            app.shared.bell.ring(id);
             Ok((StatusCode::ACCEPTED, Json(*job)).into_response())
         }
         Extended::Missing => Err(Problem::not_found("there is no such job")),
@@ -83,7 +84,7 @@ pub async fn extend_job(
             job.state.as_str()
         ))),
         Extended::QueueFull => {
-            app.metrics.count_refusal("queue");
+            app.shared.metrics.count_refusal("queue");
             Err(Problem::queue_full(5))
         }
         Extended::OwnQueueFull => Err(own_queue_full(&app, &caller)),
@@ -125,7 +126,7 @@ pub async fn create_view(
     let job = find(&app, id).await?;
     let mut request = view.apply(&job.request);
     check(&app, &request)?;
-    let scene = app.store.scene(&job.scene).await?;
+    let scene = app.shared.store.scene(&job.scene).await?;
     let scene = scene.ok_or_else(|| Problem::not_found("the scene was removed; send it again"))?;
     if let Some(detail) = request.camera_problem(&scene.cameras) {
         return Err(Problem::invalid(vec![FieldError::new("camera", detail)]));
@@ -149,9 +150,10 @@ pub async fn create_view(
     // Its file is there before its record is.
     let held = app.keeper.hold_files().await;
     let solution = share(&app, &job, new_id).await?;
-    let accepted_as = app.store.accept_view(new, &solution, app.config.max_queued).await;
+    let accepted_as =
+        app.shared.store.accept_view(new, &solution, app.shared.config.max_queued).await;
     if !matches!(accepted_as, Ok(Accepted::New(_))) {
-        app.artifacts.remove_job(new_id).await?;
+        app.shared.artifacts.remove_job(new_id).await?;
     }
     drop(held);
     answer(&app, &caller, accepted_as?)
@@ -173,8 +175,8 @@ pub async fn manifest(State(app): State<App>, JobId(id): JobId) -> Result<Json<M
     if !job.state.is_terminal() {
         return Err(Problem::not_now("the job has not ended yet"));
     }
-    let scene = app.store.scene(&job.scene).await?.map(|scene| (scene.format, scene.size));
-    let solution = app.store.solution(id).await?;
+    let scene = app.shared.store.scene(&job.scene).await?.map(|scene| (scene.format, scene.size));
+    let solution = app.shared.store.solution(id).await?;
     Ok(Json(Manifest::new(job, scene, solution)))
 }
 
@@ -204,14 +206,14 @@ pub async fn solution_glb(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     find(&app, id).await?;
-    let baked = app.store.solution(id).await?.and_then(|solution| solution.baked);
+    let baked = app.shared.store.solution(id).await?.and_then(|solution| solution.baked);
     let baked = baked.ok_or_else(|| {
         Problem::not_found(
             "no light of surfaces is kept of this job: it has not ended, its method has no patches, or --keep-solutions-mb does not allow it",
         )
     })?;
     let (sha256, media_type) = (&baked.sha256, "model/gltf-binary");
-    let open = app.artifacts.open_kept(id, &baked);
+    let open = app.shared.artifacts.open_kept(id, &baked);
     file::answer((&method, &headers), Content { sha256, media_type, cache: "no-cache" }, open).await
 }
 
@@ -230,19 +232,19 @@ async fn body<T: DeserializeOwned>(request: Request) -> Result<T, Problem> {
 
 /// A job's own solution.
 async fn kept(app: &App, job: &Job) -> Result<Solution, Problem> {
-    let solution = app.store.solution(job.id).await?;
+    let solution = app.shared.store.solution(job.id).await?;
     if let (None, Some(twin)) = (&solution, job.result_of) {
         let detail =
             format!("the job shares the result of the identical job {twin}; name that one");
         return Err(Problem::not_now(detail));
     }
     // What is not to be kept may still be there for a moment after the end.
-    let is_kept = app.config.keep_solutions_mb > 0 || !job.state.is_terminal();
+    let is_kept = app.shared.config.keep_solutions_mb > 0 || !job.state.is_terminal();
     solution.filter(|solution| is_kept && solution.begins == Begins::Continue).ok_or_else(|| {
         Problem::not_now(format!(
             "nothing is kept of this job to go on from: it is {}, and solutions are kept of jobs that did some work, up to {} MiB (--keep-solutions-mb)",
             job.state.as_str(),
-            app.config.keep_solutions_mb
+            app.shared.config.keep_solutions_mb
         ))
     })
 }
@@ -251,7 +253,7 @@ async fn kept(app: &App, job: &Job) -> Result<Solution, Problem> {
 async fn share(app: &App, job: &Job, to: Uuid) -> Result<Solution, Problem> {
     for attempt in 1.. {
         let solution = kept(app, job).await?;
-        match app.artifacts.share_kept(job.id, &solution.file, to).await {
+        match app.shared.artifacts.share_kept(job.id, &solution.file, to).await {
             Ok(()) => return Ok(Solution { begins: Begins::View, baked: None, ..solution }),
             // A running job has just replaced it.
             Err(error) if error.is_not_found() && attempt < TRIES => {}

@@ -1,7 +1,7 @@
 //! Bytes on their way in: onto disk while they are counted, hashed and timed, so a sender that
 //! never ends costs disk up to a limit, a file for as long as uploads may take, and no memory.
 
-use super::App;
+use super::app::App;
 use super::problem::Problem;
 use crate::hash::hex;
 use bytes::Bytes;
@@ -34,7 +34,10 @@ pub struct Allowance {
 impl Allowance {
     /// All that an upload may have.
     pub fn new(app: &App) -> Self {
-        Self { left: app.config.max_upload_bytes(), limit_mb: app.config.max_upload_mb }
+        Self {
+            left: app.shared.config.max_upload_bytes(),
+            limit_mb: app.shared.config.max_upload_mb,
+        }
     }
 
     /// Counts bytes; refuses what is beyond the limit.
@@ -116,10 +119,10 @@ pub struct Piece {
 /// Refuses to write so many bytes more where the disk is short, or would be: many uploads that began
 /// while it was not can fill it together.
 pub fn check_disk(app: &App, bytes: u64) -> Result<(), Problem> {
-    match app.disk.shortage_for(bytes) {
+    match app.shared.disk.shortage_for(bytes) {
         None => Ok(()),
         Some(detail) => {
-            app.metrics.count_refusal("disk");
+            app.shared.metrics.count_refusal("disk");
             Err(Problem::disk_full(detail))
         }
     }
@@ -127,7 +130,7 @@ pub fn check_disk(app: &App, bytes: u64) -> Result<(), Problem> {
 
 /// A new file in the data folder without a name.
 pub async fn unnamed_file(app: &App) -> Result<File, Problem> {
-    let folder = app.config.data_dir.join("tmp");
+    let folder = app.shared.config.data_dir.join("tmp");
     tokio::task::spawn_blocking(move || tempfile::tempfile_in(folder))
         .await
         .map_err(|error| Problem::internal(error.to_string()))?

@@ -1,8 +1,9 @@
 //! How the figures of a job moved: numbers as JSON and CSV, the error against time as a chart.
 
-use super::App;
+use super::app::App;
+use super::documented;
 use super::jobs::find;
-use super::problem::{Problem, documented};
+use super::problem::Problem;
 use super::read::{JobId, is_held, prefers};
 use crate::api::jobs::{Job, Progress, Trace, TracePoint};
 use crate::hash::sha256_hex;
@@ -44,7 +45,7 @@ pub async fn chart_svg(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let job = find(&app, id).await?;
-    let svg = chart(&job, &app.store.trace(id).await?).svg().map_err(Problem::internal)?;
+    let svg = chart(&job, &app.shared.store.trace(id).await?).svg().map_err(Problem::internal)?;
     Ok(send(&headers, SVG, svg.into_bytes()))
 }
 
@@ -144,7 +145,7 @@ fn example() -> Trace {
 
 async fn read_trace(app: &App, id: Uuid) -> Result<Trace, Problem> {
     find(app, id).await?;
-    let points = app.store.trace(id).await?.into_iter().map(|progress| TracePoint {
+    let points = app.shared.store.trace(id).await?.into_iter().map(|progress| TracePoint {
         seconds: progress.seconds,
         iterations: progress.iterations,
         shots: progress.shots,

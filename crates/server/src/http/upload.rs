@@ -2,7 +2,7 @@
 //! process of its own imports them from there, and what it accepts is kept. None of it is ever in
 //! the server's memory as a whole.
 
-use super::App;
+use super::app::App;
 use super::gauge::Gauge;
 use super::places::{Full, Place, Places};
 use super::problem::Problem;
@@ -64,7 +64,7 @@ struct Received {
 /// A place for an upload of `caller`, or when to come back.
 fn place(app: &App, caller: &Caller) -> Result<Place, Problem> {
     app.uploads.take(caller.billed_to()).map_err(|full| {
-        app.metrics.count_refusal("uploads");
+        app.shared.metrics.count_refusal("uploads");
         let Places { most, most_each, .. } = app.uploads;
         match full {
             Full::All => Problem::uploads_full(format!(
@@ -87,7 +87,7 @@ pub async fn scene_from_body(
 ) -> Result<(Scene, bool), Problem> {
     let _place = place(app, caller)?;
     let cut = |error: axum::Error| Problem::unreadable(format!("the upload broke off: {error}"));
-    let mut limits = (Allowance::new(app), Pace::new(app.config.intake.upload_time()));
+    let mut limits = (Allowance::new(app), Pace::new(app.shared.config.intake.upload_time()));
     let mut spool = Spool::new(app).await?;
     let Piece { size, sha256, .. } =
         spool.take(body.into_data_stream(), (&mut limits.0, &mut limits.1), cut).await?;
@@ -170,7 +170,8 @@ pub async fn parts(
     let mut multipart = Multipart::from_request(request, &())
         .await
         .map_err(|rejection| Problem::unreadable(rejection.body_text()))?;
-    let (allowance, pace) = (Allowance::new(app), Pace::new(app.config.intake.upload_time()));
+    let (allowance, pace) =
+        (Allowance::new(app), Pace::new(app.shared.config.intake.upload_time()));
     let mut arrival = Arrival { gauge, allowance, pace };
     let spool = Spool::new(app).await?;
     let mut parts = Parts {
@@ -289,11 +290,11 @@ fn is_gltf(name: &str) -> bool {
 /// The scene of that id, unless its file is lost or damaged, so that sending it again mends it.
 /// Damage is looked for where the look is to be `thorough`.
 async fn kept(app: &App, id: &str, thorough: bool) -> Result<Option<Scene>, Problem> {
-    let Some(scene) = app.store.scene(id).await? else { return Ok(None) };
+    let Some(scene) = app.shared.store.scene(id).await? else { return Ok(None) };
     let sound = if thorough {
-        app.artifacts.scene_is_sound(id).await?
+        app.shared.artifacts.scene_is_sound(id).await?
     } else {
-        app.artifacts.has_scene(id, scene.size).await?
+        app.shared.artifacts.has_scene(id, scene.size).await?
     };
     if !sound {
         tracing::warn!(scene = id, "the file is lost or damaged and is stored again");
@@ -319,9 +320,9 @@ async fn store_received(
         return Ok(stored);
     }
     let bounds = ImportBounds {
-        max_triangles: app.config.max_triangles,
-        memory_mb: app.config.intake.import_memory_mb,
-        seconds: app.config.intake.import_seconds,
+        max_triangles: app.shared.config.max_triangles,
+        memory_mb: app.shared.config.intake.import_memory_mb,
+        seconds: app.shared.config.intake.import_seconds,
     };
     // The import goes on where the client hangs up meanwhile, and keeps its turn until it ends.
     let (described, file, _turn) = tokio::task::spawn_blocking(move || {
@@ -346,7 +347,7 @@ pub async fn store_builtin(
     }
     check_quota(app, caller, bytes.len() as u64).await?;
     let _turn = app.imports.take(caller.billed_to()).await;
-    let max_triangles = app.config.max_triangles;
+    let max_triangles = app.shared.config.max_triangles;
     let described = tokio::task::spawn_blocking(move || {
         let scene = scenes::load(SceneFormat::Gltf, bytes, max_triangles)?;
         Ok(scenes::describe(id, SceneFormat::Gltf, bytes.len() as u64, &scene))
@@ -375,24 +376,24 @@ async fn stored_scene(
     thorough: bool,
 ) -> Result<Option<(Scene, bool)>, Problem> {
     let Some(scene) = kept(app, id, thorough).await? else { return Ok(None) };
-    let is_new = !app.store.holds_scene(id, caller.billed_to()).await?;
+    let is_new = !app.shared.store.holds_scene(id, caller.billed_to()).await?;
     if is_new {
         check_quota(app, caller, scene.size).await?;
-        app.store.hold_scene(id, caller.billed_to()).await?;
+        app.shared.store.hold_scene(id, caller.billed_to()).await?;
     }
     // It may have been collected since it was read.
-    Ok(app.store.use_scene(id).await?.then_some((scene, is_new)))
+    Ok(app.shared.store.use_scene(id).await?.then_some((scene, is_new)))
 }
 
 /// Refuses scenes over the caller's quota. Uploads at the same time may each find room: then it
 /// is exceeded by as many as may be imported at once.
 async fn check_quota(app: &App, caller: &Caller, size: u64) -> Result<(), Problem> {
     let Some(most) = caller.limits.scene_bytes else { return Ok(()) };
-    let held = app.store.scene_bytes_of(caller.billed_to()).await?;
+    let held = app.shared.store.scene_bytes_of(caller.billed_to()).await?;
     if held.saturating_add(size) <= most {
         return Ok(());
     }
-    app.metrics.count_refusal("scene_bytes");
+    app.shared.metrics.count_refusal("scene_bytes");
     let detail = format!(
         "this caller has {held} bytes of scenes and may have {most}; this one has {size}, and what no job uses expires"
     );

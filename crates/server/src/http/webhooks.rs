@@ -1,8 +1,9 @@
 //! `/v1/jobs/{id}/webhooks`: what became of the messages about a job.
 
-use super::App;
+use super::app::App;
+use super::documented;
 use super::jobs::find;
-use super::problem::{Problem, documented};
+use super::problem::Problem;
 use super::read::JobId;
 use crate::api::webhooks::DeliveryList;
 use axum::Json;
@@ -25,5 +26,5 @@ pub async fn list_deliveries(
     JobId(id): JobId,
 ) -> Result<Json<DeliveryList>, Problem> {
     find(&app, id).await?;
-    Ok(Json(DeliveryList { deliveries: app.store.deliveries(id).await? }))
+    Ok(Json(DeliveryList { deliveries: app.shared.store.deliveries(id).await? }))
 }

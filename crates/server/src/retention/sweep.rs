@@ -11,7 +11,7 @@ use super::{Keeper, RetentionError};
 use crate::artifacts::{Place, SetAside};
 use crate::clock::Reading;
 use crate::failpoints;
-use crate::service::Service;
+use crate::shared::Shared;
 use crate::store::Recorded;
 use jiff::{SignedDuration, Timestamp};
 use std::sync::Arc;
@@ -153,7 +153,7 @@ fn is_orphan(recorded: &Recorded, name: &str) -> bool {
 }
 
 /// Looks through the files, now and then, until the task is aborted.
-pub async fn keep_sweeping(service: Arc<Service>) {
+pub async fn keep_sweeping(shared: Arc<Shared>, keeper: Keeper) {
     let mut ticks = tokio::time::interval(TEND_EVERY);
     ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     let mut is_due = false;
@@ -161,43 +161,43 @@ pub async fn keep_sweeping(service: Arc<Service>) {
         ticks.tick().await;
         // Where a test may hold the sweep up; on a thread that may be held up.
         let _ = tokio::task::spawn_blocking(|| failpoints::pass("sweep", String::new)).await;
-        let reading = service.clock.look();
-        if let Err(error) = tend(&service, &reading).await {
+        let reading = shared.clock.look();
+        if let Err(error) = tend(&shared, &keeper, &reading).await {
             tracing::error!(%error, "cannot look through the quarantine");
         }
         is_due |= round % SWEEP_EVERY_ROUNDS == 0;
         // The quarantine counts from the moment at which a file came into it: that must be right.
         if is_due && reading.doubt.is_none() {
             is_due = false;
-            if let Err(error) = sweep(&service, reading.now).await {
+            if let Err(error) = sweep(&shared, &keeper, reading.now).await {
                 tracing::error!(%error, "cannot look for files that nothing names");
             }
         }
     }
 }
 
-async fn tend(service: &Service, reading: &Reading) -> Result<(), RetentionError> {
-    let days = service.config.guard.quarantine_days;
+async fn tend(shared: &Shared, keeper: &Keeper, reading: &Reading) -> Result<(), RetentionError> {
+    let days = shared.config.guard.quarantine_days;
     let age = SignedDuration::from_secs_f64(days * 86_400.0);
     let before = match reading.doubt {
         None => reading.now.saturating_sub(age).ok(),
         Some(_) => None,
     };
-    let tended = service.keeper.tend_quarantine(before).await?;
+    let tended = keeper.tend_quarantine(before).await?;
     if tended != Tended::default() {
         tracing::info!(?tended, "quarantine");
     }
-    service.metrics.count_collected("quarantined", tended.removed);
+    shared.metrics.count_collected("quarantined", tended.removed);
     Ok(())
 }
 
-async fn sweep(service: &Service, now: Timestamp) -> Result<(), RetentionError> {
-    match service.artifacts.remove_half_written().await {
+async fn sweep(shared: &Shared, keeper: &Keeper, now: Timestamp) -> Result<(), RetentionError> {
+    match shared.artifacts.remove_half_written().await {
         Ok(0) => {}
         Ok(files) => tracing::info!(files, "removed what was left half-written"),
         Err(error) => tracing::error!(%error, "cannot remove what was left half-written"),
     }
-    let swept = service.keeper.sweep(now, service.config.guard.sweep_large).await?;
+    let swept = keeper.sweep(now, shared.config.guard.sweep_large).await?;
     if swept.left > 0 {
         tracing::error!(
             files = swept.files,
@@ -206,7 +206,7 @@ async fn sweep(service: &Service, now: Timestamp) -> Result<(), RetentionError> 
         );
     }
     tracing::debug!(?swept, "sweep");
-    service.metrics.count_collected("orphan", swept.set_aside);
-    service.metrics.orphans_left(swept.left);
+    shared.metrics.count_collected("orphan", swept.set_aside);
+    shared.metrics.orphans_left(swept.left);
     Ok(())
 }

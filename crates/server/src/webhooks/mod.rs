@@ -3,11 +3,10 @@
 //! At least once: a message that was sent and not noted is sent again after its lease, with the
 //! same id.
 
-pub mod address;
 pub mod send;
 pub mod turns;
 
-use crate::service::Service;
+use crate::shared::Shared;
 use crate::store::StoreError;
 use crate::store::outbox::{Attempt, DueMessage, Lane};
 use axum::http::StatusCode;
@@ -36,8 +35,8 @@ pub const MAX_ATTEMPTS: u32 = 18;
 pub const KEEP: Duration = Duration::from_secs(7 * 86_400);
 
 /// Delivers messages until the service shuts down; what is under way then is sent again later.
-pub async fn deliver(service: Arc<Service>) {
-    let sender = match Sender::new(service.config.guard.webhook_allow.clone()) {
+pub async fn deliver(shared: Arc<Shared>) {
+    let sender = match Sender::new(shared.config.guard.webhook_allow.clone()) {
         Ok(sender) => Arc::new(sender),
         Err(error) => return tracing::error!(%error, "webhooks cannot be sent"),
     };
@@ -45,14 +44,14 @@ pub async fn deliver(service: Arc<Service>) {
     let mut under_way = UnderWay::default();
     loop {
         under_way.note_ended();
-        if let Err(error) = under_way.send_due(&service, &sender).await {
+        if let Err(error) = under_way.send_due(&shared, &sender).await {
             tracing::error!(%error, "cannot read the outbox");
         }
         tokio::select! {
             () = tokio::time::sleep(POLL) => {}
-            _ = excess.tick() => give_up_excess(&service).await,
+            _ = excess.tick() => give_up_excess(&shared).await,
             () = under_way.one_ended() => {}
-            () = service.shutdown.cancelled() => return,
+            () = shared.shutdown.cancelled() => return,
         }
     }
 }
@@ -69,17 +68,17 @@ impl UnderWay {
     /// Begins to send what is due and has its turn.
     async fn send_due(
         &mut self,
-        service: &Arc<Service>,
+        shared: &Arc<Shared>,
         sender: &Arc<Sender>,
     ) -> Result<(), StoreError> {
-        let due = service.store.due_lanes(LANES_EACH).await?;
+        let due = shared.store.due_lanes(LANES_EACH).await?;
         let mut lanes = self.turns.next(&due, Instant::now());
-        let taken = service.store.take(&lanes, LEASE).await;
+        let taken = shared.store.take(&lanes, LEASE).await;
         for message in taken.as_deref().unwrap_or_default() {
             if let Some(at) = lanes.iter().position(|lane| *lane == message.lane) {
                 lanes.swap_remove(at);
             }
-            let one = deliver_one(service.clone(), sender.clone(), message.clone());
+            let one = deliver_one(shared.clone(), sender.clone(), message.clone());
             self.lanes.insert(self.tasks.spawn(one).id(), message.lane.clone());
         }
         // Turns that found nothing, or nothing because the outbox could not be written.
@@ -117,7 +116,7 @@ impl UnderWay {
 }
 
 /// Sends one message and notes what came of it; whether the receiver was reached.
-async fn deliver_one(service: Arc<Service>, sender: Arc<Sender>, due: DueMessage) -> bool {
+async fn deliver_one(shared: Arc<Shared>, sender: Arc<Sender>, due: DueMessage) -> bool {
     let sent = sender.send(&due.url, due.secret.as_deref(), &due.message).await;
     let (attempt, answer) = judge(&sent, due.attempts + 1);
     let outcome = match attempt {
@@ -125,21 +124,21 @@ async fn deliver_one(service: Arc<Service>, sender: Arc<Sender>, due: DueMessage
         Attempt::RetryIn(_) => "failed",
         Attempt::GivenUp => "given_up",
     };
-    service.metrics.count_webhook(outcome);
+    shared.metrics.count_webhook(outcome);
     tracing::debug!(job = %due.message.job, message = due.message.id, outcome, answer, "webhook");
     if attempt == Attempt::GivenUp {
         tracing::warn!(job = %due.message.job, message = due.message.id, answer, "webhook given up");
     }
-    if let Err(error) = service.store.sent(due.id, attempt, &answer).await {
+    if let Err(error) = shared.store.sent(due.id, attempt, &answer).await {
         tracing::error!(%error, "cannot note what became of a webhook; it is sent again");
     }
     !matches!(sent, Sent::Failed(_))
 }
 
 /// Bounds what waits for receivers that do not come back.
-async fn give_up_excess(service: &Service) {
-    let most = service.config.guard.max_webhooks_pending_each;
-    match service.store.give_up_excess(most).await {
+async fn give_up_excess(shared: &Shared) {
+    let most = shared.config.guard.max_webhooks_pending_each;
+    match shared.store.give_up_excess(most).await {
         Ok(given_up) => {
             for (lane, messages) in given_up {
                 let Lane { owner, host } = lane;
@@ -150,7 +149,7 @@ async fn give_up_excess(service: &Service) {
                     most,
                     "too many webhooks wait; oldest given up"
                 );
-                service.metrics.count_webhooks("over_limit", messages);
+                shared.metrics.count_webhooks("over_limit", messages);
             }
         }
         Err(error) => tracing::error!(%error, "cannot bound the outbox"),

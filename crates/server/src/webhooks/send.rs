@@ -1,9 +1,9 @@
 //! One message to one receiver: looked up, checked, connected to exactly what was checked, signed,
 //! sent. No redirects, no second look-up in between, no connection that outlives the message.
 
-use super::address::{Network, may_receive};
 use crate::api::webhooks::{WebhookMessage, host_and_port};
 use crate::hash::hex;
+use crate::networks::{Network, may_receive};
 use axum::http::{Request, StatusCode, Uri, header};
 use bytes::Bytes;
 use hmac::{Hmac, KeyInit, Mac};

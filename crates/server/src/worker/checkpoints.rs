@@ -9,7 +9,7 @@ use crate::clock;
 use crate::config::Config;
 use crate::failpoints;
 use crate::job_state::JobState;
-use crate::service::Service;
+use crate::shared::Shared;
 use crate::store::{Claim, StoreError};
 use std::time::{Duration, Instant};
 use tokio::sync::Mutex;
@@ -29,7 +29,7 @@ pub fn most_bytes(config: &Config) -> u64 {
 /// Keeps a checkpoint of a claimed job, and baked light with the last one, and removes the one
 /// before; how long that took. `turn` puts those of a run in order.
 pub async fn keep(
-    service: &Service,
+    shared: &Shared,
     claim: Claim,
     facts: Checkpointed,
     parts: Vec<Content>,
@@ -39,14 +39,14 @@ pub async fn keep(
     let began = Instant::now();
     let mut parts = parts.into_iter();
     let checkpoint = parts.next().unwrap_or_else(|| Vec::new().into());
-    if let Err(error) = write(service, claim, facts, checkpoint, parts.next()).await {
+    if let Err(error) = write(shared, claim, facts, checkpoint, parts.next()).await {
         tracing::warn!(job = %claim.job, %error, "a checkpoint was lost");
     }
     began.elapsed()
 }
 
 async fn write(
-    service: &Service,
+    shared: &Shared,
     claim: Claim,
     facts: Checkpointed,
     checkpoint: Content,
@@ -65,20 +65,20 @@ async fn write(
         estimated_error,
         baked: None,
     };
-    service.artifacts.put_kept(claim.job, &solution.file, checkpoint).await?;
+    shared.artifacts.put_kept(claim.job, &solution.file, checkpoint).await?;
     if let Some(glb) = glb {
         let file = format!("{name}.glb");
         let (glb, size, sha256) = glb.hashed().await?;
-        service.artifacts.put_kept(claim.job, &file, glb).await?;
+        shared.artifacts.put_kept(claim.job, &file, glb).await?;
         solution.baked = Some(KeptFile { file, sha256, size });
     }
     let about = || format!("iteration {}", solution.iterations);
     failpoints::pass("checkpoint", about)?;
-    match service.store.keep_solution(claim, &solution).await {
+    match shared.store.keep_solution(claim, &solution).await {
         Ok(before) => {
             failpoints::pass("checkpoint-kept", about)?;
             if let Some(before) = before {
-                remove(service, claim.job, &before).await;
+                remove(shared, claim.job, &before).await;
             }
             tracing::debug!(job = %claim.job, bytes = solution.size, "kept a checkpoint");
             Ok(())
@@ -87,16 +87,16 @@ async fn write(
             // Any other error leaves open whether the record names these files now; if it does
             // not, they go when the job begins again, or with the next sweep.
             if matches!(error, StoreError::ClaimLost(_)) {
-                remove(service, claim.job, &solution).await;
+                remove(shared, claim.job, &solution).await;
             }
             Err(error.into())
         }
     }
 }
 
-async fn remove(service: &Service, job: Uuid, solution: &Solution) {
+async fn remove(shared: &Shared, job: Uuid, solution: &Solution) {
     for file in solution.files() {
-        if let Err(error) = service.artifacts.remove_kept(job, file).await {
+        if let Err(error) = shared.artifacts.remove_kept(job, file).await {
             tracing::warn!(%job, file, %error, "cannot remove a file");
         }
     }
@@ -115,17 +115,17 @@ pub enum Start {
 /// # Errors
 /// Where the storage does not answer: to begin afresh would throw away, and then overwrite, what is
 /// perhaps good.
-pub async fn begin(service: &Service, job: &Job) -> Result<Start, String> {
-    let recorded = match service.store.solution(job.id).await {
+pub async fn begin(shared: &Shared, job: &Job) -> Result<Start, String> {
+    let recorded = match shared.store.solution(job.id).await {
         Err(error) if error.is_lasting() => return Ok(Start::Afresh(Some(error.to_string()))),
         recorded => recorded.map_err(|error| error.to_string())?,
     };
     let files: Vec<&str> = recorded.iter().flat_map(Solution::files).collect();
-    if let Err(error) = service.artifacts.tidy_kept(job.id, &files, clock::now()).await {
+    if let Err(error) = shared.artifacts.tidy_kept(job.id, &files, clock::now()).await {
         tracing::warn!(job = %job.id, %error, "cannot tidy up");
     }
     let Some(solution) = recorded else { return Ok(Start::Afresh(None)) };
-    match service.artifacts.kept(job.id, &solution.file).await {
+    match shared.artifacts.kept(job.id, &solution.file).await {
         Ok(checkpoint) => Ok(Start::With(solution.begins, checkpoint)),
         Err(error) if error.is_lasting() => Ok(Start::Afresh(Some(error.to_string()))),
         Err(error) => Err(error.to_string()),
@@ -134,17 +134,17 @@ pub async fn begin(service: &Service, job: &Job) -> Result<Start, String> {
 
 /// Forgets what an ended job knew, where nobody can go on from there or the operator doesn't want
 /// it kept.
-pub async fn settle(service: &Service, job: Uuid) {
+pub async fn settle(shared: &Shared, job: Uuid) {
     // An extension that failed goes on from here when it is tried again.
-    let (ended, has_result) = match service.store.job(job).await {
+    let (ended, has_result) = match shared.store.job(job).await {
         Ok(Some(job)) if job.state.is_terminal() => (job.state, job.result.is_some()),
         _ => return,
     };
-    if service.config.keep_solutions_mb > 0 && (ended != JobState::Failed || has_result) {
+    if shared.config.keep_solutions_mb > 0 && (ended != JobState::Failed || has_result) {
         return;
     }
-    match service.store.drop_solution(job).await {
-        Ok(Some(solution)) => remove(service, job, &solution).await,
+    match shared.store.drop_solution(job).await {
+        Ok(Some(solution)) => remove(shared, job, &solution).await,
         Ok(None) => {}
         Err(error) => tracing::warn!(%job, %error, "cannot forget a checkpoint"),
     }

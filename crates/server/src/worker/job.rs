@@ -10,7 +10,7 @@ use crate::api::jobs::{Job, JobError, Progress, Stats};
 use crate::artifacts::Content;
 use crate::failpoints;
 use crate::job_state::{self, Cause, JobState};
-use crate::service::Service;
+use crate::shared::Shared;
 use crate::store::{Claim, Outcome, Report, StoreError};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -33,28 +33,28 @@ enum Ending {
 
 /// Runs a claimed job to its end and records it; why the executor cannot go on, if so.
 pub async fn run(
-    service: &Arc<Service>,
+    shared: &Arc<Shared>,
     executor: &mut Executor,
     claim: Claim,
     job: &Job,
 ) -> Result<(), String> {
-    let _renewed = service.leases.hold(claim);
+    let _renewed = shared.leases.hold(claim);
     let started = Instant::now();
     tracing::info!(job = %job.id, attempt = job.attempts, "starts");
-    if let Some(outcome) = share(service, claim, job).await {
-        record(service, claim, Ending::Shared(Box::new(outcome)), None, started).await;
+    if let Some(outcome) = share(shared, claim, job).await {
+        record(shared, claim, Ending::Shared(Box::new(outcome)), None, started).await;
         return Ok(());
     }
-    let (task, parts) = match prepare(service, executor, job).await {
+    let (task, parts) = match prepare(shared, executor, job).await {
         Ok(ready) => ready,
         Err(unready) => {
-            cannot_begin(service, claim, unready, started).await;
+            cannot_begin(shared, claim, unready, started).await;
             return Ok(());
         }
     };
     let run = task.run;
     executor.order(Message { header: Order::Run(Box::new(task)), parts });
-    let Followed { ended, stop, latest } = follow(service, executor, run, claim).await;
+    let Followed { ended, stop, latest } = follow(shared, executor, run, claim).await;
 
     let sound = match &ended {
         Ended::Rendered(..) => Ok(()),
@@ -62,31 +62,31 @@ pub async fn run(
         Ended::Failed(failure) => Err(failure.detail.clone()),
         Ended::Lost(epitaph) => Err(epitaph.how.clone()),
     };
-    let alone = job.device.as_deref().is_none_or(|device| service.pool.was_alone(device));
+    let alone = job.device.as_deref().is_none_or(|device| shared.pool.was_alone(device));
     let ending = judge(ended, stop, alone);
     if matches!(&ending, Ending::PutBack { .. }) && stop != Stop::Shutdown {
-        service.queue.put_off(job.id);
+        shared.queue.put_off(job.id);
     }
-    record(service, claim, ending, latest, started).await;
-    checkpoints::settle(service, claim.job).await;
+    record(shared, claim, ending, latest, started).await;
+    checkpoints::settle(shared, claim.job).await;
     sound
 }
 
 /// Records that an attempt cannot begin.
-async fn cannot_begin(service: &Arc<Service>, claim: Claim, unready: Unready, started: Instant) {
+async fn cannot_begin(shared: &Arc<Shared>, claim: Claim, unready: Unready, started: Instant) {
     match unready {
         Unready::Useless(failure) => {
-            record(service, claim, Ending::Failed(failure), None, started).await;
+            record(shared, claim, Ending::Failed(failure), None, started).await;
         }
         Unready::NotNow(why) => {
             // Not the job's fault: it waits until the storage answers.
             tracing::error!(job = %claim.job, why, "cannot read what the job needs");
-            service.queue.put_off(claim.job);
+            shared.queue.put_off(claim.job);
             let ending = Ending::PutBack { cause: Cause::Circumstances, why };
-            record(service, claim, ending, None, started).await;
+            record(shared, claim, ending, None, started).await;
             tokio::select! {
                 () = tokio::time::sleep(STORAGE_PAUSE) => {}
-                () = service.shutdown.cancelled() => {}
+                () = shared.shutdown.cancelled() => {}
             }
         }
     }
@@ -124,10 +124,10 @@ fn judge(ended: Ended, stop: Stop, alone: bool) -> Ending {
 }
 
 /// Puts back a job that could not be begun by no fault of its own.
-pub async fn hand_back(service: &Arc<Service>, claim: Claim, why: String) {
-    let _renewed = service.leases.hold(claim);
+pub async fn hand_back(shared: &Arc<Shared>, claim: Claim, why: String) {
+    let _renewed = shared.leases.hold(claim);
     let ending = Ending::PutBack { cause: Cause::Circumstances, why };
-    record(service, claim, ending, None, Instant::now()).await;
+    record(shared, claim, ending, None, Instant::now()).await;
 }
 
 /// Why an attempt cannot begin.
@@ -140,15 +140,15 @@ enum Unready {
 
 /// Reads what the job needs.
 async fn prepare(
-    service: &Service,
+    shared: &Shared,
     executor: &mut Executor,
     job: &Job,
 ) -> Result<(Task, Vec<Content>), Unready> {
     let gone = |what: String| Unready::Useless(Failure::new("scene", what));
-    let record = service.store.scene(&job.scene).await;
+    let record = shared.store.scene(&job.scene).await;
     let record = record.map_err(|error| Unready::NotNow(error.to_string()))?;
     let record = record.ok_or_else(|| gone(format!("scene {} is not there", job.scene)))?;
-    let scene = service.artifacts.scene(&job.scene).await.map_err(|error| {
+    let scene = shared.artifacts.scene(&job.scene).await.map_err(|error| {
         if error.is_lasting() {
             gone(format!("{error}; send the scene again, then the job"))
         } else {
@@ -157,7 +157,7 @@ async fn prepare(
     })?;
     let mut parts = vec![scene];
     let (begins, begins_without) =
-        match checkpoints::begin(service, job).await.map_err(Unready::NotNow)? {
+        match checkpoints::begin(shared, job).await.map_err(Unready::NotNow)? {
             Start::With(begins, checkpoint) => {
                 parts.push(checkpoint);
                 (Some(begins), None)
@@ -165,19 +165,19 @@ async fn prepare(
             Start::Afresh(why) => (None, why),
         };
     let thinned = match job.request.snapshots.is_some() {
-        true => service.store.snapshots(job.id).await.map(|snapshots| snapshots.thinned),
+        true => shared.store.snapshots(job.id).await.map(|snapshots| snapshots.thinned),
         false => Ok(0),
     };
-    let config = &service.config;
+    let config = &shared.config;
     let task = Task {
         run: executor.next_run(),
         job: job.id,
         attempt: job.attempts,
         scene_format: record.format,
-        max_triangles: service.config.max_triangles,
+        max_triangles: shared.config.max_triangles,
         request: job.request.clone(),
-        max_seconds: service.config.max_seconds,
-        threads: service.pool.threads_of(job.device.as_deref()),
+        max_seconds: shared.config.max_seconds,
+        threads: shared.pool.threads_of(job.device.as_deref()),
         snapshots_slower: thinned.map_err(|error| Unready::NotNow(error.to_string()))?,
         begins,
         begins_without,
@@ -191,8 +191,8 @@ async fn prepare(
 
 /// The end of a job whose identical twin has one already. Anything that goes wrong means that the
 /// job is rendered after all.
-async fn share(service: &Service, claim: Claim, job: &Job) -> Option<Outcome> {
-    let twin = service.store.twin(claim).await.ok()??;
+async fn share(shared: &Shared, claim: Claim, job: &Job) -> Option<Outcome> {
+    let twin = shared.store.twin(claim).await.ok()??;
     let (stats, result) = (twin.stats?, twin.result?);
     // One that ran out of time shows how busy the machine was.
     if !["iterations", "target_error", "converged", "no_light"].contains(&stats.stopped.as_str()) {
@@ -200,14 +200,14 @@ async fn share(service: &Service, claim: Claim, job: &Job) -> Option<Outcome> {
     }
     let mut pictures = Vec::new();
     for picture in &result {
-        pictures.push(service.artifacts.share_picture(twin.id, job.id, picture).await.ok()?);
+        pictures.push(shared.artifacts.share_picture(twin.id, job.id, picture).await.ok()?);
     }
     // Its chart is that of the run that made the picture; the last point comes with the end.
-    let mut progress = service.store.trace(twin.id).await.ok()?;
+    let mut progress = shared.store.trace(twin.id).await.ok()?;
     progress.pop();
     let plan = twin.plan.map(|plan| (plan, twin.warnings));
     let report = Report { plan, progress, ..Report::default() };
-    service.store.report(claim, report).await.ok()?;
+    shared.store.report(claim, report).await.ok()?;
     Some(Outcome {
         progress: Some(final_progress(&stats)),
         stats: Some(stats),
@@ -257,13 +257,13 @@ impl Record {
     /// The storage has refused them so many times.
     async fn with_files(
         self,
-        service: &Service,
+        shared: &Shared,
         claim: Claim,
         refused: u32,
         started: Instant,
     ) -> Self {
         let Self::Picture { state, drawn, stats } = self else { return self };
-        match drawn.store(service, claim).await {
+        match drawn.store(shared, claim).await {
             Ok(pictures) => {
                 let seconds_total = started.elapsed().as_secs_f64();
                 let stats = Stats { seconds_total, ..*stats };
@@ -281,7 +281,7 @@ impl Record {
                 }
                 // Others may fit where this one does not; it goes on from its last checkpoint when
                 // its pause is over.
-                service.queue.put_off(claim.job);
+                shared.queue.put_off(claim.job);
                 let why = format!("the picture could not be kept: {error}");
                 Self::Release { cause: Cause::Circumstances, why }
             }
@@ -293,7 +293,7 @@ impl Record {
 /// done, and a passing trouble should not waste it. It gives up where the service shuts down; the
 /// job then goes back to the queue.
 async fn record(
-    service: &Arc<Service>,
+    shared: &Arc<Shared>,
     claim: Claim,
     ending: Ending,
     latest: Option<Progress>,
@@ -301,16 +301,16 @@ async fn record(
 ) {
     let Some(mut record) = Record::of(ending, latest) else {
         tracing::info!(job = %claim.job, "was taken away");
-        return remove_if_deleted(service, claim).await;
+        return remove_if_deleted(shared, claim).await;
     };
     let mut pause = Duration::from_secs(1);
     for tries in 0.. {
-        record = record.with_files(service, claim, tries, started).await;
-        match write(service, claim, &record).await {
-            Some(Ok(())) => return ended(service, claim, &record, started),
+        record = record.with_files(shared, claim, tries, started).await;
+        match write(shared, claim, &record).await {
+            Some(Ok(())) => return ended(shared, claim, &record, started),
             Some(Err(StoreError::ClaimLost(_))) => {
                 tracing::warn!(job = %claim.job, "was taken away before it could be recorded");
-                return remove_if_deleted(service, claim).await;
+                return remove_if_deleted(shared, claim).await;
             }
             Some(Err(error)) => {
                 tracing::error!(job = %claim.job, %error, "cannot record the end");
@@ -321,7 +321,7 @@ async fn record(
             () = tokio::time::sleep(failpoints::lasting("record-pause", pause)) => {
                 pause = (pause * 2).min(LONGEST_PAUSE);
             }
-            () = service.shutdown.cancelled() => {
+            () = shared.shutdown.cancelled() => {
                 tracing::error!(job = %claim.job, "shuts down before the end was recorded");
                 return;
             }
@@ -330,16 +330,16 @@ async fn record(
 }
 
 /// Writes what needs no more files; `None` where the picture is still to be kept.
-async fn write(service: &Service, claim: Claim, record: &Record) -> Option<Result<(), StoreError>> {
+async fn write(shared: &Shared, claim: Claim, record: &Record) -> Option<Result<(), StoreError>> {
     match record {
         Record::Picture { .. } => None,
-        Record::Outcome(outcome) => Some(service.store.finish(claim, (**outcome).clone()).await),
-        Record::Release { cause, why } => Some(service.store.release(claim, *cause, why).await),
+        Record::Outcome(outcome) => Some(shared.store.finish(claim, (**outcome).clone()).await),
+        Record::Release { cause, why } => Some(shared.store.release(claim, *cause, why).await),
     }
 }
 
 /// Logs and counts an end that is recorded.
-fn ended(service: &Service, claim: Claim, record: &Record, started: Instant) {
+fn ended(shared: &Shared, claim: Claim, record: &Record, started: Instant) {
     match record {
         Record::Outcome(outcome) => {
             // What was shared is no work of this job's.
@@ -347,8 +347,8 @@ fn ended(service: &Service, claim: Claim, record: &Record, started: Instant) {
             let (iterations, shots) = own.map_or((0, 0), |p| (p.iterations, p.shots));
             let seconds = started.elapsed().as_secs_f64();
             tracing::info!(job = %claim.job, state = outcome.state.as_str(), seconds, iterations, "ended");
-            service.metrics.count_job(outcome.state, seconds, iterations, shots);
-            service.queue.forget(claim.job);
+            shared.metrics.count_job(outcome.state, seconds, iterations, shots);
+            shared.queue.forget(claim.job);
         }
         Record::Release { why, .. } => {
             tracing::info!(job = %claim.job, why, "went back to the queue");
@@ -358,9 +358,9 @@ fn ended(service: &Service, claim: Claim, record: &Record, started: Instant) {
 }
 
 /// Removes the files that this attempt may have written after its job was deleted.
-async fn remove_if_deleted(service: &Service, claim: Claim) {
-    let removed = match service.store.job(claim.job).await {
-        Ok(None) => service.artifacts.remove_job(claim.job).await,
+async fn remove_if_deleted(shared: &Shared, claim: Claim) {
+    let removed = match shared.store.job(claim.job).await {
+        Ok(None) => shared.artifacts.remove_job(claim.job).await,
         _ => Ok(()),
     };
     if let Err(error) = removed {

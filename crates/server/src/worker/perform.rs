@@ -3,10 +3,11 @@
 
 use super::encode;
 use super::pacing::Pacing;
+use super::requests::render_request;
 use super::threads::Crew;
 use super::wire::{Checkpointed, Failure, Message, STORAGE, Said, Task};
 use super::{devices, scenes};
-use crate::api::jobs::{self as api, CameraRequest, OptionValue, PictureFormat, SnapshotRequest};
+use crate::api::jobs::{self as api, PictureFormat, SnapshotRequest};
 use crate::api::solutions::Begins;
 use crate::artifacts::Content;
 use crate::failpoints;
@@ -15,13 +16,11 @@ use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::device::{Device, DeviceError};
 use hemilux_engine::image;
 use hemilux_engine::render::{
-    Begin, CameraChoice, ExplicitCamera, Limits, Observer, Plan, Progress, RenderError,
-    RenderRequest, Rendered, Stats, StopReason,
+    Begin, Observer, Plan, Progress, RenderError, Rendered, Stats, StopReason,
 };
 use hemilux_engine::scene::Warning;
 use hemilux_engine::scene::gltf::BakedMesh;
 use hemilux_engine::transport::render;
-use std::collections::BTreeMap;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -169,19 +168,8 @@ fn attempt(
     drop(scene_bytes);
     let _ = mouth.blocking_send(Said::Began.into());
     failpoints::pass("render", about).map_err(|injected| lost(injected.to_string()))?;
-    let asked = &task.request;
     let (begin, trouble) = begin(task, parts.next().transpose().map_err(unread)?);
-    let mut request = RenderRequest {
-        scene: Arc::new(scene),
-        camera: camera(asked.camera.as_ref()),
-        width: asked.width,
-        height: asked.height,
-        method: asked.method.clone(),
-        limits: limits(asked, task.max_seconds),
-        seed: asked.seed,
-        options: options(&asked.options),
-        begin,
-    };
+    let mut request = render_request(&task.request, Arc::new(scene), Some(task.max_seconds), begin);
     let mut watcher = Watcher::new(task, switches, mouth);
     watcher.beginning = trouble.map(begins_afresh);
     let threads = crew.of(task.threads).map_err(|error| lost(error.to_string()))?;
@@ -223,35 +211,6 @@ fn begin(task: &Task, checkpoint: Option<Bytes>) -> (Begin, Option<String>) {
 fn begins_afresh(why: String) -> Warning {
     let what = format!("what was kept of it cannot be used, so the job began afresh: {why}");
     Warning::new("job", what)
-}
-
-/// A job's settings in the engine's words.
-pub fn options(given: &BTreeMap<String, OptionValue>) -> BTreeMap<String, String> {
-    given.iter().map(|(name, value)| (name.clone(), value.to_string())).collect()
-}
-
-/// A job's camera in the engine's words.
-pub fn camera(request: Option<&CameraRequest>) -> CameraChoice {
-    match request {
-        None => CameraChoice::First,
-        Some(CameraRequest::Index(index)) => CameraChoice::Index(*index),
-        Some(CameraRequest::Name(name)) => CameraChoice::Name(name.clone()),
-        Some(CameraRequest::Explicit(camera)) => {
-            let api::ExplicitCamera { eye, target, up, yfov_degrees } = *camera;
-            CameraChoice::Explicit(ExplicitCamera { eye, target, up, yfov_degrees })
-        }
-    }
-}
-
-/// The job's limits as it named them, as on the command line, and beside them the longest time of
-/// the server: it ends jobs that name only iterations or an accuracy which they may never reach.
-fn limits(request: &api::JobRequest, max_seconds: f64) -> Limits {
-    Limits {
-        seconds: request.time_budget_s,
-        iterations: request.max_iterations,
-        target_error: request.target_error,
-        cap_seconds: Some(max_seconds),
-    }
 }
 
 /// The observer of one run: counts and sends, so that rendering never waits for the store.

@@ -7,7 +7,7 @@ use super::wire::Files;
 use crate::api::events::{Notice, NoticeEvent};
 use crate::api::jobs::{Picture, PictureFormat, Progress};
 use crate::artifacts::{ArtifactError, Content};
-use crate::service::Service;
+use crate::shared::Shared;
 use crate::store::{Claim, Report};
 use std::io;
 use std::time::Instant;
@@ -44,14 +44,13 @@ impl Drawn {
     /// Where the storage does not take them; it can be tried again.
     pub async fn store(
         &self,
-        service: &Service,
+        shared: &Shared,
         claim: Claim,
     ) -> Result<Vec<Picture>, ArtifactError> {
         let mut pictures = Vec::new();
         for (format, file) in &self.files {
             let file = file.try_clone()?;
-            pictures
-                .push(service.artifacts.put_picture(claim.job, *format, self.size, file).await?);
+            pictures.push(shared.artifacts.put_picture(claim.job, *format, self.size, file).await?);
         }
         Ok(pictures)
     }
@@ -95,13 +94,13 @@ impl Album {
     /// Where it cannot be stored.
     pub async fn keep(
         &mut self,
-        service: &Service,
+        shared: &Shared,
         claim: Claim,
         drawn: Drawn,
         progress: Progress,
     ) -> Result<(), Trouble> {
-        if let Some(why) = service.disk.shortage() {
-            return self.pause(service, claim, Pause::Disk, why).await;
+        if let Some(why) = shared.disk.shortage() {
+            return self.pause(shared, claim, Pause::Disk, why).await;
         }
         let begun = Instant::now();
         let bytes = drawn.bytes()?;
@@ -110,40 +109,35 @@ impl Album {
             let why = format!(
                 "a snapshot takes {bytes} KiB, and those of a job may have {share} MiB together (--max-job-mb)"
             );
-            return self.pause(service, claim, Pause::Share, why).await;
+            return self.pause(shared, claim, Pause::Share, why).await;
         }
-        if service.store.room(claim.job).await?.is_some_and(|room| room < bytes) {
+        if shared.store.room(claim.job).await?.is_some_and(|room| room < bytes) {
             let why = "the pictures and solutions of this caller have as many bytes as they may";
-            return self.pause(service, claim, Pause::Quota, why.into()).await;
+            return self.pause(shared, claim, Pause::Quota, why.into()).await;
         }
         if self.stored.is_none() {
-            let known = service.store.snapshots(claim.job).await?;
+            let known = shared.store.snapshots(claim.job).await?;
             self.stored = Some(known.stored.iter().map(|(_, bytes)| bytes).sum());
             self.slower = known.thinned;
         }
-        self.make_room(service, claim, bytes).await?;
-        let pictures = drawn.store(service, claim).await?;
-        service.metrics.count_snapshot(begun.elapsed().as_secs_f64());
+        self.make_room(shared, claim, bytes).await?;
+        let pictures = drawn.store(shared, claim).await?;
+        shared.metrics.count_snapshot(begun.elapsed().as_secs_f64());
         let report = Report { snapshots: vec![(pictures, progress)], ..Report::default() };
-        service.store.report(claim, report).await?;
+        shared.store.report(claim, report).await?;
         self.stored = self.stored.map(|stored| stored + bytes);
         self.paused = None;
         // Two may be too many already; the newest one stays until there is a newer one.
-        self.make_room(service, claim, 0).await?;
-        service.bell.ring(claim.job);
+        self.make_room(shared, claim, 0).await?;
+        shared.bell.ring(claim.job);
         Ok(())
     }
 
     /// Removes every second snapshot but the newest, until so many bytes more are within the share
     /// or one snapshot is left.
-    async fn make_room(
-        &mut self,
-        service: &Service,
-        claim: Claim,
-        more: u64,
-    ) -> Result<(), Trouble> {
+    async fn make_room(&mut self, shared: &Shared, claim: Claim, more: u64) -> Result<(), Trouble> {
         while self.stored.unwrap_or(0) + more > self.share {
-            let stored = service.store.snapshots(claim.job).await?.stored;
+            let stored = shared.store.snapshots(claim.job).await?.stored;
             let (gone, left) = every_second(&stored);
             if gone.is_empty() {
                 break;
@@ -156,16 +150,16 @@ impl Album {
                 ),
                 removed: gone.len() as u64,
             };
-            let unnamed = service.store.drop_snapshots(claim, &gone, notice).await?;
+            let unnamed = shared.store.drop_snapshots(claim, &gone, notice).await?;
             self.stored = Some(left);
             self.slower += 1;
             for picture in unnamed {
                 // What stays behind is found by the next sweep.
-                if let Err(error) = service.artifacts.remove_picture(claim.job, &picture).await {
+                if let Err(error) = shared.artifacts.remove_picture(claim.job, &picture).await {
                     tracing::warn!(job = %claim.job, %error, "cannot remove a snapshot");
                 }
             }
-            service.bell.ring(claim.job);
+            shared.bell.ring(claim.job);
         }
         Ok(())
     }
@@ -173,7 +167,7 @@ impl Album {
     /// Leaves a snapshot out, and says so where that begins.
     async fn pause(
         &mut self,
-        service: &Service,
+        shared: &Shared,
         claim: Claim,
         pause: Pause,
         why: String,
@@ -185,10 +179,10 @@ impl Album {
         let detail = format!("no snapshots are kept until there is room: {why}");
         let notice = NoticeEvent { what: Notice::SnapshotsPaused, detail, removed: 0 };
         let report = Report { notices: vec![notice], ..Report::default() };
-        service.store.report(claim, report).await?;
+        shared.store.report(claim, report).await?;
         self.paused = Some(pause);
         self.pause_notices += 1;
-        service.bell.ring(claim.job);
+        shared.bell.ring(claim.job);
         Ok(())
     }
 }

@@ -7,7 +7,7 @@ use super::process::Epitaph;
 use super::snapshots::{Album, Drawn};
 use super::wire::{Failure, Message, Order, Said};
 use crate::api::jobs::{Progress, Stats};
-use crate::service::Service;
+use crate::shared::Shared;
 use crate::store::{Claim, Report, StoreError};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -56,15 +56,15 @@ pub struct Followed {
 
 /// Follows a run to its end, with everything that it said stored.
 pub async fn follow(
-    service: &Arc<Service>,
+    shared: &Arc<Shared>,
     executor: &mut Executor,
     run: u64,
     claim: Claim,
 ) -> Followed {
     let mut scribe = Scribe {
-        service: service.clone(),
+        shared: shared.clone(),
         claim,
-        album: Arc::new(Mutex::new(Album::new(service.config.guard.max_job_mb << 20))),
+        album: Arc::new(Mutex::new(Album::new(shared.config.guard.max_job_mb << 20))),
         stop: Stop::No,
         latest: None,
         pending: Report::default(),
@@ -81,7 +81,7 @@ pub async fn follow(
 
 /// Writes down what a run says.
 struct Scribe {
-    service: Arc<Service>,
+    shared: Arc<Shared>,
     claim: Claim,
     album: Arc<Mutex<Album>>,
     stop: Stop,
@@ -97,8 +97,8 @@ struct Scribe {
 
 impl Scribe {
     async fn follow(&mut self, executor: &mut Executor, run: u64) -> Ended {
-        let service = self.service.clone();
-        let mut bell = service.bell.listen(self.claim.job);
+        let shared = self.shared.clone();
+        let mut bell = shared.bell.listen(self.claim.job);
         let mut flush = tokio::time::interval(FLUSH_INTERVAL);
         flush.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         let mut recheck = tokio::time::interval(RECHECK);
@@ -119,7 +119,7 @@ impl Scribe {
                         return ended;
                     }
                 }
-                () = service.shutdown.cancelled(), if self.stop < Stop::Shutdown => {
+                () = shared.shutdown.cancelled(), if self.stop < Stop::Shutdown => {
                     self.stop = Stop::Shutdown;
                 }
                 Some(slower) = self.snapshots.join_next(), if !self.snapshots.is_empty() => {
@@ -153,7 +153,7 @@ impl Scribe {
     /// Why the executor must be ended, if so: it was last heard at one time, and told to stop at
     /// the other.
     fn out_of_patience(&self, heard: Instant, told: Option<Instant>) -> Option<String> {
-        let config = &self.service.config;
+        let config = &self.shared.config;
         let grace = match self.stop {
             Stop::Shutdown => SHUTDOWN_GRACE,
             _ => Duration::from_secs_f64(config.cancel_grace_s),
@@ -189,19 +189,19 @@ impl Scribe {
                 None
             }
             Said::Checkpoint(facts) => {
-                let (service, claim, turn) = (self.service.clone(), self.claim, self.turn.clone());
+                let (shared, claim, turn) = (self.shared.clone(), self.claim, self.turn.clone());
                 self.checkpoints.spawn(async move {
-                    checkpoints::keep(&service, claim, facts, message.parts, &turn).await
+                    checkpoints::keep(&shared, claim, facts, message.parts, &turn).await
                 });
                 None
             }
             Said::Snapshot(progress, files) => match Drawn::new(files, message.parts) {
                 Some(drawn) => {
-                    let (service, claim) = (self.service.clone(), self.claim);
+                    let (shared, claim) = (self.shared.clone(), self.claim);
                     let album = self.album.clone();
                     self.snapshots.spawn(async move {
                         let mut album = album.lock().await;
-                        if let Err(error) = album.keep(&service, claim, drawn, progress).await {
+                        if let Err(error) = album.keep(&shared, claim, drawn, progress).await {
                             tracing::warn!(job = %claim.job, %error, "a snapshot was lost");
                         }
                         album.slower()
@@ -228,12 +228,12 @@ impl Scribe {
             return;
         }
         let report = std::mem::take(&mut self.pending);
-        match self.service.store.report(self.claim, report).await {
+        match self.shared.store.report(self.claim, report).await {
             Ok(cancel) => {
                 if cancel {
                     self.ask_to_stop(Stop::Cancel);
                 }
-                self.service.bell.ring(self.claim.job);
+                self.shared.bell.ring(self.claim.job);
             }
             Err(StoreError::ClaimLost(_)) => self.ask_to_stop(Stop::ClaimLost),
             Err(error) => tracing::error!(job = %self.claim.job, %error, "progress was lost"),
@@ -241,7 +241,7 @@ impl Scribe {
     }
 
     async fn look_for_cancel(&mut self) {
-        match self.service.store.job(self.claim.job).await {
+        match self.shared.store.job(self.claim.job).await {
             Ok(Some(job)) if job.cancel_requested => self.ask_to_stop(Stop::Cancel),
             Ok(None) => self.ask_to_stop(Stop::ClaimLost),
             Ok(Some(_)) => {}
