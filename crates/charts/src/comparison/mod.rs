@@ -4,48 +4,29 @@
 //! Methods take turns within each seed and budget, so that a machine that is busy with other
 //! things disturbs all alike. A method that refuses the scene is left out with its reason.
 
+mod bench;
 mod difference;
 mod reference;
 pub mod report;
 
+pub use bench::{Bench, Contender, View};
 pub use reference::{Truth, TruthError, from_files, trace};
 
 use crate::accuracy::{Repetitions, error};
 use crate::statistics::median;
-use hemilux_engine::device::{Device, free_memory};
+use hemilux_engine::device::free_memory;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
-use hemilux_engine::render::{
-    CameraChoice, Limits, Observer, Progress, RenderError, RenderRequest, Rendered, StopReason,
-};
-use hemilux_engine::scene::Scene;
-use hemilux_engine::transport::render;
+use hemilux_engine::render::{Limits, Rendered, StopReason};
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Instant;
-
-/// A method and its settings.
-#[derive(Clone, Debug)]
-pub struct Contender {
-    /// Name of the method.
-    pub method: String,
-    /// Its settings by name, over the defaults.
-    pub options: BTreeMap<String, String>,
-}
 
 /// What is compared.
 #[derive(Clone, Debug)]
 pub struct Task {
-    /// Name of the scene, for titles.
-    pub name: String,
-    /// The scene.
-    pub scene: Arc<Scene>,
-    /// The camera.
-    pub camera: CameraChoice,
-    /// Width and height, pixels.
-    pub size: (u32, u32),
+    /// What all pictures show.
+    pub view: View,
     /// The methods.
     pub contenders: Vec<Contender>,
     /// Time budgets, seconds, ascending.
@@ -55,20 +36,6 @@ pub struct Task {
 }
 
 impl Task {
-    fn request(&self, contender: &Contender, limits: Limits, seed: u64) -> RenderRequest {
-        RenderRequest {
-            scene: self.scene.clone(),
-            camera: self.camera.clone(),
-            width: self.size.0,
-            height: self.size.1,
-            method: contender.method.clone(),
-            limits,
-            seed,
-            options: contender.options.clone(),
-            begin: Default::default(),
-        }
-    }
-
     /// Seconds that all runs take together, if each uses its budget.
     pub fn seconds(&self) -> f64 {
         let runs = self.contenders.len() as f64 * self.seeds as f64;
@@ -99,57 +66,6 @@ pub fn check_memory(size: (u32, u32), methods: usize, budgets: usize) -> Result<
          are available; ask for smaller pictures, or fewer methods or budgets",
         size.0, size.1
     ))
-}
-
-/// Where runs happen and who is told about them.
-pub struct Bench<'a> {
-    /// Opens the device; again after it was lost.
-    pub open: &'a mut dyn FnMut() -> Result<Box<dyn Device>, String>,
-    /// Told what begins, with the share of the work that is done.
-    pub say: &'a mut dyn FnMut(&str, f64),
-    /// Set from outside to end early with what there is.
-    pub interrupted: &'a AtomicBool,
-    device: Option<Box<dyn Device>>,
-}
-
-impl<'a> Bench<'a> {
-    /// A bench whose device is not open yet.
-    pub fn new(
-        open: &'a mut dyn FnMut() -> Result<Box<dyn Device>, String>,
-        say: &'a mut dyn FnMut(&str, f64),
-        interrupted: &'a AtomicBool,
-    ) -> Self {
-        Self { open, say, interrupted, device: None }
-    }
-
-    /// Renders; a failure of the device costs the device, which is opened again for the next.
-    fn render(&mut self, request: &RenderRequest) -> Result<Rendered, String> {
-        let mut device = match self.device.take() {
-            Some(device) => device,
-            None => (self.open)()?,
-        };
-        let mut observer = Interruptible(self.interrupted);
-        let done =
-            catch_unwind(AssertUnwindSafe(|| render(device.as_mut(), request, &mut observer)));
-        let result = match done {
-            Err(_) => return Err("an unexpected fault in the renderer".into()),
-            Ok(result) => result,
-        };
-        if !matches!(result, Err(RenderError::Device(_))) {
-            self.device = Some(device);
-        }
-        result.map_err(|error| error.to_string())
-    }
-}
-
-struct Interruptible<'a>(&'a AtomicBool);
-
-impl Observer for Interruptible<'_> {
-    fn progress(&mut self, _: &Progress) {}
-
-    fn cancelled(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
-    }
 }
 
 /// One run of a method, judged.
@@ -319,21 +235,13 @@ pub struct Outcome {
 /// # Errors
 /// Where the device does not open or the pictures don't fit into memory. Methods that fail are part of the outcome.
 pub fn compare(task: Task, truth: Truth, bench: &mut Bench<'_>) -> Result<Outcome, String> {
-    check_memory(task.size, task.contenders.len(), task.budgets.len())?;
+    check_memory(task.view.size, task.contenders.len(), task.budgets.len())?;
     let begun = Instant::now();
-    let description = match &bench.device {
-        Some(device) => device.description(),
-        None => {
-            let device = (bench.open)()?;
-            let description = device.description();
-            bench.device = Some(device);
-            description
-        }
-    };
+    let description = bench.device()?;
     let mut contestants: Vec<Contestant> = (task.contenders.iter())
         .map(|contender| Contestant {
             contender: contender.clone(),
-            cells: task.budgets.iter().map(|budget| Cell::new(*budget, task.size)).collect(),
+            cells: task.budgets.iter().map(|budget| Cell::new(*budget, task.view.size)).collect(),
             refusal: None,
             warnings: Vec::new(),
             converged: None,
@@ -389,7 +297,7 @@ fn run_one(
         return;
     }
     let limits = Limits { seconds: Some(task.budgets[at]), ..Limits::default() };
-    match bench.render(&task.request(&contestant.contender, limits, seed)) {
+    match bench.render(&task.view.request(&contestant.contender, limits, seed)) {
         // Cut short by the user: no run of that budget.
         Ok(rendered) if rendered.stats.stopped == StopReason::Cancelled => {}
         Ok(rendered) => {

@@ -1,6 +1,6 @@
 //! What pictures are judged by: files, or path tracing in two halves.
 
-use super::{Bench, Contender, Task};
+use super::bench::{Bench, Contender, View};
 use crate::accuracy::Reference;
 use crate::regions::without_emitters;
 use crate::sheet::reduced;
@@ -10,7 +10,6 @@ use hemilux_engine::render::{
 };
 use hemilux_engine::scene::Scene;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 /// Seeds of a traced reference's halves; judged runs count from 1.
@@ -148,30 +147,14 @@ fn read(name: &str, bytes: &[u8], size: Option<(u32, u32)>) -> Result<Picture, T
 /// # Errors
 /// [`TruthError::Request`] where the view can't be rendered as asked, else
 /// [`TruthError::Failed`].
-pub fn trace(
-    name: &str,
-    scene: &Arc<Scene>,
-    camera: &CameraChoice,
-    size: (u32, u32),
-    seconds: f64,
-    bench: &mut Bench<'_>,
-) -> Result<Truth, TruthError> {
+pub fn trace(view: &View, seconds: f64, bench: &mut Bench<'_>) -> Result<Truth, TruthError> {
     let tracer = Contender { method: "ray-traced".into(), options: BTreeMap::new() };
-    let task = Task {
-        name: name.into(),
-        scene: scene.clone(),
-        camera: camera.clone(),
-        size,
-        contenders: Vec::new(),
-        budgets: Vec::new(),
-        seeds: 0,
-    };
     let limits = Limits { seconds: Some(0.5 * seconds), ..Limits::default() };
     let mut halves = Vec::new();
     for (at, seed) in SEEDS.into_iter().enumerate() {
         let what = format!("reference, half {} of 2, {} s", at + 1, 0.5 * seconds);
         (bench.say)(&what, 0.5 * at as f64);
-        let rendered = bench.render(&task.request(&tracer, limits, seed));
+        let rendered = bench.render(&view.request(&tracer, limits, seed));
         let rendered = rendered.map_err(|what| TruthError::Failed(format!("reference: {what}")))?;
         if bench.interrupted.load(Ordering::Relaxed) {
             return Err(TruthError::Failed("ended before there was a reference".into()));
@@ -190,7 +173,7 @@ pub fn trace(
     let mut pictures = halves.into_iter().map(|half| half.picture);
     match (pictures.next(), pictures.next()) {
         (Some(first), Some(second)) => {
-            Truth::new(Reference::new(first, second), scene, camera, &origin)
+            Truth::new(Reference::new(first, second), &view.scene, &view.camera, &origin)
         }
         _ => Err(TruthError::Failed("there is no reference".into())),
     }

@@ -65,7 +65,7 @@ pub fn runs(outcome: &Outcome) -> Table {
         "refused",
     ]);
     for contestant in &outcome.contestants {
-        let mut start = vec![outcome.task.name.clone(), contestant.contender.method.clone()];
+        let mut start = vec![outcome.task.view.name.clone(), contestant.contender.method.clone()];
         start.push(pairs(&contestant.contender.options));
         for (cell, run) in contestant.cells.iter().flat_map(|c| c.runs.iter().map(move |r| (c, r)))
         {
@@ -131,7 +131,7 @@ pub fn chart(outcome: &Outcome) -> Chart {
         line
     };
     let panel = |title: &str, figure: &dyn Fn(&Run) -> f64| Panel {
-        title: format!("{}: {title}", outcome.task.name),
+        title: format!("{}: {title}", outcome.task.view.name),
         x_label: "seconds of solving".into(),
         y_label: title.into(),
         lines: outcome
@@ -154,7 +154,7 @@ pub fn chart(outcome: &Outcome) -> Chart {
 /// # Errors
 /// Where the encoder fails, in words.
 pub fn sheet(outcome: &Outcome) -> Result<Vec<u8>, String> {
-    let (width, height) = outcome.task.size;
+    let (width, height) = outcome.task.view.size;
     let shrink = width.max(height).div_ceil(WIDEST);
     let enlarge = (WIDEST / width.max(height).max(1)).clamp(1, 8);
     let reference = outcome.truth.reference.picture();
@@ -190,7 +190,7 @@ pub fn sheet(outcome: &Outcome) -> Result<Vec<u8>, String> {
     let mut rows = Vec::new();
     for (above, below) in pictures.chunks(COLUMNS).zip(below.chunks(COLUMNS)) {
         let first = rows.is_empty();
-        let title = format!("{}, {budget} s for each method, seed 1", outcome.task.name);
+        let title = format!("{}, {budget} s for each method, seed 1", outcome.task.view.name);
         rows.push(Row {
             title: if first { title } else { String::new() },
             exposure,
@@ -219,7 +219,7 @@ fn percent_of(value: f64) -> String {
 /// The page: conditions, tables, remarks.
 pub fn page(outcome: &Outcome) -> String {
     let mut parts = vec![
-        format!("# {}: methods side by side\n", outcome.task.name),
+        format!("# {}: methods side by side\n", outcome.task.view.name),
         conditions(outcome),
         "![Error against time](chart.svg)\n".into(),
         "## Within the largest budget\n".into(),
@@ -249,10 +249,10 @@ pub fn conditions(outcome: &Outcome) -> String {
     let mut lines = vec![
         format!(
             "{}: {} triangles, {} × {} pixels",
-            task.name,
-            task.scene.triangles.len(),
-            task.size.0,
-            task.size.1
+            task.view.name,
+            task.view.scene.triangles.len(),
+            task.view.size.0,
+            task.view.size.1
         ),
         format!("{}, {threads} hardware threads", outcome.device),
         format!(

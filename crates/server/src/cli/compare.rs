@@ -1,6 +1,6 @@
 //! `hemilux compare`.
 
-use super::Failure;
+use super::process::{self, Failure};
 use super::render::{
     camera_choice, listen_for_interrupt, parse_positive, parse_setting, parse_size, read_file,
     read_scene,
@@ -8,8 +8,8 @@ use super::render::{
 use crate::worker::devices;
 use clap::Args;
 use hemilux_charts::comparison::{
-    Bench, Contender, Outcome, Task, Truth, TruthError, check_memory, compare, from_files, report,
-    trace,
+    Bench, Contender, Outcome, Task, Truth, TruthError, View, check_memory, compare, from_files,
+    report, trace,
 };
 use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, choose_camera};
 use hemilux_engine::scene::Scene;
@@ -103,11 +103,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
     };
     let mut bench = Bench::new(&mut open, &mut say, &interrupted);
-    let name = scene_name(&arguments.scene);
-    let truth = truth(arguments, &name, &scene, &camera, (contenders.len(), &budgets), &mut bench)?;
+    let side = if arguments.quick { 128 } else { 256 };
+    let size = arguments.size.unwrap_or((side, side));
+    let mut view = View { name: scene_name(&arguments.scene), scene, camera, size };
+    let truth = truth(arguments, &view, (contenders.len(), &budgets), &mut bench)?;
     let half = truth.reference.halves()[0];
-    let size = (half.width, half.height);
-    let task = Task { name, scene, camera, size, contenders, budgets, seeds };
+    view.size = (half.width, half.height);
+    let task = Task { view, contenders, budgets, seeds };
     let outcome = compare(task, truth, &mut bench).map_err(Failure::failed)?;
     write(arguments, &outcome)?;
     if outcome.contestants.iter().all(|contestant| contestant.cells.is_empty()) {
@@ -116,7 +118,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     if !arguments.quiet {
         let table = report::largest(&outcome);
-        super::print(&format!("{table}{}", report::remarks(&outcome)))?;
+        process::print(&format!("{table}{}", report::remarks(&outcome)))?;
     }
     Ok(())
 }
@@ -197,9 +199,7 @@ fn scene_name(scene: &str) -> String {
 /// The given reference, or a traced one, which is kept beside the results.
 fn truth(
     arguments: &Arguments,
-    name: &str,
-    scene: &Arc<Scene>,
-    camera: &CameraChoice,
+    view: &View,
     (methods, budgets): (usize, &[f64]),
     bench: &mut Bench<'_>,
 ) -> Result<Truth, Failure> {
@@ -214,14 +214,12 @@ fn truth(
                 .map_err(|error| Failure::failed(format!("cannot read {path:?}: {error}")))?;
             files.push((path.display().to_string(), bytes));
         }
-        return from_files(&files, arguments.size, scene, camera).map_err(failed);
+        return from_files(&files, arguments.size, &view.scene, &view.camera).map_err(failed);
     }
-    let side = if arguments.quick { 128 } else { 256 };
-    let size = arguments.size.unwrap_or((side, side));
-    check_memory(size, methods, budgets.len()).map_err(Failure::usage)?;
+    check_memory(view.size, methods, budgets.len()).map_err(Failure::usage)?;
     let largest = budgets.last().copied().unwrap_or(1.0);
     let seconds = arguments.reference_seconds.unwrap_or(REFERENCE_BUDGETS * largest);
-    let truth = trace(name, scene, camera, size, seconds, bench).map_err(failed)?;
+    let truth = trace(view, seconds, bench).map_err(failed)?;
     for (half, name) in truth.reference.halves().into_iter().zip(["a", "b"]) {
         let path = arguments.out.join(format!("reference-{name}.exr"));
         write_file(&path, &half.to_exr().map_err(Failure::failed)?)?;
