@@ -3,7 +3,7 @@
 
 use crate::results::{self, Failure};
 use hemilux_charts::comparison::{
-    Bench, Contender, Outcome, Task, TruthError, compare, report, trace,
+    Bench, Contender, Outcome, Task, TruthError, View, compare, report, trace,
 };
 use hemilux_engine::device;
 use hemilux_engine::render::CameraChoice;
@@ -115,8 +115,10 @@ fn one(arguments: &Arguments, name: &str, glb: &[u8], size: &Size) -> Result<Out
     };
     let interrupted = AtomicBool::new(false);
     let mut bench = Bench::new(&mut open, &mut say, &interrupted);
-    let (camera, side) = (CameraChoice::First, (size.side, size.side));
-    let truth = trace(name, &scene, &camera, side, size.reference_seconds, &mut bench);
+    let size_of_picture = (size.side, size.side);
+    let view =
+        View { name: name.into(), scene, camera: CameraChoice::First, size: size_of_picture };
+    let truth = trace(&view, size.reference_seconds, &mut bench);
     let truth = truth.map_err(|error| match error {
         TruthError::Request(what) | TruthError::Failed(what) => what,
     })?;
@@ -128,10 +130,7 @@ fn one(arguments: &Arguments, name: &str, glb: &[u8], size: &Size) -> Result<Out
         Contender { method: method.into(), options }
     };
     let task = Task {
-        name: name.into(),
-        scene,
-        camera,
-        size: side,
+        view,
         contenders: REGISTRY.iter().map(|method| contender(method.name())).collect(),
         budgets: size.budgets.to_vec(),
         seeds: size.seeds,

@@ -1,11 +1,13 @@
-//! Light transport by hemicube shooting.
+//! Light transport: a scene becomes a picture.
 //!
 //! The modules follow the light: [`radiometry`] names the quantities, [`scene`] says what is
-//! there, [`rays`] says what a ray meets, [`patches`] cuts the scene into finite elements,
+//! there, [`rays`] says what a ray meets, [`sampling`] draws directions and points, `surface` says
+//! what a point reflects and lets through, [`patches`] cuts the scene into finite elements,
+//! `emitters` asks what shines, `filter` lets neighbours say together what one says badly,
 //! [`hemicube`] turns a shot into pixels, [`device`] runs shots, [`form_factors`] knows the classic
-//! routes to compare them with, [`transport`] holds the methods that decide which shots to run,
-//! [`measurement`] turns the solution into camera radiance and [`image`] into files.
-//! [`render`] ties them together for one job; [`checkpoint`] keeps what one knows.
+//! routes to compare them with, [`measurement`] turns a solution into camera radiance and [`image`]
+//! into files. [`render`] has the words of a job, [`checkpoint`] keeps what one knows, and
+//! [`transport`] holds the methods and the driver that runs them.
 //!
 //! The engine does no networking, knows no async runtime and keeps no global state; only
 //! [`scene::gltf`], [`image`] and [`checkpoint`] know file formats.

@@ -17,7 +17,7 @@ use clap::{Parser, Subcommand};
 use process::{Failure, print};
 use std::process::ExitCode;
 
-/// Global illumination by hemicube shooting: a render server and a command-line renderer.
+/// Global illumination: a render server and a command-line renderer.
 #[derive(Parser)]
 #[command(name = "hemilux", version)]
 struct Arguments {
