@@ -37,7 +37,7 @@ use coarse::{Coarse, CoarseMesh, Elements, SampledLight};
 use effort::Effort;
 use fragments::Seen;
 pub use settings::HemiluxSettings;
-use solver::{FIRST_RAYS, Parts, Tiers};
+use solver::{FIRST_RAYS, How, Parts, Tiers};
 use std::sync::Arc;
 
 /// Decisions in checkpoints: wanted patches of the coarse mesh, sub-pixel samples.
@@ -107,7 +107,8 @@ impl Method for Hemilux {
         clock.lap("seconds_fragments");
         let parts = Parts { world, lights, seen, coarse };
         let done = job.run.standing.tally.iterations;
-        let mut tiers = Tiers::new(parts, options, first_rays, seed, effort.hasty, done, clock);
+        let how = How { options, first_rays, seed, hasty: effort.hasty, done };
+        let mut tiers = Tiers::new(parts, how, clock);
         tiers.before = earlier.before;
         if let Some(past) = past {
             tiers.restore_shared(past.shared)?;

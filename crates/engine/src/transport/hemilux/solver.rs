@@ -84,6 +84,20 @@ pub struct Tiers {
     done: u64,
 }
 
+/// How the tiers work.
+pub struct How {
+    /// The settings.
+    pub options: HemiluxSettings,
+    /// Rays of a record in the first iteration.
+    pub first_rays: u32,
+    /// What random numbers are drawn by.
+    pub seed: Seed,
+    /// Whether the first picture had better come soon than be good.
+    pub hasty: bool,
+    /// Iterations that earlier attempts at the same job did.
+    pub done: u64,
+}
+
 /// What the tiers work on.
 pub struct Parts {
     /// The scene as rays meet it.
@@ -98,16 +112,9 @@ pub struct Parts {
 
 impl Tiers {
     /// Tiers that know nothing yet of what is not in their parts.
-    pub fn new(
-        parts: Parts,
-        options: HemiluxSettings,
-        first_rays: u32,
-        seed: Seed,
-        hasty: bool,
-        done: u64,
-        mut clock: Clock,
-    ) -> Self {
+    pub fn new(parts: Parts, how: How, mut clock: Clock) -> Self {
         let Parts { world, lights, seen, coarse } = parts;
+        let How { options, first_rays, seed, hasty, done } = how;
         let direct = Direct::new(&lights, &seen, options.adaptive, hasty);
         clock.lap("seconds_light");
         Self {
@@ -176,57 +183,28 @@ impl Tiers {
         self.cache.turn(&self.seen, self.spacing(before));
     }
 
+    /// One iteration: every tier gets better, as far as its number says.
     fn iterate(&mut self, run: &mut Run<'_>) {
         let number = run.standing.tally.iterations;
-        let first = number == 0;
         // Until then another picture has done what is for any camera.
         let known = number < self.before;
-        let options = self.options;
         self.clock.start();
-        // As many links again as there are, whenever the iterations have doubled: solving takes its
-        // time for all of them.
         if (number + 1).is_power_of_two() && !known {
-            let rounds = (number as u32).div_ceil(2).clamp(1, MOST_ROUNDS);
-            // The first points there are already.
-            let points = if first { 0 } else { PATCH_POINTS * rounds };
-            self.coarse.link(self.seed, points, options.coarse_rays * rounds);
+            self.link(number);
         }
         self.clock.lap("seconds_links");
-        if options.light {
+        if self.options.light {
             // Only shadows are new where all else is known.
             for _ in 0..if known { LIGHT_AHEAD } else { 1 } {
                 self.direct.pass(&self.world, &self.lights, &self.seen, self.seed);
             }
         }
         self.clock.lap("seconds_light");
-        if options.gather {
-            // New records catch up with those that are there: at once, or, where another camera's
-            // picture left many, over some iterations, so that the first picture comes soon.
-            let so_far = number.max(self.before);
-            let enough = self.gathered(so_far);
-            let gathering = Gathering {
-                seed: self.seed,
-                rays: self.gather_rays(so_far),
-                new_rays: if known { enough.min(options.gather_rays) } else { enough },
-                afresh: options.gather_direct,
-                spacing: self.spacing(so_far),
-            };
-            if !first {
-                let enough = if known { enough } else { u32::MAX };
-                self.cache.refine(&self.world, &self.coarse, gathering, enough, number as usize);
-            }
-            if first || (REFILLS.contains(&number) && !known) {
-                self.cache.smooth(&self.seen, options.gather_fit);
-                let (lights, seen) = (&*self.lights, &self.seen);
-                let direct = |index| self.direct.irradiance(lights, seen, index, true).0;
-                let follows = first && !known && options.adaptive;
-                let look = follows.then_some(Look { hasty: self.hasty, direct: &direct });
-                let rays = self.cache.fill(&self.world, &self.coarse, seen, gathering, look);
-                if follows {
-                    self.first_rays = rays;
-                    run.owner.decide(FIRST_RAYS, &rays);
-                }
-            }
+        if self.options.gather
+            && let Some(rays) = self.gather(number, known)
+        {
+            self.first_rays = rays;
+            run.owner.decide(FIRST_RAYS, &rays);
         }
         self.clock.lap("seconds_gather");
         if self.gloss.len() > 0 {
@@ -238,6 +216,46 @@ impl Tiers {
         tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays;
         tally.light_shots = self.direct.rays;
         self.done = tally.iterations;
+    }
+
+    /// As many links again as there are: iterations do so whenever they have doubled, since solving
+    /// takes its time for all links.
+    fn link(&mut self, number: u64) {
+        let rounds = (number as u32).div_ceil(2).clamp(1, MOST_ROUNDS);
+        // The first points there are already.
+        let points = if number == 0 { 0 } else { PATCH_POINTS * rounds };
+        self.coarse.link(self.seed, points, self.options.coarse_rays * rounds);
+    }
+
+    /// More rays for the records, and more records in some iterations. How many rays every record
+    /// is worth in an iteration, where that was found out now.
+    fn gather(&mut self, number: u64, known: bool) -> Option<u32> {
+        let (options, first) = (self.options, number == 0);
+        // New records catch up with those that are there: at once, or, where another camera's
+        // picture left many, over some iterations, so that the first picture comes soon.
+        let so_far = number.max(self.before);
+        let enough = self.gathered(so_far);
+        let gathering = Gathering {
+            seed: self.seed,
+            rays: self.gather_rays(so_far),
+            new_rays: if known { enough.min(options.gather_rays) } else { enough },
+            afresh: options.gather_direct,
+            spacing: self.spacing(so_far),
+        };
+        if !first {
+            let enough = if known { enough } else { u32::MAX };
+            self.cache.refine(&self.world, &self.coarse, gathering, enough, number as usize);
+        }
+        if !(first || (REFILLS.contains(&number) && !known)) {
+            return None;
+        }
+        self.cache.smooth(&self.seen, options.gather_fit);
+        let (lights, seen) = (&*self.lights, &self.seen);
+        let direct = |index| self.direct.irradiance(lights, seen, index, true).0;
+        let follows = first && !known && options.adaptive;
+        let look = follows.then_some(Look { hasty: self.hasty, direct: &direct });
+        let rays = self.cache.fill(&self.world, &self.coarse, seen, gathering, look);
+        follows.then_some(rays)
     }
 
     /// Another pass of lobe rays, unless they are good enough; in the first iteration a second one,

@@ -50,19 +50,23 @@ struct Lit {
     seen: Rgb,
 }
 
+/// What elements are lit in.
+#[derive(Clone, Copy)]
+pub struct Lighting<'a> {
+    /// The scene as rays meet it.
+    pub world: &'a World,
+    /// Its emitters.
+    pub lights: &'a PolygonLights,
+    /// The scene in patches.
+    pub scene: &'a PatchedScene,
+    /// The elements.
+    pub elements: &'a Elements,
+}
+
 impl SampledLight {
     /// Looks at more points of an element.
-    #[expect(clippy::too_many_arguments)]
-    pub fn add(
-        &mut self,
-        world: &World,
-        lights: &PolygonLights,
-        scene: &PatchedScene,
-        elements: &Elements,
-        element: usize,
-        points: u32,
-        seed: Seed,
-    ) {
+    pub fn add(&mut self, lit: &Lighting<'_>, element: usize, points: u32, seed: Seed) {
+        let Lighting { world, lights, scene, elements } = *lit;
         let sequence = Shifted::new(seed, Stream::PatchLight, element as u64);
         let mut sequence = sequence.at(self.points);
         let crevice = CREVICE * elements.area[element].sqrt() * world.rays.scale() as f32;

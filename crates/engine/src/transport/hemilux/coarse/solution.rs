@@ -2,7 +2,7 @@
 //! the closed form and shadow rays; everything that bounces over the links between patches. It is
 //! only ever seen through gathers.
 
-use super::direct::{DirectLight, SampledLight};
+use super::direct::{DirectLight, Lighting, SampledLight};
 use super::guide::Guide;
 use super::links::Links;
 use super::mesh::{CoarseMesh, Values};
@@ -79,10 +79,10 @@ impl Coarse {
 
     /// Lights more points of each element.
     fn light(&mut self, seed: Seed, points: u32) {
-        let (world, lights) = (&*self.world, &*self.lights);
         let CoarseMesh { scene, elements, .. } = &self.mesh;
+        let lit = Lighting { world: &self.world, lights: &self.lights, scene, elements };
         self.sampled.par_iter_mut().enumerate().with_max_len(256).for_each(|(element, sampled)| {
-            sampled.add(world, lights, scene, elements, element, points, seed);
+            sampled.add(&lit, element, points, seed);
         });
     }
 
