@@ -15,7 +15,7 @@ mod stream;
 pub use content::{Content, Hashing};
 pub use error::ArtifactError;
 pub use files::Artifacts;
-pub use keys::{Place, picture_file};
+pub use keys::{FilePlace, picture_file};
 pub use orphans::SetAside;
 pub use stream::Opened;
 

@@ -324,6 +324,21 @@ pub struct Stats {
     pub diagnostics: BTreeMap<String, f64>,
 }
 
+impl Stats {
+    /// The progress of a job that has these figures at its end.
+    pub fn last_progress(&self) -> Progress {
+        Progress {
+            iterations: self.iterations,
+            shots: self.shots,
+            light_source_selection_ratio: self.light_source_selection_ratio,
+            estimated_error: self.estimated_error,
+            seconds: self.seconds_solve,
+            seconds_remaining: Some(0.0),
+            fraction: 1.0,
+        }
+    }
+}
+
 /// Why a job failed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct JobError {

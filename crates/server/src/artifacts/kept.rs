@@ -3,7 +3,7 @@
 use super::content::Content;
 use super::error::{ArtifactError, failpoint};
 use super::files::Artifacts;
-use super::keys::{KEPT_ENDINGS, Place, kept_key};
+use super::keys::{FilePlace, KEPT_ENDINGS, kept_key};
 use super::orphans::SetAside;
 use jiff::Timestamp;
 use object_store::ObjectStoreExt;
@@ -46,7 +46,7 @@ impl Artifacts {
         for name in self.files_of(job).await? {
             let is_kept = KEPT_ENDINGS.iter().any(|ending| name.ends_with(ending));
             if is_kept && !recorded.contains(&name.as_str()) {
-                let place = Place::Job(job, name);
+                let place = FilePlace::Job(job, name);
                 self.set_aside(&SetAside { at: now, place }).await?;
             }
         }

@@ -34,14 +34,14 @@ pub fn picture_file(sha256: &str, format: PictureFormat) -> String {
 
 /// Where a file belongs.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Place {
+pub enum FilePlace {
     /// A scene, by its id.
     Scene(String),
     /// A file of a job, by its name.
     Job(Uuid, String),
 }
 
-impl Place {
+impl FilePlace {
     /// Its key in the storage.
     pub(super) fn key(&self) -> Key {
         match self {

@@ -6,7 +6,7 @@
 
 use super::error::ArtifactError;
 use super::files::Artifacts;
-use super::keys::{KEPT_ENDINGS, Place};
+use super::keys::{FilePlace, KEPT_ENDINGS};
 use crate::api::jobs::PictureFormat;
 use futures_util::TryStreamExt;
 use jiff::Timestamp;
@@ -31,7 +31,7 @@ pub struct SetAside {
     /// When.
     pub at: Timestamp,
     /// Where it belongs.
-    pub place: Place,
+    pub place: FilePlace,
 }
 
 impl SetAside {
@@ -44,7 +44,7 @@ impl SetAside {
         let rest = key.as_ref().strip_prefix(QUARANTINE)?.strip_prefix('/')?;
         let (moment, place) = rest.split_once('/')?;
         let at = DateTime::strptime(MOMENT, moment).ok()?.to_zoned(TimeZone::UTC).ok()?;
-        Some(Self { at: at.timestamp(), place: Place::of(place)? })
+        Some(Self { at: at.timestamp(), place: FilePlace::of(place)? })
     }
 }
 
@@ -94,7 +94,7 @@ impl Artifacts {
     /// Moves a file out of the way, as one that no record names.
     pub async fn set_aside(&self, file: &SetAside) -> Result<(), ArtifactError> {
         self.store.rename(&file.place.key(), &file.key()).await?;
-        if let Place::Job(job, _) = &file.place {
+        if let FilePlace::Job(job, _) = &file.place {
             // The last one leaves an empty folder behind, which says nothing to anybody.
             let _ = std::fs::remove_dir(self.folder.join("jobs").join(job.to_string()));
         }
@@ -186,7 +186,7 @@ mod tests {
         let name = crate::artifacts::picture_file(&kept.sha256, png);
         assert_eq!(artifacts.files_of(job).await.unwrap(), std::slice::from_ref(&name));
         let at = Timestamp::from_second(1_700_000_000).unwrap();
-        let file = SetAside { at, place: Place::Job(job, name) };
+        let file = SetAside { at, place: FilePlace::Job(job, name) };
         artifacts.set_aside(&file).await.unwrap();
         assert!(!artifacts.any_files().await.unwrap());
         assert!(artifacts.jobs_with_files().await.unwrap().is_empty());

@@ -1,7 +1,7 @@
 //! Copying and hashing files, durably and in bounded memory.
 
 use super::error::{BackupError, at};
-use crate::artifacts::{Hashing, Place};
+use crate::artifacts::{FilePlace, Hashing};
 use std::fs::File;
 use std::io::{BufReader, Write};
 use std::path::Path;
@@ -75,7 +75,7 @@ pub fn sync_folder(folder: &Path) -> Result<(), BackupError> {
 /// passed over, and so is what another program put there.
 pub fn each_file(
     folder: &Path,
-    then: &mut dyn FnMut(Place) -> Result<(), BackupError>,
+    then: &mut dyn FnMut(FilePlace) -> Result<(), BackupError>,
 ) -> Result<(), BackupError> {
     for top in ["scenes", "jobs"] {
         walk(&folder.join(top), top, then)?;
@@ -86,7 +86,7 @@ pub fn each_file(
 fn walk(
     folder: &Path,
     path: &str,
-    then: &mut dyn FnMut(Place) -> Result<(), BackupError>,
+    then: &mut dyn FnMut(FilePlace) -> Result<(), BackupError>,
 ) -> Result<(), BackupError> {
     let entries = match std::fs::read_dir(folder) {
         Ok(entries) => entries,
@@ -103,7 +103,7 @@ fn walk(
         if kind.is_dir() && path == "jobs" {
             walk(&entry.path(), &below, then)?;
         } else if kind.is_file()
-            && let Some(place) = Place::of(&below)
+            && let Some(place) = FilePlace::of(&below)
         {
             then(place)?;
         }

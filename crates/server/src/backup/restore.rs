@@ -3,7 +3,7 @@
 use super::copy;
 use super::error::{BackupError, at, refuse_filled};
 use super::manifest::{FILES, FORMAT, MANIFEST, Manifest};
-use crate::artifacts::Place;
+use crate::artifacts::FilePlace;
 use crate::clock;
 use crate::data_folder::{self, ARTIFACTS, DATABASE};
 use crate::store::sqlite::tables;
@@ -148,7 +148,9 @@ fn each_listed(
             // Whatever the list says, no file is written outside the folder of files.
             let place = path.strip_prefix(ARTIFACTS).and_then(|path| path.strip_prefix('/'));
             let is_plain = |part: &str| !part.is_empty() && part != "." && part != "..";
-            place.is_some_and(|place| Place::of(place).is_some() && place.split('/').all(is_plain))
+            place.is_some_and(|place| {
+                FilePlace::of(place).is_some() && place.split('/').all(is_plain)
+            })
         });
         let (sha256, path) =
             entry.ok_or_else(|| damaged(from, format!("{FILES} has the line {line:?}")))?;

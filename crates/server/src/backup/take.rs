@@ -8,7 +8,7 @@
 use super::copy::{self, Content};
 use super::error::{BackupError, at, refuse_filled};
 use super::manifest::{FILES, FORMAT, MANIFEST, Manifest};
-use crate::artifacts::{Artifacts, Place};
+use crate::artifacts::{Artifacts, FilePlace};
 use crate::clock;
 use crate::data_folder::{ARTIFACTS, DATABASE};
 use crate::store::sqlite::snapshot::{Facts, Kind, NamedFile, Snapshot};
@@ -115,7 +115,7 @@ async fn do_without(
     let (mut lost, mut begin_afresh) = (Vec::new(), Vec::new());
     for Lost { place, kind, why } in missing {
         let what = format!("{}: {why}", place.path());
-        let (Place::Job(job, _), Kind::Checkpoint | Kind::Baked) = (&place, kind) else {
+        let (FilePlace::Job(job, _), Kind::Checkpoint | Kind::Baked) = (&place, kind) else {
             lost.push(what);
             continue;
         };
@@ -137,7 +137,7 @@ async fn do_without(
 /// A file that a record names and that cannot be had.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Lost {
-    place: Place,
+    place: FilePlace,
     kind: Kind,
     why: &'static str,
 }
@@ -151,7 +151,7 @@ struct Work {
 impl Work {
     /// Copies a file, unless it is gone; a picture or a scene whose content is not what its name
     /// says is none.
-    fn copy(&self, place: &Place) -> Result<Option<Content>, BackupError> {
+    fn copy(&self, place: &FilePlace) -> Result<Option<Content>, BackupError> {
         let (path, to) = (place.path(), self.files.join(place.path()));
         let copied = copy::copy(&self.source.join(&path), &to)?;
         if let (Some(content), Some(named)) = (&copied, hash_in_name(place))
@@ -259,10 +259,10 @@ impl Work {
 }
 
 /// The hash that the name of a scene or a picture is.
-fn hash_in_name(place: &Place) -> Option<&str> {
+fn hash_in_name(place: &FilePlace) -> Option<&str> {
     let name = match place {
-        Place::Scene(id) => id,
-        Place::Job(_, name) => name.split('.').next()?,
+        FilePlace::Scene(id) => id,
+        FilePlace::Job(_, name) => name.split('.').next()?,
     };
     (name.len() == 64 && name.bytes().all(|b| b.is_ascii_hexdigit())).then_some(name)
 }

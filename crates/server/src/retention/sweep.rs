@@ -8,7 +8,7 @@
 //! puts back what is named by then.
 
 use super::{Keeper, RetentionError};
-use crate::artifacts::{Place, SetAside};
+use crate::artifacts::{FilePlace, SetAside};
 use crate::clock::Reading;
 use crate::failpoints;
 use crate::shared::Shared;
@@ -66,12 +66,12 @@ impl Keeper {
             swept.files += files.len() as u64;
             let recorded = self.store.recorded_files(job).await?;
             let unnamed = files.into_iter().filter(|name| is_orphan(&recorded, name));
-            orphans.extend(unnamed.map(|name| Place::Job(job, name)));
+            orphans.extend(unnamed.map(|name| FilePlace::Job(job, name)));
         }
         for scene in self.artifacts.scenes_with_files().await? {
             swept.files += 1;
             if self.store.scene(&scene).await?.is_none() {
-                orphans.push(Place::Scene(scene));
+                orphans.push(FilePlace::Scene(scene));
             }
         }
         let found = orphans.len() as u64;
@@ -103,10 +103,10 @@ impl Keeper {
         Ok(false)
     }
 
-    async fn is_unnamed(&self, place: &Place) -> Result<bool, RetentionError> {
+    async fn is_unnamed(&self, place: &FilePlace) -> Result<bool, RetentionError> {
         Ok(match place {
-            Place::Scene(id) => self.store.scene(id).await?.is_none(),
-            Place::Job(job, name) => is_orphan(&self.store.recorded_files(*job).await?, name),
+            FilePlace::Scene(id) => self.store.scene(id).await?.is_none(),
+            FilePlace::Job(job, name) => is_orphan(&self.store.recorded_files(*job).await?, name),
         })
     }
 
@@ -132,10 +132,10 @@ impl Keeper {
         Ok(tended)
     }
 
-    async fn is_named(&self, place: &Place) -> Result<bool, RetentionError> {
+    async fn is_named(&self, place: &FilePlace) -> Result<bool, RetentionError> {
         Ok(match place {
-            Place::Scene(id) => self.store.scene(id).await?.is_some(),
-            Place::Job(job, name) => match self.store.recorded_files(*job).await? {
+            FilePlace::Scene(id) => self.store.scene(id).await?.is_some(),
+            FilePlace::Job(job, name) => match self.store.recorded_files(*job).await? {
                 Recorded::Unknown => false,
                 Recorded::Open(names) | Recorded::Ended(names) => names.contains(name),
             },

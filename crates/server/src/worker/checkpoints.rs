@@ -1,7 +1,7 @@
 //! Checkpoints of jobs, as the server sees them: files that it keeps, what a job begins with, and
 //! what is forgotten at the end.
 
-use super::wire::Checkpointed;
+use super::translation::to_solution;
 use crate::api::jobs::Job;
 use crate::api::solutions::{Begins, KeptFile, Solution};
 use crate::artifacts::Content;
@@ -11,6 +11,7 @@ use crate::failpoints;
 use crate::job_state::JobState;
 use crate::shared::Shared;
 use crate::store::{Claim, StoreError};
+use hemilux_engine::checkpoint::Header;
 use std::time::{Duration, Instant};
 use tokio::sync::Mutex;
 use uuid::Uuid;
@@ -31,7 +32,7 @@ pub fn most_bytes(config: &Config) -> u64 {
 pub async fn keep(
     shared: &Shared,
     claim: Claim,
-    facts: Checkpointed,
+    header: Header,
     parts: Vec<Content>,
     turn: &Mutex<()>,
 ) -> Duration {
@@ -39,7 +40,7 @@ pub async fn keep(
     let began = Instant::now();
     let mut parts = parts.into_iter();
     let checkpoint = parts.next().unwrap_or_else(|| Vec::new().into());
-    if let Err(error) = write(shared, claim, facts, checkpoint, parts.next()).await {
+    if let Err(error) = write(shared, claim, header, checkpoint, parts.next()).await {
         tracing::warn!(job = %claim.job, %error, "a checkpoint was lost");
     }
     began.elapsed()
@@ -48,23 +49,14 @@ pub async fn keep(
 async fn write(
     shared: &Shared,
     claim: Claim,
-    facts: Checkpointed,
+    header: Header,
     checkpoint: Content,
     glb: Option<Content>,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     // Never a name that was there before: what is recorded is never half of another.
     let name = Uuid::now_v7();
-    let Checkpointed { method, iterations, seconds, estimated_error } = facts;
-    let mut solution = Solution {
-        file: format!("{name}.checkpoint"),
-        size: checkpoint.size()?,
-        begins: Begins::Continue,
-        method,
-        iterations,
-        seconds,
-        estimated_error,
-        baked: None,
-    };
+    let file = format!("{name}.checkpoint");
+    let mut solution = to_solution(header, file, checkpoint.size()?);
     shared.artifacts.put_kept(claim.job, &solution.file, checkpoint).await?;
     if let Some(glb) = glb {
         let file = format!("{name}.glb");

@@ -44,16 +44,16 @@ pub fn run(device: &str, memory_mb: Option<u64>) -> io::Result<()> {
         // The server is gone or wants no more; nothing here is worth keeping.
         std::process::exit(0);
     })?;
-    let (mouth, mut said) = mpsc::channel(ROOM);
+    let (sender, mut events) = mpsc::channel(ROOM);
     let writer = std::thread::Builder::new().name("said".into()).spawn(move || {
-        while let Some(message) = said.blocking_recv() {
+        while let Some(message) = events.blocking_recv() {
             if wire::write(&mut pipe, &message).is_err() {
                 std::process::exit(0);
             }
         }
     })?;
-    perform(device, &tasks.1, &switches, &mouth);
-    drop(mouth);
+    perform(device, &tasks.1, &switches, &sender);
+    drop(sender);
     let _ = writer.join();
     Ok(())
 }

@@ -2,7 +2,7 @@
 //! memory as the picture itself, which is the job's to answer for, and the server only hands the
 //! files on.
 
-use super::wire::{Files, Message};
+use super::wire::{Message, PictureParts};
 use crate::api::jobs::PictureFormat;
 use hemilux_engine::image::{Exposure, ImageError, Picture};
 
@@ -13,7 +13,7 @@ use hemilux_engine::image::{Exposure, ImageError, Picture};
 pub fn message<H>(
     picture: &Picture,
     formats: &[PictureFormat],
-    header: impl FnOnce(Files) -> H,
+    header: impl FnOnce(PictureParts) -> H,
 ) -> Result<Message<H>, ImageError> {
     let mut formats = formats.to_vec();
     formats.sort_unstable();
@@ -26,7 +26,7 @@ pub fn message<H>(
         };
         parts.push(file.into());
     }
-    let files = Files { width: picture.width, height: picture.height, formats };
+    let files = PictureParts { width: picture.width, height: picture.height, formats };
     Ok(Message { header: header(files), parts })
 }
 
@@ -43,7 +43,7 @@ mod tests {
         let (png, exr) = (PictureFormat::Png, PictureFormat::Exr);
         let Message { header: files, parts } =
             message(&picture, &[exr, png, exr], |files| files).unwrap();
-        assert_eq!(files, Files { width: 2, height: 1, formats: vec![png, exr] });
+        assert_eq!(files, PictureParts { width: 2, height: 1, formats: vec![png, exr] });
         let bytes: Vec<_> =
             parts.into_iter().map(Content::into_bytes).map(Result::unwrap).collect();
         assert!(bytes[0].starts_with(b"\x89PNG") && bytes.len() == 2);

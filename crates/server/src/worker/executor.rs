@@ -1,9 +1,9 @@
 //! Who runs tasks for a worker: a thread of the server, or a process of the device's own.
 
 use super::perform::{ROOM, Switches, perform};
-use super::process::{Epitaph, Process};
+use super::process::{ExecutorEnd, Process};
 use super::threads;
-use super::wire::{Message, Order, Said, Task};
+use super::wire::{ExecutorEvent, Message, Order, Task};
 use crate::artifacts::Content;
 use crate::config::{Config, Isolation};
 use std::io;
@@ -12,7 +12,7 @@ use tokio::sync::mpsc;
 
 /// A device with whoever runs tasks on it.
 pub struct Executor {
-    said: mpsc::Receiver<Message<Said>>,
+    events: mpsc::Receiver<Message<ExecutorEvent>>,
     body: Body,
     runs: u64,
 }
@@ -23,33 +23,33 @@ enum Body {
 }
 
 impl Executor {
-    /// Starts to open a device; [`Said::Ready`] or [`Said::NoDevice`] follows.
+    /// Starts to open a device; [`ExecutorEvent::Ready`] or [`ExecutorEvent::NoDevice`] follows.
     ///
     /// # Errors
     /// Where the system gives no process or thread.
     pub fn start(device: &str, config: &Config) -> io::Result<Self> {
-        let (body, said) = match config.isolation {
+        let (body, events) = match config.isolation {
             Isolation::Process => {
                 // Threads reserve address space that they may never use.
                 let reserved_mb = threads::reserved_mb(config.threads);
                 let memory_mb = config.device_memory_mb(device).map(|mb| mb + reserved_mb);
                 let large_parts = config.data_dir.join("tmp");
-                let (process, said) =
+                let (process, events) =
                     Process::start(device, memory_mb, config.log_format, large_parts)?;
-                (Body::Process(process), said)
+                (Body::Process(process), events)
             }
             Isolation::Thread => {
-                let (mouth, said) = mpsc::channel(ROOM);
+                let (sender, events) = mpsc::channel(ROOM);
                 let (tasks, waiting) = std::sync::mpsc::channel();
                 let switches = Arc::new(Switches::default());
                 let (id, inside) = (device.to_owned(), switches.clone());
                 std::thread::Builder::new()
                     .name(format!("renders {device}"))
-                    .spawn(move || perform(&id, &waiting, &inside, &mouth))?;
-                (Body::Thread { tasks, switches }, said)
+                    .spawn(move || perform(&id, &waiting, &inside, &sender))?;
+                (Body::Thread { tasks, switches }, events)
             }
         };
-        Ok(Self { said, body, runs: 0 })
+        Ok(Self { events, body, runs: 0 })
     }
 
     /// The number of the next task.
@@ -81,13 +81,13 @@ impl Executor {
     }
 
     /// What it says next; `None` where it is gone.
-    pub async fn hear(&mut self) -> Option<Message<Said>> {
-        self.said.recv().await
+    pub async fn hear(&mut self) -> Option<Message<ExecutorEvent>> {
+        self.events.recv().await
     }
 
     /// Whether it ended while nothing was asked of it.
     pub fn is_gone(&self) -> bool {
-        self.said.is_closed()
+        self.events.is_closed()
     }
 
     /// Ends it whatever it does. A thread cannot be ended: it is left behind, and stops when it
@@ -100,9 +100,9 @@ impl Executor {
     }
 
     /// Lets it end and says how it did.
-    pub fn epitaph(&mut self) -> Epitaph {
+    pub fn end(&mut self) -> ExecutorEnd {
         match &mut self.body {
-            Body::Process(process) => process.epitaph(),
+            Body::Process(process) => process.end(),
             Body::Thread { .. } => "its thread ended".to_owned().into(),
         }
     }

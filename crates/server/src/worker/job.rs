@@ -3,10 +3,10 @@
 
 use super::checkpoints::{self, Start};
 use super::executor::Executor;
-use super::snapshots::Drawn;
-use super::watch::{Ended, Followed, Stop, follow};
+use super::snapshots::PictureFiles;
+use super::watch::{Followed, Stop, follow};
 use super::wire::{Failure, Message, Order, STORAGE, Task};
-use crate::api::jobs::{Job, JobError, Progress, Stats};
+use crate::api::jobs::{Job, JobError, Progress};
 use crate::artifacts::Content;
 use crate::failpoints;
 use crate::job_state::{self, Cause, JobState};
@@ -19,16 +19,37 @@ use std::time::{Duration, Instant};
 /// whole storage does not answer, a long queue is not run through at full speed.
 const STORAGE_PAUSE: Duration = Duration::from_secs(1);
 
-enum Ending {
-    Done(JobState, Box<Stats>, Drawn),
-    /// With the result of an identical job.
-    Shared(Box<Outcome>),
-    Failed(Failure),
-    PutBack {
-        cause: Cause,
-        why: String,
-    },
-    Dropped,
+/// Pause before the next try at storing something: doubles from a second to this.
+const LONGEST_PAUSE: Duration = Duration::from_secs(30);
+/// Tries at storing the picture before the job is put back, uncounted; about two minutes.
+const PICTURE_TRIES: u32 = 8;
+
+/// What becomes of a job after an attempt.
+enum AttemptEnd {
+    /// It has ended, with a picture whose files are still to be stored, where there is one.
+    Finish { outcome: Box<Outcome>, picture: Option<PictureFiles> },
+    /// It goes back to the queue.
+    PutBack { cause: Cause, why: String },
+    /// It was deleted, or another worker has it.
+    ClaimLost,
+}
+
+impl AttemptEnd {
+    /// An end with nothing that is still to be stored.
+    fn finish(outcome: Outcome) -> Self {
+        Self::Finish { outcome: Box::new(outcome), picture: None }
+    }
+
+    /// A failure that another attempt would meet again; the figures are the last that there were.
+    fn failed(failure: Failure, progress: Option<Progress>) -> Self {
+        let error = Some(JobError { code: failure.code, detail: failure.detail });
+        Self::finish(Outcome { error, progress, ..Outcome::of(JobState::Failed) })
+    }
+
+    /// Back to the queue by no fault of the job's own.
+    fn not_its_fault(why: impl Into<String>) -> Self {
+        Self::PutBack { cause: Cause::Circumstances, why: why.into() }
+    }
 }
 
 /// Runs a claimed job to its end and records it; why the executor cannot go on, if so.
@@ -39,99 +60,78 @@ pub async fn run(
     job: &Job,
 ) -> Result<(), String> {
     let _renewed = shared.leases.hold(claim);
-    let started = Instant::now();
+    let attempt = Attempt { shared, claim, started: Instant::now() };
     tracing::info!(job = %job.id, attempt = job.attempts, "starts");
     if let Some(outcome) = share(shared, claim, job).await {
-        record(shared, claim, Ending::Shared(Box::new(outcome)), None, started).await;
+        attempt.record(AttemptEnd::finish(outcome)).await;
         return Ok(());
     }
     let (task, parts) = match prepare(shared, executor, job).await {
         Ok(ready) => ready,
-        Err(unready) => {
-            cannot_begin(shared, claim, unready, started).await;
+        Err(reason) => {
+            attempt.cannot_begin(reason).await;
             return Ok(());
         }
     };
     let run = task.run;
     executor.order(Message { header: Order::Run(Box::new(task)), parts });
-    let Followed { ended, stop, latest } = follow(shared, executor, run, claim).await;
+    let followed = follow(shared, executor, run, claim).await;
 
-    let sound = match &ended {
-        Ended::Rendered(..) => Ok(()),
-        Ended::Failed(failure) if failure.device_is_sound => Ok(()),
-        Ended::Failed(failure) => Err(failure.detail.clone()),
-        Ended::Lost(epitaph) => Err(epitaph.how.clone()),
+    let sound = match &followed.result {
+        Err(failure) if !failure.device_is_sound => Err(failure.detail.clone()),
+        _ => Ok(()),
     };
     let alone = job.device.as_deref().is_none_or(|device| shared.pool.was_alone(device));
-    let ending = judge(ended, stop, alone);
-    if matches!(&ending, Ending::PutBack { .. }) && stop != Stop::Shutdown {
+    let stop = followed.stop;
+    let end = judge(followed, alone);
+    if matches!(&end, AttemptEnd::PutBack { .. }) && stop != Stop::Shutdown {
         shared.queue.put_off(job.id);
     }
-    record(shared, claim, ending, latest, started).await;
+    attempt.record(end).await;
     checkpoints::settle(shared, claim.job).await;
     sound
 }
 
-/// Records that an attempt cannot begin.
-async fn cannot_begin(shared: &Arc<Shared>, claim: Claim, unready: Unready, started: Instant) {
-    match unready {
-        Unready::Useless(failure) => {
-            record(shared, claim, Ending::Failed(failure), None, started).await;
-        }
-        Unready::NotNow(why) => {
-            // Not the job's fault: it waits until the storage answers.
-            tracing::error!(job = %claim.job, why, "cannot read what the job needs");
-            shared.queue.put_off(claim.job);
-            let ending = Ending::PutBack { cause: Cause::Circumstances, why };
-            record(shared, claim, ending, None, started).await;
-            tokio::select! {
-                () = tokio::time::sleep(STORAGE_PAUSE) => {}
-                () = shared.shutdown.cancelled() => {}
-            }
-        }
-    }
-}
-
 /// What becomes of a job whose run ended so; `alone` says whether no other one ran meanwhile.
-fn judge(ended: Ended, stop: Stop, alone: bool) -> Ending {
-    let put_back = |why, was_killed| {
-        let cause = match (stop, was_killed) {
-            // What a shutdown broke off is no failure of the job.
-            (Stop::Shutdown, _) => Cause::Circumstances,
-            (_, true) => Cause::OutOfMemory { alone },
-            (_, false) => Cause::Failure,
-        };
-        Ending::PutBack { cause, why }
-    };
+fn judge(followed: Followed, alone: bool) -> AttemptEnd {
+    let Followed { result, was_killed, stop, latest } = followed;
     // A client's cancel that came after it is heeded as the job goes back.
-    let shut_down =
-        || Ending::PutBack { cause: Cause::Circumstances, why: "the server shut down".into() };
-    match ended {
-        _ if stop == Stop::ClaimLost => Ending::Dropped,
-        Ended::Rendered(_, None) => shut_down(),
-        Ended::Rendered(stats, Some(drawn)) if stats.stopped == "cancelled" => match stop {
-            Stop::Cancel => Ending::Done(JobState::Cancelled, stats, drawn),
-            _ => shut_down(),
-        },
-        Ended::Rendered(stats, Some(drawn)) => Ending::Done(JobState::Succeeded, stats, drawn),
-        Ended::Failed(failure) if failure.code == STORAGE => {
-            Ending::PutBack { cause: Cause::Circumstances, why: failure.detail }
+    let shut_down = || AttemptEnd::not_its_fault("the server shut down");
+    match result {
+        _ if stop == Stop::ClaimLost => AttemptEnd::ClaimLost,
+        Ok((_, None)) => shut_down(),
+        Ok((stats, Some(picture))) => {
+            let state = match (stats.stopped == "cancelled", stop) {
+                (false, _) => JobState::Succeeded,
+                (true, Stop::Cancel) => JobState::Cancelled,
+                (true, _) => return shut_down(),
+            };
+            let outcome = Outcome { stats: Some(*stats), ..Outcome::of(state) };
+            AttemptEnd::Finish { outcome: Box::new(outcome), picture: Some(picture) }
         }
-        Ended::Failed(failure) if failure.retry => put_back(failure.detail, false),
-        Ended::Failed(failure) => Ending::Failed(failure),
-        Ended::Lost(epitaph) => put_back(epitaph.how, epitaph.was_killed),
+        Err(failure) if failure.code == STORAGE => AttemptEnd::not_its_fault(failure.detail),
+        Err(failure) if failure.retry => {
+            let cause = match (stop, was_killed) {
+                // What a shutdown broke off is no failure of the job.
+                (Stop::Shutdown, _) => Cause::Circumstances,
+                (_, true) => Cause::OutOfMemory { alone },
+                (_, false) => Cause::Failure,
+            };
+            AttemptEnd::PutBack { cause, why: failure.detail }
+        }
+        Err(failure) => AttemptEnd::failed(failure, latest),
     }
 }
 
 /// Puts back a job that could not be begun by no fault of its own.
 pub async fn hand_back(shared: &Arc<Shared>, claim: Claim, why: String) {
     let _renewed = shared.leases.hold(claim);
-    let ending = Ending::PutBack { cause: Cause::Circumstances, why };
-    record(shared, claim, ending, None, Instant::now()).await;
+    let attempt = Attempt { shared, claim, started: Instant::now() };
+    attempt.record(AttemptEnd::not_its_fault(why)).await;
 }
 
 /// Why an attempt cannot begin.
-enum Unready {
+enum CannotBegin {
     /// The job can never run.
     Useless(Failure),
     /// The storage does not answer.
@@ -143,21 +143,21 @@ async fn prepare(
     shared: &Shared,
     executor: &mut Executor,
     job: &Job,
-) -> Result<(Task, Vec<Content>), Unready> {
-    let gone = |what: String| Unready::Useless(Failure::new("scene", what));
+) -> Result<(Task, Vec<Content>), CannotBegin> {
+    let gone = |what: String| CannotBegin::Useless(Failure::new("scene", what));
     let record = shared.store.scene(&job.scene).await;
-    let record = record.map_err(|error| Unready::NotNow(error.to_string()))?;
+    let record = record.map_err(|error| CannotBegin::NotNow(error.to_string()))?;
     let record = record.ok_or_else(|| gone(format!("scene {} is not there", job.scene)))?;
     let scene = shared.artifacts.scene(&job.scene).await.map_err(|error| {
         if error.is_lasting() {
             gone(format!("{error}; send the scene again, then the job"))
         } else {
-            Unready::NotNow(error.to_string())
+            CannotBegin::NotNow(error.to_string())
         }
     })?;
     let mut parts = vec![scene];
     let (begins, begins_without) =
-        match checkpoints::begin(shared, job).await.map_err(Unready::NotNow)? {
+        match checkpoints::begin(shared, job).await.map_err(CannotBegin::NotNow)? {
             Start::With(begins, checkpoint) => {
                 parts.push(checkpoint);
                 (Some(begins), None)
@@ -178,7 +178,7 @@ async fn prepare(
         request: job.request.clone(),
         max_seconds: shared.config.max_seconds,
         threads: shared.pool.threads_of(job.device.as_deref()),
-        snapshots_slower: thinned.map_err(|error| Unready::NotNow(error.to_string()))?,
+        snapshots_slower: thinned.map_err(|error| CannotBegin::NotNow(error.to_string()))?,
         begins,
         begins_without,
         checkpoint_every_s: config.checkpoint_every_s,
@@ -209,7 +209,7 @@ async fn share(shared: &Shared, claim: Claim, job: &Job) -> Option<Outcome> {
     let report = Report { plan, progress, ..Report::default() };
     shared.store.report(claim, report).await.ok()?;
     Some(Outcome {
-        progress: Some(final_progress(&stats)),
+        progress: Some(stats.last_progress()),
         stats: Some(stats),
         pictures,
         result_of: Some(twin.id),
@@ -217,165 +217,128 @@ async fn share(shared: &Shared, claim: Claim, job: &Job) -> Option<Outcome> {
     })
 }
 
-/// Pause before the next try at storing something: doubles from a second to this.
-const LONGEST_PAUSE: Duration = Duration::from_secs(30);
-/// Tries at storing the picture before the job is put back, uncounted; about two minutes.
-const PICTURE_TRIES: u32 = 8;
-
-/// What is to be stored about the end of an attempt.
-enum Record {
-    /// The files of the picture first, then the rest.
-    Picture {
-        state: JobState,
-        drawn: Drawn,
-        stats: Box<Stats>,
-    },
-    Outcome(Box<Outcome>),
-    Release {
-        cause: Cause,
-        why: String,
-    },
+/// An attempt at a claimed job.
+struct Attempt<'a> {
+    shared: &'a Arc<Shared>,
+    claim: Claim,
+    started: Instant,
 }
 
-impl Record {
-    fn of(ending: Ending, latest: Option<Progress>) -> Option<Self> {
-        Some(match ending {
-            Ending::Done(state, stats, drawn) => Self::Picture { state, drawn, stats },
-            Ending::Shared(outcome) => Self::Outcome(outcome),
-            Ending::Failed(failure) => {
-                let error = Some(JobError { code: failure.code, detail: failure.detail });
-                let progress = latest;
-                let outcome = Outcome { error, progress, ..Outcome::of(JobState::Failed) };
-                Self::Outcome(Box::new(outcome))
+impl Attempt<'_> {
+    /// Records that it cannot begin.
+    async fn cannot_begin(&self, reason: CannotBegin) {
+        match reason {
+            CannotBegin::Useless(failure) => self.record(AttemptEnd::failed(failure, None)).await,
+            CannotBegin::NotNow(why) => {
+                // Not the job's fault: it waits until the storage answers.
+                tracing::error!(job = %self.claim.job, why, "cannot read what the job needs");
+                self.shared.queue.put_off(self.claim.job);
+                self.record(AttemptEnd::not_its_fault(why)).await;
+                tokio::select! {
+                    () = tokio::time::sleep(STORAGE_PAUSE) => {}
+                    () = self.shared.shutdown.cancelled() => {}
+                }
             }
-            Ending::PutBack { cause, why } => Self::Release { cause, why },
-            Ending::Dropped => return None,
-        })
+        }
+    }
+
+    /// Stores how the attempt ended, trying again where the storage does not answer: the work is
+    /// done, and a passing trouble should not waste it. It gives up where the service shuts down;
+    /// the job then goes back to the queue.
+    async fn record(&self, mut end: AttemptEnd) {
+        let job = self.claim.job;
+        let mut pause = Duration::from_secs(1);
+        for tries in 0.. {
+            end = self.with_files(end, tries).await;
+            match self.write(&end).await {
+                Some(Ok(())) => return self.count(&end),
+                Some(Err(StoreError::ClaimLost(_))) => {
+                    tracing::warn!(%job, "was taken away before it could be recorded");
+                    return self.remove_if_deleted().await;
+                }
+                Some(Err(error)) => tracing::error!(%job, %error, "cannot record the end"),
+                None => {}
+            }
+            tokio::select! {
+                () = tokio::time::sleep(failpoints::lasting("record-pause", pause)) => {
+                    pause = (pause * 2).min(LONGEST_PAUSE);
+                }
+                () = self.shared.shutdown.cancelled() => {
+                    tracing::error!(%job, "shuts down before the end was recorded");
+                    return;
+                }
+            }
+        }
     }
 
     /// Stores the files of a picture, where that is still to be done; what is to be recorded then.
     /// The storage has refused them so many times.
-    async fn with_files(
-        self,
-        shared: &Shared,
-        claim: Claim,
-        refused: u32,
-        started: Instant,
-    ) -> Self {
-        let Self::Picture { state, drawn, stats } = self else { return self };
-        match drawn.store(shared, claim).await {
+    async fn with_files(&self, end: AttemptEnd, refused: u32) -> AttemptEnd {
+        let AttemptEnd::Finish { mut outcome, picture: Some(picture) } = end else { return end };
+        match picture.store(self.shared, self.claim).await {
             Ok(pictures) => {
-                let seconds_total = started.elapsed().as_secs_f64();
-                let stats = Stats { seconds_total, ..*stats };
-                Self::Outcome(Box::new(Outcome {
-                    progress: Some(final_progress(&stats)),
-                    stats: Some(stats),
-                    pictures,
-                    ..Outcome::of(state)
-                }))
+                if let Some(stats) = &mut outcome.stats {
+                    stats.seconds_total = self.started.elapsed().as_secs_f64();
+                    outcome.progress = Some(stats.last_progress());
+                }
+                AttemptEnd::finish(Outcome { pictures, ..*outcome })
             }
             Err(error) => {
-                tracing::error!(job = %claim.job, %error, "cannot keep the picture");
+                tracing::error!(job = %self.claim.job, %error, "cannot keep the picture");
                 if refused + 1 < PICTURE_TRIES {
-                    return Self::Picture { state, drawn, stats };
+                    return AttemptEnd::Finish { outcome, picture: Some(picture) };
                 }
                 // Others may fit where this one does not; it goes on from its last checkpoint when
                 // its pause is over.
-                shared.queue.put_off(claim.job);
-                let why = format!("the picture could not be kept: {error}");
-                Self::Release { cause: Cause::Circumstances, why }
+                self.shared.queue.put_off(self.claim.job);
+                AttemptEnd::not_its_fault(format!("the picture could not be kept: {error}"))
             }
         }
     }
-}
 
-/// Stores how the attempt ended, trying again where the storage does not answer: the work is
-/// done, and a passing trouble should not waste it. It gives up where the service shuts down; the
-/// job then goes back to the queue.
-async fn record(
-    shared: &Arc<Shared>,
-    claim: Claim,
-    ending: Ending,
-    latest: Option<Progress>,
-    started: Instant,
-) {
-    let Some(mut record) = Record::of(ending, latest) else {
-        tracing::info!(job = %claim.job, "was taken away");
-        return remove_if_deleted(shared, claim).await;
-    };
-    let mut pause = Duration::from_secs(1);
-    for tries in 0.. {
-        record = record.with_files(shared, claim, tries, started).await;
-        match write(shared, claim, &record).await {
-            Some(Ok(())) => return ended(shared, claim, &record, started),
-            Some(Err(StoreError::ClaimLost(_))) => {
-                tracing::warn!(job = %claim.job, "was taken away before it could be recorded");
-                return remove_if_deleted(shared, claim).await;
+    /// Writes what needs no more files; `None` where a picture is still to be kept.
+    async fn write(&self, end: &AttemptEnd) -> Option<Result<(), StoreError>> {
+        let store = &self.shared.store;
+        match end {
+            AttemptEnd::Finish { picture: Some(_), .. } => None,
+            AttemptEnd::Finish { outcome, .. } => {
+                Some(store.finish(self.claim, (**outcome).clone()).await)
             }
-            Some(Err(error)) => {
-                tracing::error!(job = %claim.job, %error, "cannot record the end");
+            AttemptEnd::PutBack { cause, why } => {
+                Some(store.release(self.claim, *cause, why).await)
             }
-            None => {}
-        }
-        tokio::select! {
-            () = tokio::time::sleep(failpoints::lasting("record-pause", pause)) => {
-                pause = (pause * 2).min(LONGEST_PAUSE);
-            }
-            () = shared.shutdown.cancelled() => {
-                tracing::error!(job = %claim.job, "shuts down before the end was recorded");
-                return;
-            }
+            AttemptEnd::ClaimLost => Some(Err(StoreError::ClaimLost(self.claim.job))),
         }
     }
-}
 
-/// Writes what needs no more files; `None` where the picture is still to be kept.
-async fn write(shared: &Shared, claim: Claim, record: &Record) -> Option<Result<(), StoreError>> {
-    match record {
-        Record::Picture { .. } => None,
-        Record::Outcome(outcome) => Some(shared.store.finish(claim, (**outcome).clone()).await),
-        Record::Release { cause, why } => Some(shared.store.release(claim, *cause, why).await),
-    }
-}
-
-/// Logs and counts an end that is recorded.
-fn ended(shared: &Shared, claim: Claim, record: &Record, started: Instant) {
-    match record {
-        Record::Outcome(outcome) => {
-            // What was shared is no work of this job's.
-            let own = outcome.progress.as_ref().filter(|_| outcome.result_of.is_none());
-            let (iterations, shots) = own.map_or((0, 0), |p| (p.iterations, p.shots));
-            let seconds = started.elapsed().as_secs_f64();
-            tracing::info!(job = %claim.job, state = outcome.state.as_str(), seconds, iterations, "ended");
-            shared.metrics.count_job(outcome.state, seconds, iterations, shots);
-            shared.queue.forget(claim.job);
+    /// Logs and counts an end that is recorded.
+    fn count(&self, end: &AttemptEnd) {
+        let job = self.claim.job;
+        match end {
+            AttemptEnd::Finish { outcome, .. } => {
+                // What was shared is no work of this job's.
+                let own = outcome.progress.as_ref().filter(|_| outcome.result_of.is_none());
+                let (iterations, shots) = own.map_or((0, 0), |p| (p.iterations, p.shots));
+                let seconds = self.started.elapsed().as_secs_f64();
+                let state = outcome.state;
+                tracing::info!(%job, state = state.as_str(), seconds, iterations, "ended");
+                self.shared.metrics.count_job(state, seconds, iterations, shots);
+                self.shared.queue.forget(job);
+            }
+            AttemptEnd::PutBack { why, .. } => tracing::info!(%job, why, "went back to the queue"),
+            AttemptEnd::ClaimLost => {}
         }
-        Record::Release { why, .. } => {
-            tracing::info!(job = %claim.job, why, "went back to the queue");
+    }
+
+    /// Removes the files that this attempt may have written after its job was deleted.
+    async fn remove_if_deleted(&self) {
+        let job = self.claim.job;
+        let removed = match self.shared.store.job(job).await {
+            Ok(None) => self.shared.artifacts.remove_job(job).await,
+            _ => Ok(()),
+        };
+        if let Err(error) = removed {
+            tracing::warn!(%job, %error, "cannot remove files");
         }
-        Record::Picture { .. } => {}
-    }
-}
-
-/// Removes the files that this attempt may have written after its job was deleted.
-async fn remove_if_deleted(shared: &Shared, claim: Claim) {
-    let removed = match shared.store.job(claim.job).await {
-        Ok(None) => shared.artifacts.remove_job(claim.job).await,
-        _ => Ok(()),
-    };
-    if let Err(error) = removed {
-        tracing::warn!(job = %claim.job, %error, "cannot remove files");
-    }
-}
-
-fn final_progress(stats: &Stats) -> Progress {
-    Progress {
-        iterations: stats.iterations,
-        shots: stats.shots,
-        light_source_selection_ratio: stats.light_source_selection_ratio,
-        estimated_error: stats.estimated_error,
-        seconds: stats.seconds_solve,
-        seconds_remaining: Some(0.0),
-        fraction: 1.0,
     }
 }

@@ -22,6 +22,7 @@ mod requests;
 pub mod scenes;
 mod snapshots;
 pub mod threads;
+mod translation;
 mod watch;
 mod wire;
 
@@ -129,10 +130,10 @@ async fn open(shared: &Shared, id: &str) -> Result<Executor, String> {
         () = shared.shutdown.cancelled() => return Err("the server shuts down".into()),
     };
     match said.map(|message| message.header) {
-        Some(wire::Said::Ready) => Ok(executor),
-        Some(wire::Said::NoDevice { error }) => Err(error),
+        Some(wire::ExecutorEvent::Ready) => Ok(executor),
+        Some(wire::ExecutorEvent::NoDevice { error }) => Err(error),
         Some(other) => Err(format!("it said {other:?} before it was ready")),
-        None => Err(executor.epitaph().how),
+        None => Err(executor.end().how),
     }
 }
 
@@ -149,7 +150,7 @@ async fn run_jobs(shared: &Arc<Shared>, id: &str, executor: &mut Executor) -> Re
         let (claim, job) = next;
         if executor.is_gone() {
             // It ended while it had nothing to do: not this job's fault.
-            let fault = executor.epitaph().how;
+            let fault = executor.end().how;
             job::hand_back(shared, claim, fault.clone()).await;
             return Err(fault);
         }

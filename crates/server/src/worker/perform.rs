@@ -3,11 +3,11 @@
 
 use super::encode;
 use super::pacing::Pacing;
-use super::requests::render_request;
 use super::threads::Crew;
-use super::wire::{Checkpointed, Failure, Message, STORAGE, Said, Task};
+use super::translation::{finite_header, render_request, to_plan, to_progress, to_stats};
+use super::wire::{ExecutorEvent, Failure, Message, STORAGE, Task};
 use super::{devices, scenes};
-use crate::api::jobs::{self as api, PictureFormat, SnapshotRequest};
+use crate::api::jobs::{PictureFormat, SnapshotRequest};
 use crate::api::solutions::Begins;
 use crate::artifacts::Content;
 use crate::failpoints;
@@ -15,9 +15,7 @@ use bytes::Bytes;
 use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::device::{Device, DeviceError};
 use hemilux_engine::image;
-use hemilux_engine::render::{
-    Begin, Observer, Plan, Progress, RenderError, Rendered, Stats, StopReason,
-};
+use hemilux_engine::render::{Begin, Observer, Plan, Progress, RenderError, Rendered, StopReason};
 use hemilux_engine::scene::Warning;
 use hemilux_engine::scene::gltf::BakedMesh;
 use hemilux_engine::transport::render;
@@ -39,7 +37,7 @@ const RESULT: [PictureFormat; 2] = [PictureFormat::Png, PictureFormat::Exr];
 pub const ROOM: usize = 16;
 
 /// Where an executor says what happens.
-pub type Mouth = mpsc::Sender<Message<Said>>;
+pub type EventSender = mpsc::Sender<Message<ExecutorEvent>>;
 
 /// Where tasks come from, with the parts of their [`Order::Run`](super::wire::Order::Run).
 pub type Tasks = std::sync::mpsc::Receiver<(Task, Vec<Content>)>;
@@ -94,22 +92,22 @@ impl Switches {
 
 /// Opens the device and runs tasks until there are none, nobody listens, or a task breaks the
 /// device.
-pub fn perform(device_id: &str, tasks: &Tasks, switches: &Switches, mouth: &Mouth) {
+pub fn perform(device_id: &str, tasks: &Tasks, switches: &Switches, events: &EventSender) {
     let mut device = match devices::open(device_id) {
         Ok(device) => device,
         Err(error) => {
-            let _ = mouth.blocking_send(Said::NoDevice { error }.into());
+            let _ = events.blocking_send(ExecutorEvent::NoDevice { error }.into());
             return;
         }
     };
-    if mouth.blocking_send(Said::Ready.into()).is_err() {
+    if events.blocking_send(ExecutorEvent::Ready.into()).is_err() {
         return;
     }
     let mut crew = Crew::default();
     while let Ok((task, parts)) = tasks.recv() {
         let attempted = catch_unwind(AssertUnwindSafe(|| {
-            attempt((device.as_mut(), &mut crew), &task, parts, switches, mouth)
-                .and_then(|rendered| last_word(&task, &rendered, switches, mouth))
+            attempt((device.as_mut(), &mut crew), &task, parts, switches, events)
+                .and_then(|rendered| last_word(&task, &rendered, switches, events))
         }))
         .unwrap_or_else(|panic| {
             let text = crate::panic_text(&*panic);
@@ -118,8 +116,8 @@ pub fn perform(device_id: &str, tasks: &Tasks, switches: &Switches, mouth: &Mout
             Err(Failure { device_is_sound: false, ..failure })
         });
         let device_is_sound = attempted.as_ref().err().is_none_or(|f| f.device_is_sound);
-        let said = attempted.unwrap_or_else(|failure| Said::Failed(failure).into());
-        if mouth.blocking_send(said).is_err() || !device_is_sound {
+        let said = attempted.unwrap_or_else(|failure| ExecutorEvent::Failed(failure).into());
+        if events.blocking_send(said).is_err() || !device_is_sound {
             return;
         }
     }
@@ -130,14 +128,14 @@ fn last_word(
     task: &Task,
     Rendered { picture, stats }: &Rendered,
     switches: &Switches,
-    mouth: &Mouth,
-) -> Result<Message<Said>, Failure> {
+    events: &EventSender,
+) -> Result<Message<ExecutorEvent>, Failure> {
     let figures = Box::new(to_stats(stats));
     if stats.stopped == StopReason::Cancelled && switches.is_unwanted(task.run) {
-        return Ok(Said::Rendered(figures, None).into());
+        return Ok(ExecutorEvent::Rendered(figures, None).into());
     }
-    let _ = mouth.blocking_send(Said::Solved.into());
-    encode::message(picture, &RESULT, |files| Said::Rendered(figures, Some(files)))
+    let _ = events.blocking_send(ExecutorEvent::Solved.into());
+    encode::message(picture, &RESULT, |files| ExecutorEvent::Rendered(figures, Some(files)))
         .map_err(|error| Failure::new("picture", error.to_string()))
 }
 
@@ -148,15 +146,11 @@ fn attempt(
     task: &Task,
     parts: Vec<Content>,
     switches: &Switches,
-    mouth: &Mouth,
+    events: &EventSender,
 ) -> Result<Rendered, Failure> {
     let about = || format!("seed {}, attempt {}", task.request.seed, task.attempt);
-    let lost = |reason: String| Failure {
-        retry: true,
-        device_is_sound: false,
-        ..Failure::new("device", reason)
-    };
-    failpoints::pass("load", about).map_err(|injected| lost(injected.to_string()))?;
+    failpoints::pass("load", about)
+        .map_err(|injected| Failure::of_executor(injected.to_string()))?;
     let unread = |error: io::Error| Failure {
         retry: true,
         ..Failure::new(STORAGE, format!("what the job needs cannot be read: {error}"))
@@ -166,13 +160,14 @@ fn attempt(
     let scene = scenes::load(task.scene_format, &scene_bytes, task.max_triangles)
         .map_err(|refusal| Failure::new("scene", refusal.to_string()))?;
     drop(scene_bytes);
-    let _ = mouth.blocking_send(Said::Began.into());
-    failpoints::pass("render", about).map_err(|injected| lost(injected.to_string()))?;
+    let _ = events.blocking_send(ExecutorEvent::Began.into());
+    failpoints::pass("render", about)
+        .map_err(|injected| Failure::of_executor(injected.to_string()))?;
     let (begin, trouble) = begin(task, parts.next().transpose().map_err(unread)?);
     let mut request = render_request(&task.request, Arc::new(scene), Some(task.max_seconds), begin);
-    let mut watcher = Watcher::new(task, switches, mouth);
+    let mut watcher = Watcher::new(task, switches, events);
     watcher.beginning = trouble.map(begins_afresh);
-    let threads = crew.of(task.threads).map_err(|error| lost(error.to_string()))?;
+    let threads = crew.of(task.threads).map_err(|error| Failure::of_executor(error.to_string()))?;
     let mut rendered = threads.install(|| render(device, &request, &mut watcher));
     if let Err(RenderError::Checkpoint(error)) = &rendered {
         tracing::warn!(job = %task.job, %error, "begins afresh");
@@ -185,11 +180,14 @@ fn attempt(
         RenderError::Parameter { parameter, what } => {
             Failure::new("parameter", format!("{parameter}: {what}"))
         }
-        RenderError::Device(error @ DeviceError::Lost { .. }) => lost(error.to_string()),
+        RenderError::Device(error @ DeviceError::Lost { .. }) => {
+            Failure::of_executor(error.to_string())
+        }
         RenderError::Device(error) => Failure::new("device", error.to_string()),
         RenderError::Checkpoint(error) => Failure::new("checkpoint", error.to_string()),
     })?;
-    failpoints::pass("rendered", about).map_err(|injected| lost(injected.to_string()))?;
+    failpoints::pass("rendered", about)
+        .map_err(|injected| Failure::of_executor(injected.to_string()))?;
     Ok(rendered)
 }
 
@@ -217,7 +215,7 @@ fn begins_afresh(why: String) -> Warning {
 struct Watcher<'a> {
     run: u64,
     switches: &'a Switches,
-    mouth: &'a Mouth,
+    events: &'a EventSender,
     last_progress: Option<Instant>,
     snapshots: Option<SnapshotRequest>,
     taken: u32,
@@ -238,12 +236,12 @@ struct Watcher<'a> {
 }
 
 impl<'a> Watcher<'a> {
-    fn new(task: &Task, switches: &'a Switches, mouth: &'a Mouth) -> Self {
+    fn new(task: &Task, switches: &'a Switches, events: &'a EventSender) -> Self {
         let snapshots = task.request.snapshots.clone();
         Self {
             run: task.run,
             switches,
-            mouth,
+            events,
             last_progress: None,
             last_snapshot_s: 0.0,
             snapshots,
@@ -264,16 +262,11 @@ impl<'a> Watcher<'a> {
     }
 
     fn send(&self, checkpoint: &Checkpoint, baked: Option<BakedMesh>) {
-        let header = checkpoint.header();
-        let facts = Checkpointed {
-            method: header.method.clone(),
-            iterations: header.iterations,
-            seconds: finite(header.seconds),
-            estimated_error: header.estimated_error.filter(|error| error.is_finite()),
-        };
+        let header = Box::new(finite_header(checkpoint.header()));
         let mut parts = vec![checkpoint.to_bytes().into()];
         parts.extend(baked.map(|mesh| mesh.to_glb().into()));
-        let _ = self.mouth.blocking_send(Message { header: Said::Checkpoint(facts), parts });
+        let _ =
+            self.events.blocking_send(Message { header: ExecutorEvent::Checkpoint(header), parts });
     }
 
     /// Hands over what is known at the end, before the picture, with which the run is over.
@@ -291,14 +284,14 @@ impl Observer for Watcher<'_> {
     fn planned(&mut self, plan: &Plan, warnings: &[Warning]) {
         let warnings = warnings.iter().chain(&self.beginning).map(scenes::warning).collect();
         // Nobody listening any more shows in `cancelled`.
-        let _ = self.mouth.blocking_send(Said::Planned(to_plan(plan), warnings).into());
+        let _ = self.events.blocking_send(ExecutorEvent::Planned(to_plan(plan), warnings).into());
     }
 
     fn progress(&mut self, progress: &Progress) {
         if self.last_progress.is_none_or(|at| at.elapsed() >= PROGRESS_INTERVAL) {
             self.last_progress = Some(Instant::now());
             // No room means that the store is slow; the next message says more.
-            let _ = self.mouth.try_send(Said::Progress(to_progress(progress)).into());
+            let _ = self.events.try_send(ExecutorEvent::Progress(to_progress(progress)).into());
         }
     }
 
@@ -326,12 +319,12 @@ impl Observer for Watcher<'_> {
         self.last_snapshot_s = progress.seconds;
         self.underway = true;
         let (picture, progress) = (picture.clone(), to_progress(progress));
-        let (mouth, formats) = (self.mouth.clone(), self.formats());
+        let (events, formats) = (self.events.clone(), self.formats());
         // Beside the render, which goes on meanwhile.
         let encode = move || match encode::message(&picture, &formats, |files| {
-            Said::Snapshot(progress, files)
+            ExecutorEvent::Snapshot(progress, files)
         }) {
-            Ok(message) => mouth.blocking_send(message).is_ok(),
+            Ok(message) => events.blocking_send(message).is_ok(),
             Err(error) => {
                 tracing::error!(%error, "a snapshot cannot be encoded");
                 false
@@ -384,52 +377,6 @@ impl Observer for Watcher<'_> {
     fn cancelled(&self) -> bool {
         self.switches.stop.load(Ordering::Relaxed) == self.run
             || self.switches.abandoned.load(Ordering::Relaxed)
-            || self.mouth.is_closed()
-    }
-}
-
-/// JSON has no NaN; a figure that is none reads 0.
-fn finite(x: f64) -> f64 {
-    if x.is_finite() { x } else { 0.0 }
-}
-
-fn to_progress(progress: &Progress) -> api::Progress {
-    api::Progress {
-        iterations: progress.iterations,
-        shots: progress.shots,
-        light_source_selection_ratio: finite(progress.light_source_selection_ratio),
-        estimated_error: progress.estimated_error.filter(|error| error.is_finite()),
-        seconds: finite(progress.seconds),
-        seconds_remaining: progress.seconds_remaining.filter(|seconds| seconds.is_finite()),
-        fraction: finite(progress.fraction),
-    }
-}
-
-fn to_plan(plan: &Plan) -> api::Plan {
-    api::Plan {
-        method: plan.method.clone(),
-        reasons: plan.reasons.clone(),
-        settings: plan.settings.clone(),
-        patches: plan.patches,
-        triangles: plan.triangles,
-    }
-}
-
-/// The engine's figures in the API's words; the server adds the time that it saw itself.
-fn to_stats(stats: &Stats) -> api::Stats {
-    let stopped = serde_json::to_value(stats.stopped).ok();
-    api::Stats {
-        method: stats.method.clone(),
-        stopped: stopped.and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default(),
-        iterations: stats.iterations,
-        shots: stats.shots,
-        light_source_selection_ratio: finite(stats.light_source_selection_ratio),
-        estimated_error: stats.estimated_error.filter(|error| error.is_finite()),
-        seconds_solve: finite(stats.seconds_solve),
-        seconds_total: finite(stats.seconds_total),
-        patches: stats.patches,
-        triangles: stats.triangles,
-        device: stats.device.clone(),
-        diagnostics: stats.diagnostics.iter().map(|(k, v)| (k.clone(), finite(*v))).collect(),
+            || self.events.is_closed()
     }
 }

@@ -2,7 +2,7 @@
 //! or takes all the memory ends that process, not the server.
 
 use super::perform::ROOM;
-use super::wire::{self, Message, Order, Said};
+use super::wire::{self, ExecutorEvent, Message, Order};
 use crate::telemetry::LogFormat;
 use std::io::{self, BufReader, BufWriter};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -18,7 +18,7 @@ const PARTING: Duration = Duration::from_millis(500);
 
 /// How a process or a thread of a device ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Epitaph {
+pub struct ExecutorEnd {
     /// How, in words.
     pub how: String,
     /// Whether somebody else killed it without a word (signal 9), as the system does for want of
@@ -26,7 +26,7 @@ pub struct Epitaph {
     pub was_killed: bool,
 }
 
-impl From<String> for Epitaph {
+impl From<String> for ExecutorEnd {
     fn from(how: String) -> Self {
         Self { how, was_killed: false }
     }
@@ -51,7 +51,7 @@ impl Process {
         memory_mb: Option<u64>,
         log_format: LogFormat,
         large_parts: PathBuf,
-    ) -> io::Result<(Self, mpsc::Receiver<Message<Said>>)> {
+    ) -> io::Result<(Self, mpsc::Receiver<Message<ExecutorEvent>>)> {
         let mut command = Command::new(own_program()?);
         command.args(["device-worker", device]);
         if log_format == LogFormat::Json {
@@ -67,13 +67,13 @@ impl Process {
         let missing = || io::Error::other("the process has no pipes");
         let (input, output) = (input.ok_or_else(missing)?, output.ok_or_else(missing)?);
 
-        let (mouth, said) = mpsc::channel(ROOM);
+        let (sender, events) = mpsc::channel(ROOM);
         std::thread::Builder::new().name(format!("said {device}")).spawn(move || {
             let mut pipe = BufReader::new(output);
             loop {
-                match wire::read::<Said>(&mut pipe, Some(&large_parts)) {
+                match wire::read::<ExecutorEvent>(&mut pipe, Some(&large_parts)) {
                     Ok(Some(message)) => {
-                        if mouth.blocking_send(message).is_err() {
+                        if sender.blocking_send(message).is_err() {
                             return;
                         }
                     }
@@ -88,7 +88,7 @@ impl Process {
         let (orders, waiting) = std_mpsc::channel();
         let name = format!("orders {device}");
         std::thread::Builder::new().name(name).spawn(move || pass_on(input, &waiting))?;
-        Ok((Self { child, is_ended: false, orders: Some(orders) }, said))
+        Ok((Self { child, is_ended: false, orders: Some(orders) }, events))
     }
 
     /// Sends an order. One that does not arrive is noticed by the process's end.
@@ -106,7 +106,7 @@ impl Process {
     }
 
     /// Lets the process end, or ends it, and says how it ended.
-    pub fn epitaph(&mut self) -> Epitaph {
+    pub fn end(&mut self) -> ExecutorEnd {
         drop(self.orders.take());
         let deadline = Instant::now() + PARTING;
         let status = loop {
@@ -123,7 +123,7 @@ impl Process {
             }
         };
         match status {
-            Ok(status) => Epitaph {
+            Ok(status) => ExecutorEnd {
                 how: format!("its process ended with {}", in_words(status)),
                 was_killed: status.signal() == Some(9) && !self.is_ended,
             },

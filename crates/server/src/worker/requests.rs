@@ -1,12 +1,11 @@
-//! Jobs in the engine's words, and what the engine says of a job before it runs.
+//! What the engine says of jobs before they run: what they can ask for, what it would refuse, what
+//! memory they need.
 
+use super::translation::{render_request, settings};
 use crate::api::FieldError;
-use crate::api::jobs::{self, CameraRequest, JobRequest, OptionValue};
+use crate::api::jobs::{JobRequest, OptionValue};
 use crate::api::limits::{OptionWord, Vocabulary};
-use hemilux_engine::render::{
-    Begin, CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest,
-};
-use hemilux_engine::scene::Scene;
+use hemilux_engine::render::{Begin, RenderError};
 use hemilux_engine::transport::{self, METHODS, OPTIONS};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -42,51 +41,6 @@ pub fn settings_in_force(
         values.remove(BY_LIMITS);
     }
     Some(values)
-}
-
-/// A job in the engine's words: its limits as it named them, as on the command line, and beside them
-/// the longest time of the server, which ends jobs that name only iterations or an accuracy which
-/// they may never reach.
-pub fn render_request(
-    job: &JobRequest,
-    scene: Arc<Scene>,
-    cap_seconds: Option<f64>,
-    begin: Begin,
-) -> RenderRequest {
-    RenderRequest {
-        scene,
-        camera: camera(job.camera.as_ref()),
-        width: job.width,
-        height: job.height,
-        method: job.method.clone(),
-        limits: Limits {
-            seconds: job.time_budget_s,
-            iterations: job.max_iterations,
-            target_error: job.target_error,
-            cap_seconds,
-        },
-        seed: job.seed,
-        options: settings(&job.options),
-        begin,
-    }
-}
-
-/// A job's settings in the engine's words.
-fn settings(given: &BTreeMap<String, OptionValue>) -> BTreeMap<String, String> {
-    given.iter().map(|(name, value)| (name.clone(), value.to_string())).collect()
-}
-
-/// A job's camera in the engine's words.
-fn camera(request: Option<&CameraRequest>) -> CameraChoice {
-    match request {
-        None => CameraChoice::First,
-        Some(CameraRequest::Index(index)) => CameraChoice::Index(*index),
-        Some(CameraRequest::Name(name)) => CameraChoice::Name(name.clone()),
-        Some(CameraRequest::Explicit(camera)) => {
-            let jobs::ExplicitCamera { eye, target, up, yfov_degrees } = *camera;
-            CameraChoice::Explicit(ExplicitCamera { eye, target, up, yfov_degrees })
-        }
-    }
 }
 
 /// What the engine would refuse of a job, whatever its scene: the engine's own check, asked before

@@ -3,7 +3,7 @@
 //! so that a job may run for as long as it likes; where the disk or the payer's quota has no room,
 //! none is kept until there is some. The job's last picture is no snapshot and is always kept.
 
-use super::wire::Files;
+use super::wire::PictureParts;
 use crate::api::events::{Notice, NoticeEvent};
 use crate::api::jobs::{Picture, PictureFormat, Progress};
 use crate::artifacts::{ArtifactError, Content};
@@ -20,14 +20,17 @@ const MOST_PAUSE_NOTICES: u32 = 100;
 type Trouble = Box<dyn std::error::Error + Send + Sync>;
 
 /// A picture as an executor hands it over: its files.
-pub struct Drawn {
+pub struct PictureFiles {
     size: (u32, u32),
     files: Vec<(PictureFormat, Content)>,
 }
 
-impl Drawn {
+impl PictureFiles {
     /// The parts of a message as what it says they are; `None` where they are not as many.
-    pub fn new(Files { width, height, formats }: Files, parts: Vec<Content>) -> Option<Self> {
+    pub fn new(
+        PictureParts { width, height, formats }: PictureParts,
+        parts: Vec<Content>,
+    ) -> Option<Self> {
         let size = (width, height);
         (formats.len() == parts.len())
             .then(|| Self { size, files: formats.into_iter().zip(parts).collect() })
@@ -96,14 +99,14 @@ impl Album {
         &mut self,
         shared: &Shared,
         claim: Claim,
-        drawn: Drawn,
+        picture: PictureFiles,
         progress: Progress,
     ) -> Result<(), Trouble> {
         if let Some(why) = shared.disk.shortage() {
             return self.pause(shared, claim, Pause::Disk, why).await;
         }
         let begun = Instant::now();
-        let bytes = drawn.bytes()?;
+        let bytes = picture.bytes()?;
         if bytes > self.share {
             let (bytes, share) = (bytes >> 10, self.share >> 20);
             let why = format!(
@@ -121,7 +124,7 @@ impl Album {
             self.slower = known.thinned;
         }
         self.make_room(shared, claim, bytes).await?;
-        let pictures = drawn.store(shared, claim).await?;
+        let pictures = picture.store(shared, claim).await?;
         shared.metrics.count_snapshot(begun.elapsed().as_secs_f64());
         let report = Report { snapshots: vec![(pictures, progress)], ..Report::default() };
         shared.store.report(claim, report).await?;

@@ -3,9 +3,8 @@
 
 use super::checkpoints;
 use super::executor::Executor;
-use super::process::Epitaph;
-use super::snapshots::{Album, Drawn};
-use super::wire::{Failure, Message, Order, Said};
+use super::snapshots::{Album, PictureFiles};
+use super::wire::{ExecutorEvent, Failure, Message, Order};
 use crate::api::jobs::{Progress, Stats};
 use crate::shared::Shared;
 use crate::store::{Claim, Report, StoreError};
@@ -34,25 +33,22 @@ pub enum Stop {
     ClaimLost,
 }
 
-/// How a run ended.
-pub enum Ended {
-    /// With a picture, or without where it was stopped and none was wanted.
-    Rendered(Box<Stats>, Option<Drawn>),
-    /// With a reason.
-    Failed(Failure),
-    /// Without a word, or it had to be ended: how. The executor is of no more use.
-    Lost(Epitaph),
-}
-
 /// A run that is over.
 pub struct Followed {
-    /// How.
-    pub ended: Ended,
+    /// Its figures, and its picture unless it was stopped and none was wanted; or why it came to
+    /// nothing.
+    pub result: RunResult,
+    /// Whether somebody else killed the executor without a word, as the system does for want of
+    /// memory.
+    pub was_killed: bool,
     /// Whether it was asked to stop.
     pub stop: Stop,
     /// The latest figures.
     pub latest: Option<Progress>,
 }
+
+/// What a run came to.
+type RunResult = Result<(Box<Stats>, Option<PictureFiles>), Failure>;
 
 /// Follows a run to its end, with everything that it said stored.
 pub async fn follow(
@@ -66,17 +62,19 @@ pub async fn follow(
         claim,
         album: Arc::new(Mutex::new(Album::new(shared.config.guard.max_job_mb << 20))),
         stop: Stop::No,
+        was_killed: false,
         latest: None,
         pending: Report::default(),
         snapshots: JoinSet::new(),
         checkpoints: JoinSet::new(),
         turn: Arc::default(),
     };
-    let ended = scribe.follow(executor, run).await;
+    let result = scribe.follow(executor, run).await;
     scribe.flush().await;
     while scribe.snapshots.join_next().await.is_some() {}
     while scribe.checkpoints.join_next().await.is_some() {}
-    Followed { ended, stop: scribe.stop, latest: scribe.latest }
+    let Scribe { was_killed, stop, latest, .. } = scribe;
+    Followed { result, was_killed, stop, latest }
 }
 
 /// Writes down what a run says.
@@ -85,6 +83,7 @@ struct Scribe {
     claim: Claim,
     album: Arc<Mutex<Album>>,
     stop: Stop,
+    was_killed: bool,
     latest: Option<Progress>,
     pending: Report,
     /// How much less often each lets the next ones come.
@@ -96,7 +95,7 @@ struct Scribe {
 }
 
 impl Scribe {
-    async fn follow(&mut self, executor: &mut Executor, run: u64) -> Ended {
+    async fn follow(&mut self, executor: &mut Executor, run: u64) -> RunResult {
         let shared = self.shared.clone();
         let mut bell = shared.bell.listen(self.claim.job);
         let mut flush = tokio::time::interval(FLUSH_INTERVAL);
@@ -110,13 +109,17 @@ impl Scribe {
                 biased;
                 message = executor.hear() => {
                     heard = Instant::now();
-                    let Some(message) = message else { return Ended::Lost(executor.epitaph()) };
-                    if matches!(message.header, Said::Solved) {
+                    let Some(message) = message else {
+                        let end = executor.end();
+                        self.was_killed = end.was_killed;
+                        return Err(Failure::of_executor(end.how));
+                    };
+                    if matches!(message.header, ExecutorEvent::Solved) {
                         // It did stop; a large picture takes its time to encode.
                         told = told.map(|_| heard);
                     }
-                    if let Some(ended) = self.take(message) {
-                        return ended;
+                    if let Some(result) = self.take(message) {
+                        return result;
                     }
                 }
                 () = shared.shutdown.cancelled(), if self.stop < Stop::Shutdown => {
@@ -135,7 +138,7 @@ impl Scribe {
                     if let Some(why) = self.out_of_patience(heard, told) {
                         executor.kill();
                         tracing::warn!(job = %self.claim.job, why, "ended the executor");
-                        return Ended::Lost(why.into());
+                        return Err(Failure::of_executor(why));
                     }
                 }
                 () = bell.news() => self.look_for_cancel().await,
@@ -168,54 +171,53 @@ impl Scribe {
         }
     }
 
-    fn take(&mut self, message: Message<Said>) -> Option<Ended> {
-        let torn = || {
-            Ended::Failed(Failure {
-                retry: true,
-                device_is_sound: false,
-                ..Failure::new("device", "the picture does not have the files that it should")
-            })
-        };
+    fn take(&mut self, message: Message<ExecutorEvent>) -> Option<RunResult> {
+        let torn =
+            || Failure::of_executor("the picture does not have the files that it should".into());
         match message.header {
-            Said::Ready | Said::Began | Said::Solved => None,
-            Said::NoDevice { error } => Some(Ended::Lost(error.into())),
-            Said::Planned(plan, warnings) => {
+            ExecutorEvent::Ready | ExecutorEvent::Began | ExecutorEvent::Solved => None,
+            ExecutorEvent::NoDevice { error } => Some(Err(Failure::of_executor(error))),
+            ExecutorEvent::Planned(plan, warnings) => {
                 self.pending.plan = Some((plan, warnings));
                 None
             }
-            Said::Progress(progress) => {
+            ExecutorEvent::Progress(progress) => {
                 self.latest = Some(progress.clone());
                 self.pending.progress.push(progress);
                 None
             }
-            Said::Checkpoint(facts) => {
+            ExecutorEvent::Checkpoint(facts) => {
                 let (shared, claim, turn) = (self.shared.clone(), self.claim, self.turn.clone());
                 self.checkpoints.spawn(async move {
-                    checkpoints::keep(&shared, claim, facts, message.parts, &turn).await
+                    checkpoints::keep(&shared, claim, *facts, message.parts, &turn).await
                 });
                 None
             }
-            Said::Snapshot(progress, files) => match Drawn::new(files, message.parts) {
-                Some(drawn) => {
-                    let (shared, claim) = (self.shared.clone(), self.claim);
-                    let album = self.album.clone();
-                    self.snapshots.spawn(async move {
-                        let mut album = album.lock().await;
-                        if let Err(error) = album.keep(&shared, claim, drawn, progress).await {
-                            tracing::warn!(job = %claim.job, %error, "a snapshot was lost");
-                        }
-                        album.slower()
-                    });
-                    None
+            ExecutorEvent::Snapshot(progress, files) => {
+                match PictureFiles::new(files, message.parts) {
+                    Some(picture) => {
+                        let (shared, claim) = (self.shared.clone(), self.claim);
+                        let album = self.album.clone();
+                        self.snapshots.spawn(async move {
+                            let mut album = album.lock().await;
+                            if let Err(error) = album.keep(&shared, claim, picture, progress).await
+                            {
+                                tracing::warn!(job = %claim.job, %error, "a snapshot was lost");
+                            }
+                            album.slower()
+                        });
+                        None
+                    }
+                    None => Some(Err(torn())),
                 }
-                None => Some(torn()),
-            },
-            Said::Rendered(stats, None) => Some(Ended::Rendered(stats, None)),
-            Said::Rendered(stats, Some(files)) => Some(match Drawn::new(files, message.parts) {
-                Some(drawn) => Ended::Rendered(stats, Some(drawn)),
-                None => torn(),
-            }),
-            Said::Failed(failure) => Some(Ended::Failed(failure)),
+            }
+            ExecutorEvent::Rendered(stats, None) => Some(Ok((stats, None))),
+            ExecutorEvent::Rendered(stats, Some(files)) => Some(
+                PictureFiles::new(files, message.parts)
+                    .map(|picture| (stats, Some(picture)))
+                    .ok_or_else(torn),
+            ),
+            ExecutorEvent::Failed(failure) => Some(Err(failure)),
         }
     }
 

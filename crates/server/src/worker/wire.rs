@@ -9,6 +9,7 @@ use crate::api::jobs::{JobRequest, PictureFormat, Plan, Progress, Stats};
 use crate::api::scenes::SceneFormat;
 use crate::api::solutions::Begins;
 use crate::artifacts::Content;
+use hemilux_engine::checkpoint::Header;
 use rustix::fs::FallocateFlags;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -113,7 +114,7 @@ pub struct Task {
 /// What an executor says. Between `Ready` and the end it speaks of one run at a time: that of the
 /// latest task, up to `Rendered` or `Failed`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Said {
+pub enum ExecutorEvent {
     /// The device is open.
     Ready,
     /// The device does not open; nothing follows.
@@ -128,34 +129,21 @@ pub enum Said {
     /// The figures moved.
     Progress(Progress),
     /// A picture of the present state.
-    Snapshot(Progress, Files),
+    Snapshot(Progress, PictureParts),
     /// All that the method knows; the first part is the checkpoint's bytes, the second, at the end
     /// and where there are patches, a GLB file with their light.
-    Checkpoint(Checkpointed),
+    Checkpoint(Box<Header>),
     /// Nothing more is rendered in this run; its picture is being encoded.
     Solved,
     /// The run is over, with a picture unless it was stopped and none was wanted.
-    Rendered(Box<Stats>, Option<Files>),
+    Rendered(Box<Stats>, Option<PictureParts>),
     /// The run came to nothing.
     Failed(Failure),
 }
 
-/// What a checkpoint is of.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Checkpointed {
-    /// The method that runs.
-    pub method: String,
-    /// Whole iterations.
-    pub iterations: u64,
-    /// Seconds that they took.
-    pub seconds: f64,
-    /// Estimated rRMSE of the picture at that moment.
-    pub estimated_error: Option<f64>,
-}
-
 /// A picture as files, which are the parts of its message: one a format, in this order.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Files {
+pub struct PictureParts {
     /// Pixels across.
     pub width: u32,
     /// Pixels down.
@@ -184,6 +172,12 @@ impl Failure {
     /// A failure that another attempt would meet again, on a device that can go on.
     pub fn new(code: &str, detail: impl Into<String>) -> Self {
         Self { code: code.into(), detail: detail.into(), retry: false, device_is_sound: true }
+    }
+
+    /// The device, or whoever runs tasks on it, has failed: another attempt may succeed, and the
+    /// device must be opened again first.
+    pub fn of_executor(detail: String) -> Self {
+        Self { retry: true, device_is_sound: false, ..Self::new("device", detail) }
     }
 }
 
@@ -292,40 +286,41 @@ mod tests {
         (serde_json::to_value(&message.header).unwrap(), parts.collect())
     }
 
-    fn files(formats: Vec<PictureFormat>) -> Files {
-        Files { width: 2, height: 1, formats }
+    fn files(formats: Vec<PictureFormat>) -> PictureParts {
+        PictureParts { width: 2, height: 1, formats }
     }
 
     #[test]
     fn messages_come_out_as_they_went_in() {
         let progress = Progress { iterations: 3, seconds: 0.1, ..Progress::default() };
         let said = || {
-            let snapshot = Said::Snapshot(progress.clone(), files(vec![PictureFormat::Png]));
+            let snapshot =
+                ExecutorEvent::Snapshot(progress.clone(), files(vec![PictureFormat::Png]));
             let parts = [vec![7; 24], Vec::new(), vec![1]].map(Content::from).into();
             [
-                Message::from(Said::Ready),
+                Message::from(ExecutorEvent::Ready),
                 Message { header: snapshot, parts },
-                Message::from(Said::Failed(Failure::new("panic", "an unexpected fault"))),
+                Message::from(ExecutorEvent::Failed(Failure::new("panic", "an unexpected fault"))),
             ]
         };
         let mut pipe = Vec::new();
         said().iter().for_each(|message| write(&mut pipe, message).unwrap());
         let mut rest = pipe.as_slice();
         for message in said() {
-            let read = read::<Said>(&mut rest, None).unwrap().unwrap();
+            let read = read::<ExecutorEvent>(&mut rest, None).unwrap().unwrap();
             assert_eq!(content(read), content(message));
         }
-        assert!(read::<Said>(&mut rest, None).unwrap().is_none());
+        assert!(read::<ExecutorEvent>(&mut rest, None).unwrap().is_none());
         // A pipe that breaks off is no orderly end, wherever it does.
-        let first = 8 + serde_json::to_vec(&Said::Ready).unwrap().len();
+        let first = 8 + serde_json::to_vec(&ExecutorEvent::Ready).unwrap().len();
         let second = first + {
             let mut rest = &pipe[first..];
-            read::<Said>(&mut rest, None).unwrap();
+            read::<ExecutorEvent>(&mut rest, None).unwrap();
             pipe.len() - first - rest.len()
         };
         for length in (1..pipe.len()).filter(|length| ![first, second].contains(length)) {
             let mut rest = &pipe[..length];
-            let end = std::iter::repeat_with(|| read::<Said>(&mut rest, None))
+            let end = std::iter::repeat_with(|| read::<ExecutorEvent>(&mut rest, None))
                 .find(|message| !matches!(message, Ok(Some(_))));
             assert!(end.unwrap().is_err(), "cut to {length}");
         }
@@ -337,7 +332,7 @@ mod tests {
         let large: Vec<u8> = (0..LARGE_PART + 3).map(|i| (i % 251) as u8).collect();
         let parts = || [large.clone(), vec![1, 2], large.clone()].map(Content::from).into();
         let formats = vec![PictureFormat::Exr];
-        let header = || Said::Snapshot(Progress::default(), files(formats.clone()));
+        let header = || ExecutorEvent::Snapshot(Progress::default(), files(formats.clone()));
         let mut pipe = Vec::new();
         for _ in 0..2 {
             write(&mut pipe, &Message { header: header(), parts: parts() }).unwrap();
@@ -346,7 +341,7 @@ mod tests {
         let nowhere = folder.path().join("not there");
         let mut rest = pipe.as_slice();
         for (to, in_file) in [(folder.path(), true), (&nowhere, false)] {
-            let read = read::<Said>(&mut rest, Some(to)).unwrap().unwrap();
+            let read = read::<ExecutorEvent>(&mut rest, Some(to)).unwrap().unwrap();
             let are_files: Vec<_> =
                 read.parts.iter().map(|part| matches!(part, Content::File(_))).collect();
             assert_eq!(are_files, [in_file, false, in_file]);
@@ -354,7 +349,7 @@ mod tests {
             assert!(content(read) == content(expected), "in a file: {in_file}");
         }
         let cut = &pipe[..pipe.len() / 3];
-        assert!(read::<Said>(&mut &*cut, Some(folder.path())).is_err());
+        assert!(read::<ExecutorEvent>(&mut &*cut, Some(folder.path())).is_err());
         assert!(file_for(folder.path(), u64::MAX >> 1).is_none(), "no disk has so much room");
     }
 
@@ -366,6 +361,6 @@ mod tests {
         let read: io::Result<Option<Message<Value>>> = read(&mut frame.as_slice(), None);
         assert_eq!(read.unwrap_err().kind(), io::ErrorKind::UnexpectedEof);
         let nonsense = [255; 64];
-        assert!(super::read::<Said>(&mut nonsense.as_slice(), None).is_err());
+        assert!(super::read::<ExecutorEvent>(&mut nonsense.as_slice(), None).is_err());
     }
 }
