@@ -55,14 +55,15 @@ impl Reference {
         if self.single {
             return f64::NAN;
         }
-        let squares = product(&self.first, &self.second, &self.first, &self.second, 1.0, counted);
+        let halves = (&self.first, &self.second);
+        let squares = product(halves, halves, 1.0, counted);
         0.5 * squares.sqrt() / self.mean(counted)
     }
 
     /// Squared relative error of `x`: unbiased, so below 0 at times where `x` is about as good as
     /// the reference.
     pub fn squared_error(&self, x: &Picture, counted: &[bool]) -> f64 {
-        product(x, &self.first, x, &self.second, 1.0, counted) / self.mean(counted).powi(2)
+        product((x, &self.first), (x, &self.second), 1.0, counted) / self.mean(counted).powi(2)
     }
 
     /// Relative error below which this reference can't tell pictures apart: √ of twice the standard
@@ -146,17 +147,16 @@ impl Repetitions {
             return f64::NAN;
         }
         let (a, b) = (&reference.first, &reference.second);
-        let all = product(&self.sum, a, &self.sum, b, n, counted) / reference.mean(counted).powi(2);
+        let all =
+            product((&self.sum, a), (&self.sum, b), n, counted) / reference.mean(counted).powi(2);
         (all - squared_errors.iter().sum::<f64>()) / (n * (n - 1.0))
     }
 }
 
 /// Mean over counted pixels and channels of (x − scale·a)(y − scale·b).
 fn product(
-    x: &Picture,
-    a: &Picture,
-    y: &Picture,
-    b: &Picture,
+    (x, a): (&Picture, &Picture),
+    (y, b): (&Picture, &Picture),
     scale: f64,
     counted: &[bool],
 ) -> f64 {

@@ -3,6 +3,7 @@
 use crate::raster::{self, Raster};
 use image::RgbImage;
 use plotters::coord::Shift;
+use plotters::coord::combinators::WithKeyPoints;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::ops::Range;
@@ -296,20 +297,50 @@ fn draw_panel<D: DrawingBackend>(
             false => number(*value),
         })
         .draw()?;
-    if let Some(first) = panel.lines.iter().find_map(|line| line.shown().next()) {
-        for slope in &panel.guide_slopes {
-            let at = |x: f64| (x, first.1 * (x / first.0).powf(*slope));
-            let guide = within([at(x_range.start), at(x_range.end)], &y_range, *slope);
-            chart.draw_series(DashedLineSeries::new(guide, 5, 4, GUIDE.stroke_width(1)))?;
-        }
+    let ranges = (x_range, y_range);
+    draw_guides(&mut chart, panel, &ranges)?;
+    draw_levels(root, &mut chart, panel, &ranges)?;
+    draw_bands(&mut chart, panel, names)?;
+    draw_lines(root, &mut chart, panel, names)
+}
+
+/// A logarithmic axis with the ticks that are to be.
+type Axis = WithKeyPoints<LogCoord<f64>>;
+
+/// What a panel's lines are drawn on.
+type Plot<'a, D> = ChartContext<'a, D, Cartesian2d<Axis, Axis>>;
+
+/// The slopes that lines are compared with, through the first point of the first line.
+fn draw_guides<D: DrawingBackend>(
+    plot: &mut Plot<'_, D>,
+    panel: &Panel,
+    (x_range, y_range): &(Range<f64>, Range<f64>),
+) -> Drawn<D> {
+    let Some(first) = panel.lines.iter().find_map(|line| line.shown().next()) else {
+        return Ok(());
+    };
+    for slope in &panel.guide_slopes {
+        let at = |x: f64| (x, first.1 * (x / first.0).powf(*slope));
+        let guide = within([at(x_range.start), at(x_range.end)], y_range, *slope);
+        plot.draw_series(DashedLineSeries::new(guide, 5, 4, GUIDE.stroke_width(1)))?;
     }
+    Ok(())
+}
+
+/// Dotted lines at named values.
+fn draw_levels<D: DrawingBackend>(
+    root: &Area<D>,
+    plot: &mut Plot<'_, D>,
+    panel: &Panel,
+    (x_range, y_range): &(Range<f64>, Range<f64>),
+) -> Drawn<D> {
     for level in panel.levels.iter().filter(|level| shows(level.value)) {
         let ends = [(x_range.start, level.value), (x_range.end, level.value)];
-        chart.draw_series(DashedLineSeries::new(ends, 2, 3, WORDS.stroke_width(1)))?;
-        let (x, y) = chart.backend_coord(&ends[0]);
+        plot.draw_series(DashedLineSeries::new(ends, 2, 3, WORDS.stroke_width(1)))?;
+        let (x, y) = plot.backend_coord(&ends[0]);
         // On the left, where falling errors are still high; above the line, but below it where it
         // runs along the top.
-        let (_, top) = chart.backend_coord(&(x_range.end, y_range.end));
+        let (_, top) = plot.backend_coord(&(x_range.end, y_range.end));
         let (at, side) = match y - top < 18 {
             true => (y + 3, VPos::Top),
             false => (y - 2, VPos::Bottom),
@@ -318,24 +349,47 @@ fn draw_panel<D: DrawingBackend>(
         let style = style.color(&WORDS).pos(Pos::new(HPos::Left, side));
         root.draw(&Text::new(level.name.clone(), (x + 6, at), style))?;
     }
-    let index = |line: &Line| names.iter().position(|name| *name == line.name).unwrap_or(0);
+    Ok(())
+}
+
+/// Which colour a line has: that of its name.
+fn index_of(line: &Line, names: &[&str]) -> usize {
+    names.iter().position(|name| *name == line.name).unwrap_or(0)
+}
+
+/// The spreads of lines, below all of them.
+fn draw_bands<D: DrawingBackend>(
+    plot: &mut Plot<'_, D>,
+    panel: &Panel,
+    names: &[&str],
+) -> Drawn<D> {
     for line in &panel.lines {
         let upper = line.band().map(|(x, _, high)| (x, high));
         let lower = line.band().rev().map(|(x, low, _)| (x, low));
         let outline: Vec<(f64, f64)> = upper.chain(lower).collect();
         if outline.len() > 2 {
-            let shade = color(index(line)).mix(BAND).filled();
-            chart.draw_series(std::iter::once(Polygon::new(outline, shade)))?;
+            let shade = color(index_of(line, names)).mix(BAND).filled();
+            plot.draw_series(std::iter::once(Polygon::new(outline, shade)))?;
         }
     }
+    Ok(())
+}
+
+/// Lines with their markers.
+fn draw_lines<D: DrawingBackend>(
+    root: &Area<D>,
+    plot: &mut Plot<'_, D>,
+    panel: &Panel,
+    names: &[&str],
+) -> Drawn<D> {
     for line in &panel.lines {
-        let index = index(line);
+        let index = index_of(line, names);
         let points: Vec<(f64, f64)> = line.shown().collect();
         let style = color(index).stroke_width(2);
-        chart.draw_series(LineSeries::new(points.iter().copied(), style))?;
+        plot.draw_series(LineSeries::new(points.iter().copied(), style))?;
         let marked = if points.len() > MOST_MARKERS { points.len() - 1 } else { 0 };
         for point in &points[marked..] {
-            draw_marker(root, index, chart.backend_coord(point))?;
+            draw_marker(root, index, plot.backend_coord(point))?;
         }
     }
     Ok(())

@@ -58,7 +58,7 @@ pub fn png(rows: &[Row], scale: u32) -> Result<Vec<u8>, ImageError> {
             for (line, text) in cell.0.lines().enumerate() {
                 write(&mut sheet, x, labels + line as u32 * (LETTER + 2), text);
             }
-            paste(&mut sheet, x, pictures, &cell.1, row.exposure, scale);
+            paste(&mut sheet, (x, pictures), &cell.1, row.exposure, scale);
             x += column;
         }
         y += row_height(row);
@@ -76,7 +76,7 @@ fn write(sheet: &mut RgbImage, x: u32, y: u32, text: &str) {
     }
 }
 
-fn paste(sheet: &mut RgbImage, x: u32, y: u32, picture: &Picture, exposure: f32, scale: u32) {
+fn paste(sheet: &mut RgbImage, (x, y): (u32, u32), picture: &Picture, exposure: f32, scale: u32) {
     for row in 0..picture.height * scale {
         for column in 0..picture.width * scale {
             let at = (row / scale * picture.width + column / scale) as usize;

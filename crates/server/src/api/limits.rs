@@ -71,23 +71,7 @@ impl JobRequest {
             let most = limits.max_pixels;
             wrong("width", format!("width × height must be at most {most} pixels, is {pixels}"));
         }
-        if let Some(error) = self.target_error
-            && !(error > 0.0 && error < 1.0)
-        {
-            wrong("target_error", format!("must be between 0 and 1, both excluded, is {error}"));
-        }
-        if let Some(seconds) = self.time_budget_s
-            && !(seconds > 0.0 && seconds <= limits.max_seconds)
-        {
-            let most = limits.max_seconds;
-            wrong("time_budget_s", format!("must be above 0 and at most {most}, is {seconds}"));
-        }
-        if let Some(iterations) = self.max_iterations
-            && !(1..=MAX_ITERATIONS).contains(&iterations)
-        {
-            let range = format!("must be between 1 and {MAX_ITERATIONS}, is {iterations}");
-            wrong("max_iterations", range);
-        }
+        self.end_problems(limits, &mut wrong);
         if self.seed > MAX_SAFE_INTEGER {
             wrong("seed", format!("must be at most {MAX_SAFE_INTEGER}"));
         }
@@ -113,6 +97,27 @@ impl JobRequest {
         self.option_problems(limits, vocabulary, &mut wrong);
         self.camera_shape_problems(&mut wrong);
         errors
+    }
+
+    /// Of what ends the job.
+    fn end_problems(&self, limits: &JobLimits, wrong: &mut impl FnMut(&str, String)) {
+        if let Some(error) = self.target_error
+            && !(error > 0.0 && error < 1.0)
+        {
+            wrong("target_error", format!("must be between 0 and 1, both excluded, is {error}"));
+        }
+        if let Some(seconds) = self.time_budget_s
+            && !(seconds > 0.0 && seconds <= limits.max_seconds)
+        {
+            let most = limits.max_seconds;
+            wrong("time_budget_s", format!("must be above 0 and at most {most}, is {seconds}"));
+        }
+        if let Some(iterations) = self.max_iterations
+            && !(1..=MAX_ITERATIONS).contains(&iterations)
+        {
+            let range = format!("must be between 1 and {MAX_ITERATIONS}, is {iterations}");
+            wrong("max_iterations", range);
+        }
     }
 
     fn label_problems(&self, wrong: &mut impl FnMut(&str, String)) {

@@ -119,11 +119,9 @@ fn parse_exposure(text: &str) -> Result<Exposure, String> {
     }
 }
 
-/// Renders one picture.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let started = Instant::now();
-    for path in &arguments.output {
-        // Before the work rather than after it.
+/// Refuses files that could not be written, before the work rather than after it.
+fn check_outputs(output: &[PathBuf]) -> Result<(), Failure> {
+    for path in output {
         let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         if !matches!(ending.as_deref(), Some("png" | "exr")) {
             return Err(Failure::usage(format!("output {path:?} must end in .png or .exr")));
@@ -132,6 +130,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             return Err(Failure::failed(format!("the folder of {path:?} is not there")));
         }
     }
+    Ok(())
+}
+
+/// Renders one picture.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let started = Instant::now();
+    check_outputs(&arguments.output)?;
     let scene = read_scene(&arguments.scene)?;
     let device_id = devices::choose_one(&arguments.device).map_err(Failure::usage)?;
     let camera = camera_choice(arguments.camera.as_deref(), &scene);

@@ -101,6 +101,27 @@ async fn wrong_sums(store: &SqliteStore) -> Vec<String> {
     let found = sqlx::query(sqlx::AssertSqlSafe(query)).fetch_all(&store.reader).await.unwrap();
     found.iter().map(|row| row.get("what")).collect()
 }
+/// Works on the next job, if any: some snapshots and solutions, then its end.
+async fn work_on_next(store: &SqliteStore, step: u64, roll: &mut impl FnMut(u64) -> u64) {
+    let Some((claim, _)) = store.claim(&crate::store::conformance::fixture::ASKING).await.unwrap()
+    else {
+        return;
+    };
+    for number in 0..roll(5) {
+        let report = snapshot(&format!("{step} {number}"), 1 + roll(100));
+        store.report(claim, report).await.unwrap();
+    }
+    for _ in 0..roll(3) {
+        let baked = (roll(2) == 0).then(|| roll(50));
+        store.keep_solution(claim, &solution(roll(500), baked)).await.unwrap();
+    }
+    let stored = store.snapshots(claim.job).await.unwrap().stored;
+    let gone: Vec<_> = stored.iter().step_by(2).map(|(number, _)| *number).collect();
+    if roll(2) == 0 {
+        store.drop_snapshots(claim, &gone, notice()).await.unwrap();
+    }
+    store.finish(claim, outcome(1 + roll(1000))).await.unwrap();
+}
 
 #[tokio::test]
 async fn kept_sums_are_what_is_stored_whatever_happens() {
@@ -119,27 +140,7 @@ async fn kept_sums_are_what_is_stored_whatever_happens() {
             (0..=1, _) => {
                 submit(&store, ["", "a", "b"][roll(3) as usize], None).await;
             }
-            (2..=3, _) => {
-                let Some((claim, _)) =
-                    store.claim(&crate::store::conformance::fixture::ASKING).await.unwrap()
-                else {
-                    continue;
-                };
-                for number in 0..roll(5) {
-                    let report = snapshot(&format!("{step} {number}"), 1 + roll(100));
-                    store.report(claim, report).await.unwrap();
-                }
-                for _ in 0..roll(3) {
-                    let baked = (roll(2) == 0).then(|| roll(50));
-                    store.keep_solution(claim, &solution(roll(500), baked)).await.unwrap();
-                }
-                let stored = store.snapshots(claim.job).await.unwrap().stored;
-                let gone: Vec<_> = stored.iter().step_by(2).map(|(number, _)| *number).collect();
-                if roll(2) == 0 {
-                    store.drop_snapshots(claim, &gone, notice()).await.unwrap();
-                }
-                store.finish(claim, outcome(1 + roll(1000))).await.unwrap();
-            }
+            (2..=3, _) => work_on_next(&store, step, &mut roll).await,
             (7, Some(job)) => {
                 let request = serde_json::from_str("{}").unwrap();
                 drop(store.extend(job, &request, 1000, None).await.unwrap());
