@@ -5,7 +5,7 @@ use crate::data_folder::{self, FolderError};
 use crate::descriptors;
 use crate::http::app::AppState;
 use crate::http::audit_log::AuditLog;
-use crate::http::places::Places;
+use crate::http::slots::Slots;
 use crate::http::{self, listen};
 use crate::key_watch;
 use crate::leases;
@@ -83,8 +83,8 @@ pub async fn serve(
     ready(address);
 
     let router = http::router(app.clone());
-    let places = places(&shared.config, files);
-    let server = tokio::spawn(listen::serve(listener, router, app, places, REQUEST_GRACE));
+    let slots = slots(&shared.config, files);
+    let server = tokio::spawn(listen::serve(listener, router, app, slots, REQUEST_GRACE));
     stop.cancelled().await;
     tracing::info!("shutting down");
     // Event streams and workers hear of it through the same token.
@@ -155,8 +155,8 @@ fn start_tasks(shared: &Arc<Shared>, keeper: &Keeper, app: &AppState) -> [JoinHa
     ]
 }
 
-/// Places for connections where so many files may be open.
-fn places(config: &Config, files: u64) -> Places {
+/// Slots for connections where so many files may be open.
+fn slots(config: &Config, files: u64) -> Slots {
     let intake = &config.intake;
     let possible = descriptors::connections(files, intake.max_uploads);
     let (all, each) = intake.connections(possible, !config.listen.ip().is_loopback());
@@ -168,5 +168,5 @@ fn places(config: &Config, files: u64) -> Places {
         );
     }
     tracing::info!(files, connections = all, of_one_address = each, "limits");
-    Places::new(all, each)
+    Slots::new(all, each)
 }

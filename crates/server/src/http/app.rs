@@ -2,9 +2,9 @@
 
 use super::audit_log::AuditLog;
 use super::import_turns::ImportTurns;
-use super::places::Places;
 use super::rate::RateLimiter;
 use super::recent::Recent;
+use super::slots::Slots;
 use crate::access::KeyUses;
 use crate::api::limits::Vocabulary;
 use crate::key_watch::KeyWatch;
@@ -31,8 +31,8 @@ pub struct AppState {
     pub keeper: Keeper,
     /// What the engine can be asked for.
     pub vocabulary: Vocabulary,
-    /// Places for uploads.
-    pub uploads: Places,
+    /// Slots for uploads.
+    pub uploads: Slots,
     /// Turns at importing scenes.
     pub imports: ImportTurns,
     /// Bytes of pictures that events may carry at the same time.
@@ -60,7 +60,7 @@ impl AppState {
         Self {
             keeper,
             vocabulary: worker::vocabulary(),
-            uploads: Places::new(config.intake.max_uploads, config.intake.max_uploads_each),
+            uploads: Slots::new(config.intake.max_uploads, config.intake.max_uploads_each),
             imports: ImportTurns::new(IMPORTS_AT_ONCE),
             inline_room: Arc::new(Semaphore::new(INLINE_BYTES_AT_ONCE)),
             recent: Recent::default(),

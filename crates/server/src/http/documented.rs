@@ -1,7 +1,12 @@
-//! Error answers for the API's description.
+//! Answers for the API's description: errors, those of them that go together, and files.
 
 use super::problem::ProblemDocument;
-use utoipa::IntoResponses;
+use std::collections::BTreeMap;
+use utoipa::openapi::{Content, Header, RefOr, Response, ResponseBuilder};
+use utoipa::{IntoParams, IntoResponses, PartialSchema};
+
+/// Answers by their status.
+type Responses = BTreeMap<String, RefOr<Response>>;
 
 macro_rules! documented {
     ($($name:ident $status:literal $text:literal)*) => {$(
@@ -24,4 +29,85 @@ documented! {
     BadRange 416 "The file has no such part."
     Invalid 422 "Readable, but some fields cannot be met; `errors` names them."
     OverLimit 429 "Too many jobs wait, or a limit of this caller is reached; see `limit` and Retry-After."
+}
+
+macro_rules! together {
+    ($($(#[$doc:meta])* $name:ident: $($part:ident)*;)*) => {$(
+        $(#[$doc])*
+        pub struct $name;
+
+        impl IntoResponses for $name {
+            fn responses() -> Responses {
+                let mut all = Responses::new();
+                $(all.extend(<$part as IntoResponses>::responses());)*
+                all
+            }
+        }
+    )*};
+}
+
+together! {
+    /// Errors of a request that only names something.
+    Named: BadRequest NotFound;
+    /// Errors of a request that sends something.
+    Sent: BadRequest TooSlow TooLarge UnsupportedMedia Invalid OverLimit;
+    /// Errors of a request that asks more of an ended job.
+    SentToEnded: NotFound NotNow Sent;
+}
+
+/// Which part of a file is wanted.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Header)]
+#[allow(dead_code, reason = "stands for the header in the API's description")]
+pub struct RangeHeader {
+    /// A part of the file: `bytes=first-last`, `bytes=first-` or `bytes=-length`.
+    #[param(rename = "Range")]
+    range: Option<String>,
+}
+
+macro_rules! files {
+    ($($name:ident $media_types:expr, $what:literal, $held:literal;)*) => {$(
+        #[doc = $what]
+        pub struct $name;
+
+        impl IntoResponses for $name {
+            fn responses() -> Responses {
+                file(&$media_types, $what, $held)
+            }
+        }
+    )*};
+}
+
+files! {
+    AnyPicture ["image/png", "image/x-exr"], "The picture.", "The client's copy is the newest.";
+    PngPicture ["image/png"], "The picture.", "The client's copy is the newest.";
+    ExrPicture ["image/x-exr"], "The picture.", "The client's copy is the newest.";
+    Snapshot ["image/png", "image/x-exr"], "The picture.", "The client's copy is good.";
+    GlbFile ["model/gltf-binary"], "The file.", "The client's copy is good.";
+}
+
+/// The answers to who asks for a file, or for a part of it.
+fn file(media_types: &[&str], what: &str, held: &str) -> Responses {
+    let header = |description: &str| {
+        let mut header = Header::new(String::schema());
+        header.description = Some(description.into());
+        header
+    };
+    let sends = |description: &str| {
+        let mut response = ResponseBuilder::new()
+            .description(description)
+            .header("etag", header("Names the content."));
+        for media_type in media_types {
+            response = response.content(*media_type, Content::new(Some(Vec::<u8>::schema())));
+        }
+        response
+    };
+    let part = sends("The part that `Range` asks for.")
+        .header("content-range", header("Where the part lies."));
+    let mut all = Named::responses();
+    all.extend(BadRange::responses());
+    all.insert("200".into(), RefOr::T(sends(what).build()));
+    all.insert("206".into(), RefOr::T(part.build()));
+    all.insert("304".into(), RefOr::T(ResponseBuilder::new().description(held).build()));
+    all
 }

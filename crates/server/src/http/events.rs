@@ -66,8 +66,7 @@ pub struct EventsQuery {
             status = 200, description = "The stream.", body = String, content_type = "text/event-stream",
             example = "id: 1\nevent: state\ndata: {\"state\":\"queued\",\"attempts\":0}\n\n"
         ),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
     )
 )]
 pub async fn stream_events(

@@ -18,16 +18,9 @@ use uuid::Uuid;
     get, path = "/v1/jobs/{id}/image", tag = "results",
     params(
         ("id" = Uuid, Path, description = "The job's id."),
-        ("Range" = Option<String>, Header, description = "A part of the file: `bytes=first-last`, `bytes=first-` or `bytes=-length`."),
+        documented::RangeHeader,
     ),
-    responses(
-        (status = 200, description = "The picture.", content((Vec<u8> = "image/png"), (Vec<u8> = "image/x-exr")), headers(("etag" = String, description = "Names the content."))),
-        (status = 206, description = "The part that `Range` asks for.", content((Vec<u8> = "image/png"), (Vec<u8> = "image/x-exr")), headers(("etag" = String, description = "Names the content."), ("content-range" = String, description = "Where the part lies."))),
-        (status = 304, description = "The client's copy is the newest."),
-        documented::BadRequest,
-        documented::NotFound,
-        documented::BadRange,
-    )
+    responses(documented::AnyPicture)
 )]
 pub async fn newest_image(
     State(app): State<App>,
@@ -47,16 +40,9 @@ pub async fn newest_image(
     get, path = "/v1/jobs/{id}/image.png", tag = "results",
     params(
         ("id" = Uuid, Path, description = "The job's id."),
-        ("Range" = Option<String>, Header, description = "A part of the file: `bytes=first-last`, `bytes=first-` or `bytes=-length`."),
+        documented::RangeHeader,
     ),
-    responses(
-        (status = 200, description = "The picture.", body = Vec<u8>, content_type = "image/png", headers(("etag" = String, description = "Names the content."))),
-        (status = 206, description = "The part that `Range` asks for.", body = Vec<u8>, content_type = "image/png", headers(("etag" = String, description = "Names the content."), ("content-range" = String, description = "Where the part lies."))),
-        (status = 304, description = "The client's copy is the newest."),
-        documented::BadRequest,
-        documented::NotFound,
-        documented::BadRange,
-    )
+    responses(documented::PngPicture)
 )]
 pub async fn newest_png(
     State(app): State<App>,
@@ -72,16 +58,9 @@ pub async fn newest_png(
     get, path = "/v1/jobs/{id}/image.exr", tag = "results",
     params(
         ("id" = Uuid, Path, description = "The job's id."),
-        ("Range" = Option<String>, Header, description = "A part of the file: `bytes=first-last`, `bytes=first-` or `bytes=-length`."),
+        documented::RangeHeader,
     ),
-    responses(
-        (status = 200, description = "The picture.", body = Vec<u8>, content_type = "image/x-exr", headers(("etag" = String, description = "Names the content."))),
-        (status = 206, description = "The part that `Range` asks for.", body = Vec<u8>, content_type = "image/x-exr", headers(("etag" = String, description = "Names the content."), ("content-range" = String, description = "Where the part lies."))),
-        (status = 304, description = "The client's copy is the newest."),
-        documented::BadRequest,
-        documented::NotFound,
-        documented::BadRange,
-    )
+    responses(documented::ExrPicture)
 )]
 pub async fn newest_exr(
     State(app): State<App>,
@@ -98,16 +77,9 @@ pub async fn newest_exr(
     params(
         ("id" = Uuid, Path, description = "The job's id."),
         ("file" = String, Path, pattern = "^[0-9a-f]{64}\\.(png|exr)$", description = "SHA-256 of the file, a dot, and png or exr."),
-        ("Range" = Option<String>, Header, description = "A part of the file: `bytes=first-last`, `bytes=first-` or `bytes=-length`."),
+        documented::RangeHeader,
     ),
-    responses(
-        (status = 200, description = "The picture.", content((Vec<u8> = "image/png"), (Vec<u8> = "image/x-exr")), headers(("etag" = String, description = "Names the content."))),
-        (status = 206, description = "The part that `Range` asks for.", content((Vec<u8> = "image/png"), (Vec<u8> = "image/x-exr")), headers(("etag" = String, description = "Names the content."), ("content-range" = String, description = "Where the part lies."))),
-        (status = 304, description = "The client's copy is good."),
-        documented::BadRequest,
-        documented::NotFound,
-        documented::BadRange,
-    )
+    responses(documented::Snapshot)
 )]
 pub async fn snapshot(
     State(app): State<App>,

@@ -57,14 +57,9 @@ pub struct JobWithScene {
     ),
     responses(
         (status = 202, description = "Accepted.", body = Job, headers(("location" = String, description = "The job's path."))),
-        documented::BadRequest,
+        documented::Sent,
         documented::NotFound,
-        documented::TooSlow,
         documented::Conflict,
-        documented::TooLarge,
-        documented::UnsupportedMedia,
-        documented::Invalid,
-        documented::OverLimit,
     )
 )]
 pub async fn create_job(
@@ -410,8 +405,7 @@ pub enum Until {
     params(("id" = Uuid, Path, description = "The job's id."), WaitQuery),
     responses(
         (status = 200, description = "The job.", body = Job),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
     )
 )]
 pub async fn get_job(
@@ -460,8 +454,7 @@ pub async fn find(app: &App, id: Uuid) -> Result<Job, Problem> {
     params(("id" = Uuid, Path, description = "The job's id.")),
     responses(
         (status = 200, description = "The job as it is now.", body = Job),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
     )
 )]
 pub async fn cancel_job(State(app): State<App>, JobId(id): JobId) -> Result<Json<Job>, Problem> {
@@ -478,8 +471,7 @@ pub async fn cancel_job(State(app): State<App>, JobId(id): JobId) -> Result<Json
     params(("id" = Uuid, Path, description = "The job's id.")),
     responses(
         (status = 204, description = "The job is not there any more."),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
     )
 )]
 pub async fn delete_job(State(app): State<App>, JobId(id): JobId) -> Result<StatusCode, Problem> {

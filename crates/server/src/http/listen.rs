@@ -1,7 +1,7 @@
 //! Connections (HTTP/1.1): how many, how long a client may take over a request's head, how they end.
 
 use super::app::App;
-use super::places::{Full, Places};
+use super::slots::{NoSlot, Slots};
 use crate::access::counted_as;
 use axum::Router;
 use hyper::server::conn::http1;
@@ -22,13 +22,13 @@ const UNREAD_TIMEOUT_MS: u32 = 60_000;
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 
 /// Answers requests until the service is to end, then lets open ones end for as long as `grace`;
-/// whether they all did. A connection for which there is no place is closed at once: it must not
+/// whether they all did. A connection for which there is no slot is closed at once: it must not
 /// keep others from being accepted.
 pub async fn serve(
     listener: TcpListener,
     router: Router,
     app: App,
-    places: Places,
+    slots: Slots,
     grace: Duration,
 ) -> bool {
     let mut connections = http1::Builder::new();
@@ -48,12 +48,12 @@ pub async fn serve(
                 continue;
             }
         };
-        let place = match places.take(&counted_as(peer.ip())) {
-            Ok(place) => place,
+        let slot = match slots.take(&counted_as(peer.ip())) {
+            Ok(slot) => slot,
             Err(full) => {
                 let limit = match full {
-                    Full::All => "all",
-                    Full::Own => "address",
+                    NoSlot::All => "all",
+                    NoSlot::Own => "address",
                 };
                 tracing::debug!(%peer, limit, "closes a connection too many");
                 app.shared.metrics.count_refused_connection(limit);
@@ -71,7 +71,7 @@ pub async fn serve(
             if let Err(error) = connection.await {
                 tracing::trace!(%error, "a connection broke off");
             }
-            drop((place, count));
+            drop((slot, count));
         });
     }
     drop(listener);

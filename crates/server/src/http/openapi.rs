@@ -107,9 +107,9 @@ fn problem(text: &str) -> Response {
         .build()
 }
 
-/// Shows what each problem looks like.
-fn add_example(status: &str, response: &mut Response) {
-    let (kind, title, detail) = match status {
+/// An example of the problem behind a status: its kind, its title and what it may say.
+fn example_of(status: &str) -> Option<(&'static str, &'static str, &'static str)> {
+    Some(match status {
         "400" => {
             ("unreadable", "The request cannot be read", "limit must be between 1 and 200, is 0")
         }
@@ -155,8 +155,13 @@ fn add_example(status: &str, response: &mut Response) {
             ("internal", "The server failed", "an unexpected fault; the server's log has more")
         }
         "503" => ("unavailable", "The server cannot do this now", "the server is shutting down"),
-        _ => return,
-    };
+        _ => return None,
+    })
+}
+
+/// Shows what each problem looks like.
+fn add_example(status: &str, response: &mut Response) {
+    let Some((kind, title, detail)) = example_of(status) else { return };
     let Some(RefOr::T(content)) = response.content.get_mut(MEDIA_TYPE) else { return };
     let mut example = json!({
         "type": format!("urn:hemilux:problem:{kind}"),

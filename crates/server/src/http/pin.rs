@@ -18,8 +18,7 @@ use uuid::Uuid;
     params(("id" = Uuid, Path, description = "The job's id.")),
     responses(
         (status = 200, description = "The job as it is now.", body = Job),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
         documented::NotNow,
         documented::OverLimit,
     )
@@ -38,8 +37,7 @@ pub async fn pin_job(
     params(("id" = Uuid, Path, description = "The job's id.")),
     responses(
         (status = 200, description = "The job as it is now.", body = Job),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
     )
 )]
 pub async fn unpin_job(State(app): State<App>, JobId(id): JobId) -> Result<Json<Job>, Problem> {

@@ -56,12 +56,7 @@ pub struct NameQuery {
     responses(
         (status = 201, description = "Stored.", body = Scene, headers(("location" = String, description = "The scene's path."))),
         (status = 200, description = "Was there already.", body = Scene, headers(("location" = String, description = "The scene's path."))),
-        documented::BadRequest,
-        documented::TooSlow,
-        documented::TooLarge,
-        documented::UnsupportedMedia,
-        documented::Invalid,
-        documented::OverLimit,
+        documented::Sent,
     )
 )]
 pub async fn create_scene(
@@ -122,8 +117,7 @@ pub async fn named(
     params(("id" = String, Path, description = "The scene's id.")),
     responses(
         (status = 200, description = "The scene.", body = Scene),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
     )
 )]
 pub async fn get_scene(
@@ -148,8 +142,7 @@ pub async fn get_scene(
     params(("id" = String, Path, description = "The scene's id.")),
     responses(
         (status = 204, description = "The scene is not the caller's any more."),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
     )
 )]
 pub async fn delete_scene(

@@ -42,14 +42,7 @@ const TRIES: u32 = 3;
     request_body = ExtendRequest,
     responses(
         (status = 202, description = "Queued again.", body = Job),
-        documented::BadRequest,
-        documented::NotFound,
-        documented::TooSlow,
-        documented::NotNow,
-        documented::TooLarge,
-        documented::UnsupportedMedia,
-        documented::Invalid,
-        documented::OverLimit,
+        documented::SentToEnded,
     )
 )]
 pub async fn extend_job(
@@ -104,14 +97,7 @@ pub async fn extend_job(
     request_body = ViewRequest,
     responses(
         (status = 202, description = "Accepted; `request.view_of` names the job that it begins with.", body = Job, headers(("location" = String, description = "The job's path."))),
-        documented::BadRequest,
-        documented::NotFound,
-        documented::TooSlow,
-        documented::NotNow,
-        documented::TooLarge,
-        documented::UnsupportedMedia,
-        documented::Invalid,
-        documented::OverLimit,
+        documented::SentToEnded,
     )
 )]
 pub async fn create_view(
@@ -165,8 +151,7 @@ pub async fn create_view(
     params(("id" = Uuid, Path, description = "The job's id.")),
     responses(
         (status = 200, description = "The manifest.", body = Manifest),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
         documented::NotNow,
     )
 )]
@@ -188,16 +173,9 @@ pub async fn manifest(State(app): State<App>, JobId(id): JobId) -> Result<Json<M
     get, path = "/v1/jobs/{id}/solution.glb", tag = "results",
     params(
         ("id" = Uuid, Path, description = "The job's id."),
-        ("Range" = Option<String>, Header, description = "A part of the file: `bytes=first-last`, `bytes=first-` or `bytes=-length`."),
+        documented::RangeHeader,
     ),
-    responses(
-        (status = 200, description = "The file.", body = Vec<u8>, content_type = "model/gltf-binary", headers(("etag" = String, description = "Names the content."))),
-        (status = 206, description = "The part that `Range` asks for.", body = Vec<u8>, content_type = "model/gltf-binary", headers(("etag" = String, description = "Names the content."), ("content-range" = String, description = "Where the part lies."))),
-        (status = 304, description = "The client's copy is good."),
-        documented::BadRequest,
-        documented::NotFound,
-        documented::BadRange,
-    )
+    responses(documented::GlbFile)
 )]
 pub async fn solution_glb(
     State(app): State<App>,

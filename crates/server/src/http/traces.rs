@@ -35,8 +35,7 @@ const CHART: (u32, u32) = (640, 360);
             example = json!("<svg width=\"640\" height=\"360\" viewBox=\"0 0 640 360\" xmlns=\"http://www.w3.org/2000/svg\">…</svg>")
         ),
         (status = 304, description = "The client's copy is the newest."),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
     )
 )]
 pub async fn chart_svg(
@@ -63,8 +62,7 @@ pub async fn chart_svg(
             headers(("etag" = String, description = "Names the content."))
         ),
         (status = 304, description = "The client's copy is the newest."),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
     )
 )]
 pub async fn trace(
@@ -93,8 +91,7 @@ pub async fn trace(
             example = json!(example())
         ),
         (status = 304, description = "The client's copy is the newest."),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
     )
 )]
 pub async fn trace_json(
@@ -116,8 +113,7 @@ pub async fn trace_json(
             example = json!(as_csv(&example()))
         ),
         (status = 304, description = "The client's copy is the newest."),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
     )
 )]
 pub async fn trace_csv(

@@ -4,8 +4,8 @@
 
 use super::app::App;
 use super::gauge::Gauge;
-use super::places::{Full, Place, Places};
 use super::problem::Problem;
+use super::slots::{NoSlot, Slot, Slots};
 use super::spool::{Allowance, Pace, Piece, Spool, check_disk, disk_trouble, unnamed_file};
 use crate::access::Caller;
 use crate::api::FieldError;
@@ -61,16 +61,16 @@ struct Received {
     format: SceneFormat,
 }
 
-/// A place for an upload of `caller`, or when to come back.
-fn place(app: &App, caller: &Caller) -> Result<Place, Problem> {
+/// A slot for an upload of `caller`, or when to come back.
+fn slot(app: &App, caller: &Caller) -> Result<Slot, Problem> {
     app.uploads.take(caller.billed_to()).map_err(|full| {
         app.shared.metrics.count_refusal("uploads");
-        let Places { most, most_each, .. } = app.uploads;
+        let Slots { most, most_each, .. } = app.uploads;
         match full {
-            Full::All => Problem::uploads_full(format!(
+            NoSlot::All => Problem::uploads_full(format!(
                 "{most} uploads are open, which is the server's limit"
             )),
-            Full::Own => {
+            NoSlot::Own => {
                 let detail =
                     format!("{most_each} uploads of this caller are open, which is its limit");
                 Problem::over_limit("uploads", detail, 5.0)
@@ -85,7 +85,7 @@ pub async fn scene_from_body(
     caller: &Caller,
     body: Body,
 ) -> Result<(Scene, bool), Problem> {
-    let _place = place(app, caller)?;
+    let _slot = slot(app, caller)?;
     let cut = |error: axum::Error| Problem::unreadable(format!("the upload broke off: {error}"));
     let mut limits = (Allowance::new(app), Pace::new(app.shared.config.intake.upload_time()));
     let mut spool = Spool::new(app).await?;
@@ -108,7 +108,7 @@ pub struct Parts {
     resources: BTreeMap<String, Piece>,
     /// Holds scene and resources.
     spool: Spool,
-    _place: Place,
+    _slot: Slot,
 }
 
 /// What a multipart request is measured against while it arrives.
@@ -164,7 +164,7 @@ pub async fn parts(
     request: Request,
     with_job: bool,
 ) -> Result<Parts, Problem> {
-    let place = place(app, caller)?;
+    let slot = slot(app, caller)?;
     let gauge = Arc::new(Gauge::default());
     let request = request.map(|body| gauge.clone().watch(body));
     let mut multipart = Multipart::from_request(request, &())
@@ -180,7 +180,7 @@ pub async fn parts(
         scene: None,
         resources: BTreeMap::new(),
         spool,
-        _place: place,
+        _slot: slot,
     };
     let mut count = 0;
     while let Some(field) = arrival
@@ -241,7 +241,7 @@ impl Parts {
 
     /// Stores the scene with its resources.
     pub async fn store(self, app: &App, caller: &Caller) -> Result<(Scene, bool), Problem> {
-        let Self { scene, resources, spool, _place, .. } = self;
+        let Self { scene, resources, spool, _slot, .. } = self;
         let Some(scene) = scene else {
             let rule = "send the scene as a part named scene, or ending in .gltf or .glb";
             return Err(Problem::invalid(vec![FieldError::new("scene", rule)]));

@@ -17,8 +17,7 @@ use axum::extract::State;
     params(("id" = Uuid, Path, description = "The job's id.")),
     responses(
         (status = 200, description = "The messages, oldest first.", body = DeliveryList),
-        documented::BadRequest,
-        documented::NotFound,
+        documented::Named,
     )
 )]
 pub async fn list_deliveries(

@@ -5,7 +5,7 @@ use super::{retention, rows, solutions, tables};
 use crate::api::jobs::Picture;
 use crate::api::scenes::Scene;
 use crate::api::solutions::Solution;
-use crate::artifacts::{Place, picture_file};
+use crate::artifacts::{FilePlace, picture_file};
 use crate::store::StoreError;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteRow};
 use sqlx::{ConnectOptions, Connection, Row};
@@ -19,7 +19,7 @@ const PAGE: u32 = 500;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NamedFile {
     /// Where it belongs.
-    pub place: Place,
+    pub place: FilePlace,
     /// SHA-256 of its content in hex; `None` for checkpoints, whose records know only their size.
     pub sha256: Option<String>,
     /// Its bytes.
@@ -139,7 +139,7 @@ impl Snapshot {
             let picture: Picture = rows::from_json("picture", row.get("record"))?;
             let name = picture_file(&picture.sha256, picture.format);
             files.push(NamedFile {
-                place: Place::Job(job, name),
+                place: FilePlace::Job(job, name),
                 sha256: Some(picture.sha256),
                 size: picture.size,
                 kind: Kind::Content,
@@ -161,7 +161,7 @@ impl Snapshot {
         let file = |row: &SqliteRow| {
             let scene: Scene = rows::from_json("scene", row.get("record"))?;
             Ok(NamedFile {
-                place: Place::Scene(scene.id.clone()),
+                place: FilePlace::Scene(scene.id.clone()),
                 sha256: Some(scene.id),
                 size: scene.size,
                 kind: Kind::Content,
@@ -174,13 +174,13 @@ impl Snapshot {
     ///
     /// # Errors
     /// Where it cannot be read.
-    pub async fn names(&mut self, place: &Place) -> Result<bool, StoreError> {
+    pub async fn names(&mut self, place: &FilePlace) -> Result<bool, StoreError> {
         match place {
-            Place::Scene(scene) => {
+            FilePlace::Scene(scene) => {
                 let query = sqlx::query("SELECT 1 FROM scenes WHERE id = ?").bind(scene);
                 Ok(query.fetch_optional(&mut self.connection).await?.is_some())
             }
-            Place::Job(job, name) => {
+            FilePlace::Job(job, name) => {
                 let query = sqlx::query("SELECT 1 FROM jobs WHERE id = ? AND deleted_ms IS NULL");
                 let query = query.bind(job.to_string());
                 if query.fetch_optional(&mut self.connection).await?.is_none() {
@@ -241,13 +241,13 @@ fn id(row: &SqliteRow) -> Result<Uuid, StoreError> {
 
 fn files_of_solution(job: Uuid, solution: Solution) -> Vec<NamedFile> {
     let baked = solution.baked.map(|baked| NamedFile {
-        place: Place::Job(job, baked.file),
+        place: FilePlace::Job(job, baked.file),
         sha256: Some(baked.sha256),
         size: baked.size,
         kind: Kind::Baked,
     });
     let checkpoint = NamedFile {
-        place: Place::Job(job, solution.file),
+        place: FilePlace::Job(job, solution.file),
         sha256: None,
         size: solution.size,
         kind: Kind::Checkpoint,

@@ -1,12 +1,12 @@
-//! Places: so many in all, and so many for each who takes them, so that nobody has them all. There
+//! Slots for what may go on at the same time: so many in all, and so many for each who takes them, so that nobody has them all. There
 //! are those for connections, which go by address, and those for uploads, which go by caller.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Which limit leaves no place.
+/// Which limit leaves no slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Full {
+pub enum NoSlot {
     /// That of all together.
     All,
     /// That of whoever asks.
@@ -19,9 +19,9 @@ struct Taken {
     by_name: HashMap<String, u64>,
 }
 
-/// The places that are taken, counted.
+/// The slots that are taken, counted.
 #[derive(Clone)]
-pub struct Places {
+pub struct Slots {
     taken: Arc<Mutex<Taken>>,
     /// How many there are.
     pub most: u64,
@@ -29,44 +29,44 @@ pub struct Places {
     pub most_each: u64,
 }
 
-/// A place, until dropped.
-pub struct Place {
-    places: Places,
+/// A slot, until dropped.
+pub struct Slot {
+    slots: Slots,
     name: String,
 }
 
-impl Places {
-    /// So many places, and so many for each name.
+impl Slots {
+    /// So many slots, and so many for each name.
     pub fn new(most: u64, most_each: u64) -> Self {
         Self { taken: Arc::default(), most, most_each }
     }
 
-    /// A place for whoever has that name; an empty one stands for everyone together, to whom only
+    /// A slot for whoever has that name; an empty one stands for everyone together, to whom only
     /// the limit of all applies.
     ///
     /// # Errors
     /// Which limit leaves none.
-    pub fn take(&self, name: &str) -> Result<Place, Full> {
+    pub fn take(&self, name: &str) -> Result<Slot, NoSlot> {
         let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
         if taken.all >= self.most {
-            return Err(Full::All);
+            return Err(NoSlot::All);
         }
         if !name.is_empty() {
             let own = taken.by_name.entry(name.to_owned()).or_default();
             if *own >= self.most_each {
-                return Err(Full::Own);
+                return Err(NoSlot::Own);
             }
             *own += 1;
         }
         taken.all += 1;
         drop(taken);
-        Ok(Place { places: self.clone(), name: name.to_owned() })
+        Ok(Slot { slots: self.clone(), name: name.to_owned() })
     }
 }
 
-impl Drop for Place {
+impl Drop for Slot {
     fn drop(&mut self) {
-        let mut taken = self.places.taken.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut taken = self.slots.taken.lock().unwrap_or_else(PoisonError::into_inner);
         taken.all -= 1;
         if let Some(own) = taken.by_name.get_mut(&self.name) {
             *own -= 1;
@@ -82,26 +82,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nobody_has_all_places_and_each_comes_back() {
-        let places = Places::new(3, 2);
-        let held = [places.take("a"), places.take("a")];
+    fn nobody_has_all_slots_and_each_comes_back() {
+        let slots = Slots::new(3, 2);
+        let held = [slots.take("a"), slots.take("a")];
         assert!(held.iter().all(Result::is_ok));
-        assert_eq!(places.take("a").err(), Some(Full::Own));
-        let other = places.take("b");
+        assert_eq!(slots.take("a").err(), Some(NoSlot::Own));
+        let other = slots.take("b");
         assert!(other.is_ok());
-        assert_eq!(places.take("c").err(), Some(Full::All));
+        assert_eq!(slots.take("c").err(), Some(NoSlot::All));
         drop(held);
-        assert!(places.take("a").is_ok());
+        assert!(slots.take("a").is_ok());
         drop(other);
-        let taken = places.taken.lock().unwrap();
+        let taken = slots.taken.lock().unwrap();
         assert_eq!((taken.all, taken.by_name.len()), (0, 0));
     }
 
     #[test]
     fn those_who_are_not_told_apart_share_the_whole() {
-        let places = Places::new(3, 1);
-        let held: Vec<_> = (0..3).map(|_| places.take("")).collect();
+        let slots = Slots::new(3, 1);
+        let held: Vec<_> = (0..3).map(|_| slots.take("")).collect();
         assert!(held.iter().all(Result::is_ok));
-        assert_eq!(places.take("").err(), Some(Full::All));
+        assert_eq!(slots.take("").err(), Some(NoSlot::All));
     }
 }
