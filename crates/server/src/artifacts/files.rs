@@ -7,7 +7,7 @@ use bytes::Bytes;
 use futures_util::TryStreamExt;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as Key;
-use object_store::{GetResultPayload, MultipartUpload, ObjectStore, ObjectStoreExt};
+use object_store::{GetResultPayload, MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt};
 use std::fs::File;
 use std::io::{self, Read, Seek};
 use std::path::{Path, PathBuf};
@@ -76,6 +76,15 @@ impl Artifacts {
         })
     }
 
+    /// What the storage says of a file; nothing where there is none.
+    pub(super) async fn head(&self, key: &Key) -> Result<Option<ObjectMeta>, ArtifactError> {
+        match self.store.head(key).await {
+            Ok(file) => Ok(Some(file)),
+            Err(object_store::Error::NotFound { .. }) => Ok(None),
+            Err(error) => Err(error.into()),
+        }
+    }
+
     /// Removes a file; its not being there is fine.
     pub(super) async fn remove(&self, key: &Key) -> Result<(), ArtifactError> {
         match self.store.delete(key).await {
@@ -99,5 +108,15 @@ async fn send(mut file: File, upload: &mut dyn MultipartUpload) -> Result<(), Ar
         }
         file = rest;
         upload.put_part(piece.into()).await?;
+    }
+}
+
+#[cfg(test)]
+impl Artifacts {
+    /// Files in a folder that goes with the test.
+    pub(super) fn of_test() -> (tempfile::TempDir, Self) {
+        let folder = tempfile::tempdir().unwrap();
+        let artifacts = Self::local(folder.path()).unwrap();
+        (folder, artifacts)
     }
 }

@@ -22,7 +22,7 @@ impl Artifacts {
 
     /// A kept file. It was read once when this returns: a storage that does not give it shows here,
     /// not in the middle of its use.
-    pub async fn kept(&self, job: Uuid, file: &str) -> Result<Content, ArtifactError> {
+    pub async fn kept_file(&self, job: Uuid, file: &str) -> Result<Content, ArtifactError> {
         let key = kept_key(job, file);
         failpoint("kept-read", &key)?;
         let (content, ..) = self.content(&key).await?.hashed().await?;

@@ -103,10 +103,8 @@ impl Artifacts {
 
     /// Puts a file back where it belongs, unless there is one already; whether it did.
     pub async fn put_back(&self, file: &SetAside) -> Result<bool, ArtifactError> {
-        match self.store.head(&file.place.key()).await {
-            Ok(_) => return Ok(false),
-            Err(object_store::Error::NotFound { .. }) => {}
-            Err(error) => return Err(error.into()),
+        if self.head(&file.place.key()).await?.is_some() {
+            return Ok(false);
         }
         self.store.rename(&file.key(), &file.place.key()).await?;
         Ok(true)
@@ -178,8 +176,7 @@ mod tests {
 
     #[tokio::test]
     async fn what_is_set_aside_keeps_its_moment_and_comes_back() {
-        let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::local(folder.path()).unwrap();
+        let (folder, artifacts) = Artifacts::of_test();
         let job = Uuid::now_v7();
         let png = PictureFormat::Png;
         let kept = artifacts.put_picture(job, png, (2, 1), b"png".to_vec()).await.unwrap();

@@ -63,8 +63,7 @@ mod tests {
 
     #[tokio::test]
     async fn pictures_come_back_until_removed() {
-        let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::local(folder.path()).unwrap();
+        let (_folder, artifacts) = Artifacts::of_test();
         let job = Uuid::now_v7();
         let kept =
             artifacts.put_picture(job, PictureFormat::Png, (2, 1), b"png".to_vec()).await.unwrap();
@@ -79,8 +78,7 @@ mod tests {
 
     #[tokio::test]
     async fn shared_pictures_outlive_each_other_and_damage_is_seen() {
-        let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::local(folder.path()).unwrap();
+        let (folder, artifacts) = Artifacts::of_test();
         let (first, second) = (Uuid::now_v7(), Uuid::now_v7());
         let png = PictureFormat::Png;
         let kept = artifacts.put_picture(first, png, (2, 1), b"png".to_vec()).await.unwrap();

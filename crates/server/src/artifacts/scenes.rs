@@ -4,7 +4,6 @@ use super::content::Content;
 use super::error::{ArtifactError, damaged};
 use super::files::Artifacts;
 use super::keys::scene_key;
-use object_store::ObjectStoreExt;
 
 impl Artifacts {
     /// Keeps a scene under its id.
@@ -43,11 +42,7 @@ impl Artifacts {
 
     /// Whether a scene's file is there with that many bytes; says nothing about their content.
     pub async fn has_scene(&self, id: &str, size: u64) -> Result<bool, ArtifactError> {
-        match self.store.head(&scene_key(id)).await {
-            Ok(file) => Ok(file.size == size),
-            Err(object_store::Error::NotFound { .. }) => Ok(false),
-            Err(error) => Err(error.into()),
-        }
+        Ok(self.head(&scene_key(id)).await?.is_some_and(|file| file.size == size))
     }
 
     /// Removes a scene's file; its not being there is fine.
@@ -64,8 +59,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_file_comes_back_whole_and_damage_is_seen() {
-        let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::local(folder.path()).unwrap();
+        let (folder, artifacts) = Artifacts::of_test();
         let content: Vec<u8> = (0..3 * PIECE + 17).map(|i| (i % 251) as u8).collect();
         let id = crate::hash::sha256_hex(&content);
         let mut file = tempfile::tempfile().unwrap();

@@ -188,8 +188,7 @@ mod tests {
 
     #[tokio::test]
     async fn files_come_in_pieces_and_in_part() {
-        let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::local(folder.path()).unwrap();
+        let (_folder, artifacts) = Artifacts::of_test();
         let (job, png) = (Uuid::now_v7(), PictureFormat::Png);
         let content: Vec<u8> = (0..300_000u32).map(|i| (i / 7) as u8).collect();
         let kept = artifacts.put_picture(job, png, (2, 1), content.clone()).await.unwrap();
@@ -210,8 +209,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_file_is_hashed_once_until_it_changes() {
-        let folder = tempfile::tempdir().unwrap();
-        let artifacts = Artifacts::local(folder.path()).unwrap();
+        let (folder, artifacts) = Artifacts::of_test();
         let (job, png) = (Uuid::now_v7(), PictureFormat::Png);
         let kept = artifacts.put_picture(job, png, (2, 1), b"png".to_vec()).await.unwrap();
         let open = || artifacts.open_picture(job, &kept.sha256, png);

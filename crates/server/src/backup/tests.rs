@@ -104,7 +104,7 @@ async fn what_is_restored_is_what_was_there() {
         let sha256 = sha256_hex(&[number]);
         artifacts.picture(job, &sha256, PictureFormat::Png).await.unwrap();
         assert_eq!(
-            artifacts.kept(job, "a.checkpoint").await.unwrap().into_bytes().unwrap(),
+            artifacts.kept_file(job, "a.checkpoint").await.unwrap().into_bytes().unwrap(),
             "light"
         );
         artifacts.scene(&record.scene).await.unwrap();
@@ -213,7 +213,7 @@ async fn a_waiting_job_begins_afresh_and_a_checkpoint_outlives_its_light() {
     assert_eq!(store.solution(waits).await.unwrap(), None);
     let solution = store.solution(with_light).await.unwrap().unwrap();
     assert_eq!((solution.baked, solution.file.as_str()), (None, "a.checkpoint"));
-    artifacts.kept(with_light, "a.checkpoint").await.unwrap();
+    artifacts.kept_file(with_light, "a.checkpoint").await.unwrap();
 }
 
 /// The folder may be there, and the root of a disk: nothing is made outside it.

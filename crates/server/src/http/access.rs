@@ -3,7 +3,7 @@
 //! It goes by the path, not by the handler, so that a new route is closed until it is opened here.
 
 use super::app::App;
-use super::audit::Who;
+use super::audit::AdmittedCaller;
 use super::problem::Problem;
 use crate::access::{self, Caller};
 use crate::api::keys::Scope;
@@ -78,8 +78,8 @@ async fn admit(app: &App, door: Door, request: &mut Request) -> Result<Option<Re
     } else {
         Caller::without_key(address, limits)
     };
-    if let Some(who) = request.extensions().get::<Who>() {
-        who.is(&caller);
+    if let Some(admitted) = request.extensions().get::<AdmittedCaller>() {
+        admitted.is(&caller);
     }
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
     if door == Door::Api {

@@ -26,9 +26,9 @@ const MAX_CHARS: usize = 128;
 
 /// Carried by a request to where it is let in, which notes the caller here.
 #[derive(Clone, Default)]
-pub struct Who(Arc<OnceLock<Caller>>);
+pub struct AdmittedCaller(Arc<OnceLock<Caller>>);
 
-impl Who {
+impl AdmittedCaller {
     /// Notes who it is.
     pub fn is(&self, caller: &Caller) {
         // A request is let in once.
@@ -128,7 +128,7 @@ struct Entry {
     method: Method,
     path: String,
     query: String,
-    who: Who,
+    caller: AdmittedCaller,
     address: Option<IpAddr>,
     request_id: String,
     bytes_sent: Option<u64>,
@@ -157,7 +157,7 @@ impl Drop for Entry {
     fn drop(&mut self) {
         let Some(deed) = deed(&self.method, &self.path, &self.query) else { return };
         let audit = &self.app.audit;
-        let left_out = match self.who.0.get() {
+        let left_out = match self.caller.0.get() {
             Some(_) => None,
             // Whoever has no key can send any number of these.
             None => match audit.next_of_strangers() {
@@ -165,7 +165,7 @@ impl Drop for Entry {
                 None => return,
             },
         };
-        let key = self.who.0.get().and_then(Caller::key);
+        let key = self.caller.0.get().and_then(Caller::key);
         let answer = self.answer.as_ref();
         let good = answer.filter(|answer| answer.status.is_success());
         let line = Line {
@@ -210,19 +210,19 @@ pub async fn write_down(State(app): State<App>, mut request: Request, next: Next
         return next.run(request).await;
     }
     let extensions = request.extensions();
-    let who = Who::default();
+    let caller = AdmittedCaller::default();
     let mut entry = Entry {
         address: extensions.get::<ConnectInfo<SocketAddr>>().map(|info| info.0.ip()),
         request_id: extensions.get::<RequestId>().map(|id| id.0.clone()).unwrap_or_default(),
         bytes_sent: length(request.headers()).filter(|_| !method.is_safe()),
-        who: who.clone(),
+        caller: caller.clone(),
         answer: None,
         app,
         method,
         path,
         query,
     };
-    request.extensions_mut().insert(who);
+    request.extensions_mut().insert(caller);
     let response = next.run(request).await;
     entry.answer = Some(Answer::of(&response));
     response

@@ -49,11 +49,27 @@ macro_rules! together {
 together! {
     /// Errors of a request that only names something.
     Named: BadRequest NotFound;
+    /// Answers to who may have the newest already.
+    NamedOrNewest: Named Newest;
     /// Errors of a request that sends something.
     Sent: BadRequest TooSlow TooLarge UnsupportedMedia Invalid OverLimit;
     /// Errors of a request that asks more of an ended job.
     SentToEnded: NotFound NotNow Sent;
 }
+
+/// Which job is meant.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+#[allow(dead_code, reason = "stands for the path in the API's description")]
+pub struct OfJob {
+    /// The job's id.
+    id: uuid::Uuid,
+}
+
+/// Where nothing has changed since the client asked last.
+#[derive(IntoResponses)]
+#[response(status = 304, description = "The client's copy is the newest.")]
+pub struct Newest;
 
 /// Which part of a file is wanted.
 #[derive(IntoParams)]

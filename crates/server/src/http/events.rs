@@ -57,7 +57,7 @@ pub struct EventsQuery {
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs",
     params(
-        ("id" = Uuid, Path, description = "The job's id."),
+        documented::OfJob,
         EventsQuery,
         ("Last-Event-ID" = Option<u64>, Header, maximum = 9_223_372_036_854_775_807_u64, description = "The last event that was seen."),
     ),

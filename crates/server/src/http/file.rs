@@ -4,8 +4,11 @@ use super::problem::Problem;
 use super::read::is_held;
 use crate::artifacts::{ArtifactError, Opened};
 use axum::body::Body;
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use std::convert::Infallible;
 use std::ops::Range;
 
 /// What a file is, as far as its headers go.
@@ -18,12 +21,27 @@ pub struct Content<'a> {
     pub cache: &'static str,
 }
 
+/// How a file is asked for: by GET or HEAD, and which part of it.
+pub struct FileRequest {
+    method: Method,
+    /// The headers of the request.
+    pub headers: HeaderMap,
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for FileRequest {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Self, Infallible> {
+        Ok(Self { method: parts.method.clone(), headers: parts.headers.clone() })
+    }
+}
+
 /// Answers a GET or HEAD of a file, which `open` opens where its bytes or its size are needed.
 ///
 /// # Errors
 /// As `open`.
 pub async fn answer(
-    (method, headers): (&Method, &HeaderMap),
+    FileRequest { method, headers }: &FileRequest,
     content: Content<'_>,
     open: impl Future<Output = Result<Opened, ArtifactError>>,
 ) -> Result<Response, Problem> {

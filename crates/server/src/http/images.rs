@@ -2,73 +2,67 @@
 
 use super::app::App;
 use super::documented;
-use super::file::{self, Content};
+use super::file::{self, Content, FileRequest};
 use super::jobs::find;
 use super::problem::Problem;
 use super::read::{JobId, prefers};
 use crate::access::Caller;
 use crate::api::jobs::{Picture, PictureFormat};
 use axum::extract::{Path, State};
-use axum::http::{HeaderMap, HeaderValue, Method, header};
+use axum::http::{HeaderValue, header};
 use axum::response::Response;
 use uuid::Uuid;
 
 /// The newest picture, PNG or, where `Accept` prefers image/x-exr, EXR.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/image", tag = "results",
-    params(
-        ("id" = Uuid, Path, description = "The job's id."),
-        documented::RangeHeader,
-    ),
+    get,
+    path = "/v1/jobs/{id}/image",
+    tag = "results",
+    params(documented::OfJob, documented::RangeHeader),
     responses(documented::AnyPicture)
 )]
 pub async fn newest_image(
     State(app): State<App>,
     JobId(id): JobId,
-    method: Method,
-    headers: HeaderMap,
+    asked: FileRequest,
 ) -> Result<Response, Problem> {
-    let wants_exr = prefers(&headers, PictureFormat::Exr.media_type(), "image/png");
+    let wants_exr = prefers(&asked.headers, PictureFormat::Exr.media_type(), "image/png");
     let format = if wants_exr { PictureFormat::Exr } else { PictureFormat::Png };
-    let mut response = newest(&app, id, format, (&method, &headers)).await?;
+    let mut response = newest(&app, id, format, &asked).await?;
     response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
     Ok(response)
 }
 
 /// The newest picture, PNG.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/image.png", tag = "results",
-    params(
-        ("id" = Uuid, Path, description = "The job's id."),
-        documented::RangeHeader,
-    ),
+    get,
+    path = "/v1/jobs/{id}/image.png",
+    tag = "results",
+    params(documented::OfJob, documented::RangeHeader),
     responses(documented::PngPicture)
 )]
 pub async fn newest_png(
     State(app): State<App>,
     JobId(id): JobId,
-    method: Method,
-    headers: HeaderMap,
+    asked: FileRequest,
 ) -> Result<Response, Problem> {
-    newest(&app, id, PictureFormat::Png, (&method, &headers)).await
+    newest(&app, id, PictureFormat::Png, &asked).await
 }
 
 /// The newest picture, EXR.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/image.exr", tag = "results",
-    params(
-        ("id" = Uuid, Path, description = "The job's id."),
-        documented::RangeHeader,
-    ),
+    get,
+    path = "/v1/jobs/{id}/image.exr",
+    tag = "results",
+    params(documented::OfJob, documented::RangeHeader),
     responses(documented::ExrPicture)
 )]
 pub async fn newest_exr(
     State(app): State<App>,
     JobId(id): JobId,
-    method: Method,
-    headers: HeaderMap,
+    asked: FileRequest,
 ) -> Result<Response, Problem> {
-    newest(&app, id, PictureFormat::Exr, (&method, &headers)).await
+    newest(&app, id, PictureFormat::Exr, &asked).await
 }
 
 /// A picture by its content; never changes.
@@ -85,8 +79,7 @@ pub async fn snapshot(
     State(app): State<App>,
     caller: Caller,
     Path((id, file)): Path<(String, String)>,
-    method: Method,
-    headers: HeaderMap,
+    asked: FileRequest,
 ) -> Result<Response, Problem> {
     let unknown = || Problem::not_found("there is no such picture");
     let id: Uuid = id.parse().map_err(|_| unknown())?;
@@ -98,14 +91,14 @@ pub async fn snapshot(
         Some(_) => "private, max-age=31536000, immutable",
         None => "public, max-age=31536000, immutable",
     };
-    send(&app, id, &picture, (&method, &headers), cache).await
+    send(&app, id, &picture, &asked, cache).await
 }
 
 async fn newest(
     app: &App,
     id: Uuid,
     format: PictureFormat,
-    asked: (&Method, &HeaderMap),
+    asked: &FileRequest,
 ) -> Result<Response, Problem> {
     let Some(picture) = app.shared.store.newest_picture(id, format).await? else {
         find(app, id).await?;
@@ -122,7 +115,7 @@ async fn send(
     app: &App,
     job: Uuid,
     picture: &Picture,
-    asked: (&Method, &HeaderMap),
+    asked: &FileRequest,
     cache: &'static str,
 ) -> Result<Response, Problem> {
     let (sha256, media_type) = (&picture.sha256, picture.format.media_type());

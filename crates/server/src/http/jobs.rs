@@ -347,12 +347,8 @@ pub struct ListQuery {
 
 /// List jobs, newest first.
 #[utoipa::path(
-    get, path = "/v1/jobs", tag = "jobs",
-    params(ListQuery),
-    responses(
-        (status = 200, description = "One page of jobs.", body = JobPage),
-        documented::BadRequest,
-    )
+    get, path = "/v1/jobs", tag = "jobs", params(ListQuery),
+    responses((status = 200, description = "One page of jobs.", body = JobPage), documented::BadRequest)
 )]
 pub async fn list_jobs(
     State(app): State<App>,
@@ -401,12 +397,8 @@ pub enum Until {
 
 /// Get a job.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}", tag = "jobs",
-    params(("id" = Uuid, Path, description = "The job's id."), WaitQuery),
-    responses(
-        (status = 200, description = "The job.", body = Job),
-        documented::Named,
-    )
+    get, path = "/v1/jobs/{id}", tag = "jobs", params(documented::OfJob, WaitQuery),
+    responses((status = 200, description = "The job.", body = Job), documented::Named)
 )]
 pub async fn get_job(
     State(app): State<App>,
@@ -450,12 +442,8 @@ pub async fn find(app: &App, id: Uuid) -> Result<Job, Problem> {
 /// A queued job ends at once; a running one soon, keeping the picture so far; an ended one stays
 /// as it is.
 #[utoipa::path(
-    post, path = "/v1/jobs/{id}/cancel", tag = "jobs",
-    params(("id" = Uuid, Path, description = "The job's id.")),
-    responses(
-        (status = 200, description = "The job as it is now.", body = Job),
-        documented::Named,
-    )
+    post, path = "/v1/jobs/{id}/cancel", tag = "jobs", params(documented::OfJob),
+    responses((status = 200, description = "The job as it is now.", body = Job), documented::Named)
 )]
 pub async fn cancel_job(State(app): State<App>, JobId(id): JobId) -> Result<Json<Job>, Problem> {
     let job = app.shared.store.cancel(id).await?;
@@ -467,12 +455,8 @@ pub async fn cancel_job(State(app): State<App>, JobId(id): JobId) -> Result<Json
 ///
 /// Answers 204 whether or not the job was there, so that it can be repeated safely.
 #[utoipa::path(
-    delete, path = "/v1/jobs/{id}", tag = "jobs",
-    params(("id" = Uuid, Path, description = "The job's id.")),
-    responses(
-        (status = 204, description = "The job is not there any more."),
-        documented::Named,
-    )
+    delete, path = "/v1/jobs/{id}", tag = "jobs", params(documented::OfJob),
+    responses((status = 204, description = "The job is not there any more."), documented::Named)
 )]
 pub async fn delete_job(State(app): State<App>, JobId(id): JobId) -> Result<StatusCode, Problem> {
     app.shared.store.delete(id).await?;

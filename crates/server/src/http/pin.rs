@@ -14,14 +14,8 @@ use uuid::Uuid;
 
 /// Keep a job and its pictures until they are deleted, however old they get.
 #[utoipa::path(
-    post, path = "/v1/jobs/{id}/pin", tag = "jobs",
-    params(("id" = Uuid, Path, description = "The job's id.")),
-    responses(
-        (status = 200, description = "The job as it is now.", body = Job),
-        documented::Named,
-        documented::NotNow,
-        documented::OverLimit,
-    )
+    post, path = "/v1/jobs/{id}/pin", tag = "jobs", params(documented::OfJob),
+    responses((status = 200, description = "The job as it is now.", body = Job), documented::Named, documented::NotNow, documented::OverLimit)
 )]
 pub async fn pin_job(
     State(app): State<App>,
@@ -33,12 +27,8 @@ pub async fn pin_job(
 
 /// Let a job expire again when its time comes.
 #[utoipa::path(
-    delete, path = "/v1/jobs/{id}/pin", tag = "jobs",
-    params(("id" = Uuid, Path, description = "The job's id.")),
-    responses(
-        (status = 200, description = "The job as it is now.", body = Job),
-        documented::Named,
-    )
+    delete, path = "/v1/jobs/{id}/pin", tag = "jobs", params(documented::OfJob),
+    responses((status = 200, description = "The job as it is now.", body = Job), documented::Named)
 )]
 pub async fn unpin_job(State(app): State<App>, JobId(id): JobId) -> Result<Json<Job>, Problem> {
     set(&app, id, false, None).await

@@ -42,8 +42,7 @@ pub struct NameQuery {
 /// stores nothing and answers 200; where it is given another name, it has that from then on. A
 /// scene that cannot be imported is not kept.
 #[utoipa::path(
-    post, path = "/v1/scenes", tag = "scenes",
-    params(NameQuery),
+    post, path = "/v1/scenes", tag = "scenes", params(NameQuery),
     request_body(
         description = "The scene.",
         content(
@@ -113,12 +112,8 @@ pub async fn named(
 
 /// Get a scene.
 #[utoipa::path(
-    get, path = "/v1/scenes/{id}", tag = "scenes",
-    params(("id" = String, Path, description = "The scene's id.")),
-    responses(
-        (status = 200, description = "The scene.", body = Scene),
-        documented::Named,
-    )
+    get, path = "/v1/scenes/{id}", tag = "scenes", params(("id" = String, Path, description = "The scene's id.")),
+    responses((status = 200, description = "The scene.", body = Scene), documented::Named)
 )]
 pub async fn get_scene(
     State(app): State<App>,
@@ -138,12 +133,8 @@ pub async fn get_scene(
 /// scenes ends it for all. Answers 204 whether or not the scene was there, so that it can be
 /// repeated safely.
 #[utoipa::path(
-    delete, path = "/v1/scenes/{id}", tag = "scenes",
-    params(("id" = String, Path, description = "The scene's id.")),
-    responses(
-        (status = 204, description = "The scene is not the caller's any more."),
-        documented::Named,
-    )
+    delete, path = "/v1/scenes/{id}", tag = "scenes", params(("id" = String, Path, description = "The scene's id.")),
+    responses((status = 204, description = "The scene is not the caller's any more."), documented::Named)
 )]
 pub async fn delete_scene(
     State(app): State<App>,
@@ -174,12 +165,8 @@ pub struct PageQuery {
 
 /// List scenes, newest first.
 #[utoipa::path(
-    get, path = "/v1/scenes", tag = "scenes",
-    params(PageQuery),
-    responses(
-        (status = 200, description = "One page of scenes.", body = ScenePage),
-        documented::BadRequest,
-    )
+    get, path = "/v1/scenes", tag = "scenes", params(PageQuery),
+    responses((status = 200, description = "One page of scenes.", body = ScenePage), documented::BadRequest)
 )]
 pub async fn list_scenes(
     State(app): State<App>,

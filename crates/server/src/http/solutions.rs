@@ -3,7 +3,7 @@
 
 use super::app::App;
 use super::documented;
-use super::file::{self, Content};
+use super::file::{self, Content, FileRequest};
 use super::jobs::{
     answer, check, check_memory, check_priority, check_stored, find, idempotency_key,
     own_queue_full, submitter,
@@ -21,7 +21,7 @@ use crate::store::{Accepted, NewJob};
 use crate::trace_context::TraceParent;
 use axum::Json;
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, Method, StatusCode};
+use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use serde::de::DeserializeOwned;
 use uuid::Uuid;
@@ -37,13 +37,9 @@ const TRIES: u32 = 3;
 /// changes nothing about it, and one that is cancelled replaces it only by a picture of at least as
 /// many iterations.
 #[utoipa::path(
-    post, path = "/v1/jobs/{id}/extend", tag = "jobs",
-    params(("id" = Uuid, Path, description = "The job's id.")),
+    post, path = "/v1/jobs/{id}/extend", tag = "jobs", params(documented::OfJob),
     request_body = ExtendRequest,
-    responses(
-        (status = 202, description = "Queued again.", body = Job),
-        documented::SentToEnded,
-    )
+    responses((status = 202, description = "Queued again.", body = Job), documented::SentToEnded)
 )]
 pub async fn extend_job(
     State(app): State<App>,
@@ -53,7 +49,7 @@ pub async fn extend_job(
 ) -> Result<Response, Problem> {
     let extension: ExtendRequest = body(request).await?;
     let job = find(&app, id).await?;
-    let solution = kept(&app, &job).await?;
+    let solution = own_solution(&app, &job).await?;
     let mut request = extension.apply(&job.request);
     // Who must not ask for a priority does not get that of the job a second time.
     if check_priority(&caller, &request).is_err() {
@@ -91,7 +87,7 @@ pub async fn extend_job(
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/views", tag = "jobs",
     params(
-        ("id" = Uuid, Path, description = "The job's id."),
+        documented::OfJob,
         ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "Makes repeating the request safe."),
     ),
     request_body = ViewRequest,
@@ -147,13 +143,8 @@ pub async fn create_view(
 
 /// The record of a result: hashes, parameters, seed, versions, device, timings.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/manifest", tag = "results",
-    params(("id" = Uuid, Path, description = "The job's id.")),
-    responses(
-        (status = 200, description = "The manifest.", body = Manifest),
-        documented::Named,
-        documented::NotNow,
-    )
+    get, path = "/v1/jobs/{id}/manifest", tag = "results", params(documented::OfJob),
+    responses((status = 200, description = "The manifest.", body = Manifest), documented::Named, documented::NotNow)
 )]
 pub async fn manifest(State(app): State<App>, JobId(id): JobId) -> Result<Json<Manifest>, Problem> {
     let job = find(&app, id).await?;
@@ -170,18 +161,16 @@ pub async fn manifest(State(app): State<App>, JobId(id): JobId) -> Result<Json<M
 /// One unlit mesh with the radiance of every patch as linear vertex colours, in shares of
 /// `asset.extras.radiance_of_white`. For methods with patches, where the solution is kept.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/solution.glb", tag = "results",
-    params(
-        ("id" = Uuid, Path, description = "The job's id."),
-        documented::RangeHeader,
-    ),
+    get,
+    path = "/v1/jobs/{id}/solution.glb",
+    tag = "results",
+    params(documented::OfJob, documented::RangeHeader),
     responses(documented::GlbFile)
 )]
 pub async fn solution_glb(
     State(app): State<App>,
     JobId(id): JobId,
-    method: Method,
-    headers: HeaderMap,
+    asked: FileRequest,
 ) -> Result<Response, Problem> {
     find(&app, id).await?;
     let baked = app.shared.store.solution(id).await?.and_then(|solution| solution.baked);
@@ -192,7 +181,7 @@ pub async fn solution_glb(
     })?;
     let (sha256, media_type) = (&baked.sha256, "model/gltf-binary");
     let open = app.shared.artifacts.open_kept(id, &baked);
-    file::answer((&method, &headers), Content { sha256, media_type, cache: "no-cache" }, open).await
+    file::answer(&asked, Content { sha256, media_type, cache: "no-cache" }, open).await
 }
 
 async fn body<T: DeserializeOwned>(request: Request) -> Result<T, Problem> {
@@ -209,7 +198,7 @@ async fn body<T: DeserializeOwned>(request: Request) -> Result<T, Problem> {
 }
 
 /// A job's own solution.
-async fn kept(app: &App, job: &Job) -> Result<Solution, Problem> {
+async fn own_solution(app: &App, job: &Job) -> Result<Solution, Problem> {
     let solution = app.shared.store.solution(job.id).await?;
     if let (None, Some(twin)) = (&solution, job.result_of) {
         let detail =
@@ -230,7 +219,7 @@ async fn kept(app: &App, job: &Job) -> Result<Solution, Problem> {
 /// Copies a job's solution for another job.
 async fn share(app: &App, job: &Job, to: Uuid) -> Result<Solution, Problem> {
     for attempt in 1.. {
-        let solution = kept(app, job).await?;
+        let solution = own_solution(app, job).await?;
         match app.shared.artifacts.share_kept(job.id, &solution.file, to).await {
             Ok(()) => return Ok(Solution { begins: Begins::View, baked: None, ..solution }),
             // A running job has just replaced it.

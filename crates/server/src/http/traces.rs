@@ -26,16 +26,14 @@ const CHART: (u32, u32) = (640, 360);
 /// Both axes are logarithmic, so noise that falls with the square root of time is a straight
 /// line. A target error is a dotted line. A job without estimates has a chart that says so.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/chart.svg", tag = "results",
-    params(("id" = Uuid, Path, description = "The job's id.")),
+    get, path = "/v1/jobs/{id}/chart.svg", tag = "results", params(documented::OfJob),
     responses(
         (
             status = 200, description = "The chart.", body = String, content_type = "image/svg+xml",
             headers(("etag" = String, description = "Names the content.")),
             example = json!("<svg width=\"640\" height=\"360\" viewBox=\"0 0 640 360\" xmlns=\"http://www.w3.org/2000/svg\">…</svg>")
         ),
-        (status = 304, description = "The client's copy is the newest."),
-        documented::Named,
+        documented::NamedOrNewest,
     )
 )]
 pub async fn chart_svg(
@@ -50,8 +48,7 @@ pub async fn chart_svg(
 
 /// How a job's figures moved, as JSON, or as CSV where `Accept` prefers text/csv.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/trace", tag = "results",
-    params(("id" = Uuid, Path, description = "The job's id.")),
+    get, path = "/v1/jobs/{id}/trace", tag = "results", params(documented::OfJob),
     responses(
         (
             status = 200, description = "The figures.",
@@ -61,8 +58,7 @@ pub async fn chart_svg(
             ),
             headers(("etag" = String, description = "Names the content."))
         ),
-        (status = 304, description = "The client's copy is the newest."),
-        documented::Named,
+        documented::NamedOrNewest,
     )
 )]
 pub async fn trace(
@@ -82,16 +78,14 @@ pub async fn trace(
 
 /// How a job's figures moved, as JSON.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/trace.json", tag = "results",
-    params(("id" = Uuid, Path, description = "The job's id.")),
+    get, path = "/v1/jobs/{id}/trace.json", tag = "results", params(documented::OfJob),
     responses(
         (
             status = 200, description = "The figures.", body = Trace,
             headers(("etag" = String, description = "Names the content.")),
             example = json!(example())
         ),
-        (status = 304, description = "The client's copy is the newest."),
-        documented::Named,
+        documented::NamedOrNewest,
     )
 )]
 pub async fn trace_json(
@@ -104,16 +98,14 @@ pub async fn trace_json(
 
 /// How a job's figures moved, as CSV.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/trace.csv", tag = "results",
-    params(("id" = Uuid, Path, description = "The job's id.")),
+    get, path = "/v1/jobs/{id}/trace.csv", tag = "results", params(documented::OfJob),
     responses(
         (
             status = 200, description = "The figures.", body = String, content_type = "text/csv",
             headers(("etag" = String, description = "Names the content.")),
             example = json!(as_csv(&example()))
         ),
-        (status = 304, description = "The client's copy is the newest."),
-        documented::Named,
+        documented::NamedOrNewest,
     )
 )]
 pub async fn trace_csv(

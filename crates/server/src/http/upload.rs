@@ -289,7 +289,7 @@ fn is_gltf(name: &str) -> bool {
 
 /// The scene of that id, unless its file is lost or damaged, so that sending it again mends it.
 /// Damage is looked for where the look is to be `thorough`.
-async fn kept(app: &App, id: &str, thorough: bool) -> Result<Option<Scene>, Problem> {
+async fn sound_scene(app: &App, id: &str, thorough: bool) -> Result<Option<Scene>, Problem> {
     let Some(scene) = app.shared.store.scene(id).await? else { return Ok(None) };
     let sound = if thorough {
         app.shared.artifacts.scene_is_sound(id).await?
@@ -375,7 +375,7 @@ async fn stored_scene(
     id: &str,
     thorough: bool,
 ) -> Result<Option<(Scene, bool)>, Problem> {
-    let Some(scene) = kept(app, id, thorough).await? else { return Ok(None) };
+    let Some(scene) = sound_scene(app, id, thorough).await? else { return Ok(None) };
     let is_new = !app.shared.store.holds_scene(id, caller.billed_to()).await?;
     if is_new {
         check_quota(app, caller, scene.size).await?;

@@ -13,12 +13,8 @@ use axum::extract::State;
 ///
 /// They are kept for a week after they were delivered or given up.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/webhooks", tag = "jobs",
-    params(("id" = Uuid, Path, description = "The job's id.")),
-    responses(
-        (status = 200, description = "The messages, oldest first.", body = DeliveryList),
-        documented::Named,
-    )
+    get, path = "/v1/jobs/{id}/webhooks", tag = "jobs", params(documented::OfJob),
+    responses((status = 200, description = "The messages, oldest first.", body = DeliveryList), documented::Named)
 )]
 pub async fn list_deliveries(
     State(app): State<App>,

@@ -268,7 +268,7 @@ async fn a_sweep_waits_for_files_that_are_about_to_be_recorded() {
     drop(held);
     assert_eq!(sweep.await.unwrap().unwrap().set_aside, 0);
     assert_eq!(
-        world.artifacts.kept(job, "a.checkpoint").await.unwrap().into_bytes().unwrap(),
+        world.artifacts.kept_file(job, "a.checkpoint").await.unwrap().into_bytes().unwrap(),
         "light"
     );
 }

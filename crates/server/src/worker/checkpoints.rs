@@ -117,7 +117,7 @@ pub async fn begin(shared: &Shared, job: &Job) -> Result<Start, String> {
         tracing::warn!(job = %job.id, %error, "cannot tidy up");
     }
     let Some(solution) = recorded else { return Ok(Start::Afresh(None)) };
-    match shared.artifacts.kept(job.id, &solution.file).await {
+    match shared.artifacts.kept_file(job.id, &solution.file).await {
         Ok(checkpoint) => Ok(Start::With(solution.begins, checkpoint)),
         Err(error) if error.is_lasting() => Ok(Start::Afresh(Some(error.to_string()))),
         Err(error) => Err(error.to_string()),

@@ -29,27 +29,22 @@ impl Bytes for SqliteStore {
     }
 
     async fn room(&self, job: Uuid) -> Result<Option<u64>, StoreError> {
-        let row = sqlx::query(
+        let row = rows::of_job(
+            &self.reader,
             "SELECT max(0, max_stored - coalesce(payers.bytes, 0)) AS room FROM jobs
              LEFT JOIN payers ON payers.billed_to = jobs.billed_to
              WHERE jobs.id = ? AND max_stored IS NOT NULL",
+            job,
         )
-        .bind(job.to_string())
-        .fetch_optional(&self.reader)
         .await?;
         Ok(row.map(|row| row.get::<i64, _>("room").unsigned_abs()))
     }
 
     async fn pin(&self, job: Uuid, pinned: bool, most: Option<u64>) -> Result<Pinned, StoreError> {
         let mut transaction = self.begin().await?;
-        let row = sqlx::query(
-            "SELECT pinned, finished_ms IS NOT NULL AS has_ended, jobs.bytes, coalesce(pinned_bytes, 0) AS pinned_bytes FROM jobs
+        let row = rows::of_job(&mut *transaction, "SELECT pinned, finished_ms IS NOT NULL AS has_ended, jobs.bytes, coalesce(pinned_bytes, 0) AS pinned_bytes FROM jobs
              LEFT JOIN payers ON payers.billed_to = jobs.billed_to
-             WHERE id = ? AND deleted_ms IS NULL",
-        )
-        .bind(job.to_string())
-        .fetch_optional(&mut *transaction)
-        .await?;
+             WHERE id = ? AND deleted_ms IS NULL", job).await?;
         let Some(row) = row else { return Ok(Pinned::Missing) };
         let bytes = |column| row.get::<i64, _>(column).unsigned_abs();
         let (own, others) = (bytes("bytes"), bytes("pinned_bytes"));

@@ -10,10 +10,9 @@ use uuid::Uuid;
 
 /// The job of that id, unless deleted.
 pub async fn get(connection: &mut SqliteConnection, id: Uuid) -> Result<Option<Job>, StoreError> {
-    let row = sqlx::query("SELECT * FROM jobs WHERE id = ? AND deleted_ms IS NULL")
-        .bind(id.to_string())
-        .fetch_optional(connection)
-        .await?;
+    let row =
+        rows::of_job(connection, "SELECT * FROM jobs WHERE id = ? AND deleted_ms IS NULL", id)
+            .await?;
     row.as_ref().map(rows::job).transpose()
 }
 

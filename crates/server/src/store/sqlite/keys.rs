@@ -101,18 +101,18 @@ impl Keys for SqliteStore {
     }
 
     async fn job_owner(&self, job: Uuid) -> Result<Option<String>, StoreError> {
-        let row = sqlx::query("SELECT owner FROM jobs WHERE id = ? AND deleted_ms IS NULL")
-            .bind(job.to_string())
-            .fetch_optional(&self.reader)
-            .await?;
+        let row = rows::of_job(
+            &self.reader,
+            "SELECT owner FROM jobs WHERE id = ? AND deleted_ms IS NULL",
+            job,
+        )
+        .await?;
         Ok(row.map(|row| row.get("owner")))
     }
 
     async fn trace_parent(&self, job: Uuid) -> Result<Option<String>, StoreError> {
-        let row = sqlx::query("SELECT trace_parent FROM jobs WHERE id = ?")
-            .bind(job.to_string())
-            .fetch_optional(&self.reader)
-            .await?;
+        let row =
+            rows::of_job(&self.reader, "SELECT trace_parent FROM jobs WHERE id = ?", job).await?;
         Ok(row.and_then(|row| row.get("trace_parent")))
     }
 }

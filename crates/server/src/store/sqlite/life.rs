@@ -47,10 +47,7 @@ async fn happens(
     event: Event,
     owner: Option<&str>,
 ) -> Result<Option<Result<Change, Refusal>>, StoreError> {
-    let row = sqlx::query("SELECT * FROM jobs WHERE id = ?")
-        .bind(id.to_string())
-        .fetch_optional(&mut *connection)
-        .await?;
+    let row = rows::of_job(&mut *connection, "SELECT * FROM jobs WHERE id = ?", id).await?;
     let Some(row) = row else { return Ok(None) };
     let before = life(&row)?;
     let after = match before.after(event) {

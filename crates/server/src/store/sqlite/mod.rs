@@ -202,13 +202,13 @@ impl Store for SqliteStore {
     }
 
     async fn twin(&self, claim: Claim) -> Result<Option<Job>, StoreError> {
-        let row = sqlx::query(
+        let row = rows::of_job(
+            &self.reader,
             "SELECT twin.* FROM jobs AS own JOIN jobs AS twin ON twin.render_key = own.render_key
              WHERE own.id = ?1 AND twin.id <> ?1 AND twin.state = 'succeeded'
                AND twin.deleted_ms IS NULL ORDER BY twin.id DESC LIMIT 1",
+            claim.job,
         )
-        .bind(claim.job.to_string())
-        .fetch_optional(&self.reader)
         .await?;
         row.as_ref().map(rows::job).transpose()
     }

@@ -35,12 +35,12 @@ impl Retention for SqliteStore {
 
     async fn hide_expired(&self, job: Uuid) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
-        let may_go = sqlx::query(
+        let may_go = rows::of_job(
+            &mut *transaction,
             "SELECT 1 FROM jobs WHERE id = ? AND pinned = 0 AND deleted_ms IS NULL
                AND state IN ('succeeded', 'failed', 'cancelled')",
+            job,
         )
-        .bind(job.to_string())
-        .fetch_optional(&mut *transaction)
         .await?
         .is_some();
         let is_gone = may_go && life::delete(&mut transaction, job).await?;
@@ -90,11 +90,12 @@ impl Retention for SqliteStore {
         let mut reader = self.reader.acquire().await?;
         // One read transaction: an extension between two queries would look like an end.
         let mut reading = reader.begin().await?;
-        let row =
-            sqlx::query("SELECT state, deleted_ms IS NOT NULL AS hidden FROM jobs WHERE id = ?")
-                .bind(job.to_string())
-                .fetch_optional(&mut *reading)
-                .await?;
+        let row = rows::of_job(
+            &mut *reading,
+            "SELECT state, deleted_ms IS NOT NULL AS hidden FROM jobs WHERE id = ?",
+            job,
+        )
+        .await?;
         let Some(row) = row else { return Ok(Recorded::Unknown) };
         let names = file_names(&mut reading, job).await?;
         let has_ended =

@@ -8,9 +8,18 @@ use crate::store::StoreError;
 use jiff::Timestamp;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, SqliteExecutor};
 use uuid::Uuid;
+
+/// The row, if any, that a query finds whose one parameter is the id of a job.
+pub async fn of_job(
+    connection: impl SqliteExecutor<'_>,
+    query: &'static str,
+    job: Uuid,
+) -> Result<Option<SqliteRow>, StoreError> {
+    Ok(sqlx::query(query).bind(job.to_string()).fetch_optional(connection).await?)
+}
 
 /// The JSON text of a record. Records are plain data: writing them cannot fail.
 pub fn to_json(record: &impl Serialize) -> String {

@@ -33,10 +33,12 @@ impl Solutions for SqliteStore {
     }
 
     async fn drop_solution(&self, job: Uuid) -> Result<Option<Solution>, StoreError> {
-        let row = sqlx::query("DELETE FROM solutions WHERE job_id = ? RETURNING record")
-            .bind(job.to_string())
-            .fetch_optional(&self.writer)
-            .await?;
+        let row = rows::of_job(
+            &self.writer,
+            "DELETE FROM solutions WHERE job_id = ? RETURNING record",
+            job,
+        )
+        .await?;
         row.map(|row| rows::from_json("solution", row.get("record"))).transpose()
     }
 
@@ -99,10 +101,8 @@ pub async fn find(
     connection: &mut SqliteConnection,
     job: Uuid,
 ) -> Result<Option<Solution>, StoreError> {
-    let row = sqlx::query("SELECT record FROM solutions WHERE job_id = ?")
-        .bind(job.to_string())
-        .fetch_optional(connection)
-        .await?;
+    let row =
+        rows::of_job(connection, "SELECT record FROM solutions WHERE job_id = ?", job).await?;
     row.map(|row| rows::from_json("solution", row.get("record"))).transpose()
 }
 
