@@ -8,7 +8,7 @@ mod place;
 use crate::server::{PATIENCE, Server};
 use crate::small_disk::SmallDisk;
 use client::{Ending, Stage, is_terminal, wish};
-use place::{Place, be_short, restore};
+use place::{Place, be_short, restore, succeeded};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::sync::PoisonError;
@@ -42,7 +42,8 @@ pub struct Plan {
     pub uptime: Uptime,
     /// Whether the disk is short for half of the time.
     pub short_disk: bool,
-    /// Whether the database is put back to an earlier one, from a backup, after half of the kills.
+    /// Whether the database is put back to an earlier one, from a backup, once: when a third of the
+    /// jobs have succeeded, or after half of the kills.
     pub restore: bool,
     /// Longest time that a job may go without news.
     pub patience: Duration,
@@ -145,6 +146,7 @@ fn kill(
     let uptime_ms = ((1e3 * low) as u64, (1e3 * high) as u64);
     let mut chance = Chance(plan.seed | 1);
     let mut killed: Option<Instant> = None;
+    let mut restores = plan.restore;
     while goes_on(tally.kills) {
         let server = place.start();
         if let Some(killed) = killed {
@@ -158,9 +160,11 @@ fn kill(
         let children = server.children();
         assert!(plan.throughout || !children.is_empty(), "the device has no process of its own");
         killed = Some(Instant::now());
-        if plan.restore && tally.kills == plan.kills / 2 {
+        // While there are jobs to be undone, however fast they are.
+        let is_due = tally.kills >= plan.kills / 2 || 3 * succeeded(&server) >= plan.jobs;
+        if restores && is_due {
             tally.undone_by_restore = restore(stage, place, server);
-            killed = None;
+            (killed, restores) = (None, false);
         } else {
             server.kill();
         }

@@ -68,6 +68,12 @@ impl<'a> Place<'a> {
     }
 }
 
+/// How many jobs have succeeded, up to 200.
+pub fn succeeded(server: &Server) -> usize {
+    let listed = server.get("/v1/jobs?limit=200&state=succeeded").json();
+    listed["jobs"].as_array().map_or(0, Vec::len)
+}
+
 /// Takes a backup of the running server, lets it go on until another job has ended, kills it, and
 /// puts the database back to that of the backup; the files stay as they are. How many jobs had
 /// ended meanwhile.
@@ -79,10 +85,7 @@ pub fn restore(stage: &Stage, place: &Place<'_>, server: Server) -> usize {
     command.arg("backup").arg(&to).arg("--data-dir").arg(place.folder);
     let taken = place.command(&command).output().expect("the program runs");
     assert!(taken.status.success(), "{}", String::from_utf8_lossy(&taken.stderr));
-    let ended = || {
-        let listed = server.get("/v1/jobs?limit=200&state=succeeded").json();
-        listed["jobs"].as_array().map_or(0, Vec::len)
-    };
+    let ended = || succeeded(&server);
     let accepted = stage.accepted.lock().unwrap_or_else(PoisonError::into_inner).len();
     let before = ended();
     let deadline = Instant::now() + PATIENCE;
