@@ -11,6 +11,6 @@ mod unoccluded;
 
 pub use disks::{DiskPoints, Disks};
 pub use light_tree::{Glow, LightTree};
-pub use polygons::{Once, PolygonLights, TRIES};
+pub use polygons::{PolygonLights, ShadowSample, TRIES};
 pub use triangles::{Emitted, LightSample, TriangleLights};
 pub use unoccluded::{Axis, MOST_LIGHTS};

@@ -4,7 +4,7 @@
 use super::light_tree::LightTree;
 use super::luminous::{Plain, merged, outward};
 use super::polygon::Light;
-use super::unoccluded::{All, Axis, MOST_LIGHTS, Unoccluded};
+use super::unoccluded::{Axis, ClosedForms, MOST_LIGHTS, Unoccluded};
 use crate::patches::{cell_index, cells};
 use crate::radiometry::Rgb;
 use crate::rays::{Hit, Rays};
@@ -21,7 +21,7 @@ const MOST_TEXTURED: usize = 4096;
 
 /// The lights of a scene.
 pub struct PolygonLights {
-    all: All,
+    all: ClosedForms,
     /// Which of them to ask, where they are too many to ask all.
     tree: LightTree,
     /// First light of each emissive triangle, and whether its texture made it many.
@@ -43,7 +43,7 @@ pub struct LightPoint {
 
 /// What one shadow ray found out about the direct light on a surface.
 #[derive(Clone, Copy, Default)]
-pub struct Once {
+pub struct ShadowSample {
     /// Irradiance with nothing in between.
     pub unoccluded: Rgb,
     /// Irradiance that the place stands for that the ray went to: its mean is the above.
@@ -52,7 +52,7 @@ pub struct Once {
     pub seen: bool,
 }
 
-impl Once {
+impl ShadowSample {
     /// Irradiance, if about so large a share of the light gets here: without noise where all of it
     /// does, or nothing; without bias whatever the share.
     pub fn irradiance(&self, share: f32) -> Rgb {
@@ -109,7 +109,7 @@ impl PolygonLights {
             return None;
         }
         let tree = LightTree::new(&lights.iter().map(Light::glow).collect::<Vec<_>>());
-        let all = All::new(lights);
+        let all = ClosedForms::new(lights);
         Some(Self { all, tree, of_triangle, divisions })
     }
 
@@ -217,13 +217,13 @@ impl PolygonLights {
     }
 
     /// The direct light on a surface by one shadow ray.
-    pub fn once(&self, rays: &Rays, point: Vec3, normal: Vec3, xi: Vec3) -> Once {
+    pub fn once(&self, rays: &Rays, point: Vec3, normal: Vec3, xi: Vec3) -> ShadowSample {
         if !self.is_exact() {
             let Some((end, irradiance)) = self.one_of_many(point, normal, xi) else {
-                return Once::default();
+                return ShadowSample::default();
             };
             let seen = !rays.blocked(point, end, |_| false);
-            return Once { unoccluded: irradiance, cast: irradiance, seen };
+            return ShadowSample { unoccluded: irradiance, cast: irradiance, seen };
         }
         let unoccluded = self.unoccluded(point, normal);
         let light = match unoccluded.irradiance {
@@ -232,7 +232,7 @@ impl PolygonLights {
         };
         let cast = light.as_ref().map_or(Rgb::ZERO, |light| light.irradiance);
         let seen = light.is_some_and(|light| !rays.blocked(point, light.end, |_| false));
-        Once { unoccluded: unoccluded.irradiance, cast, seen }
+        ShadowSample { unoccluded: unoccluded.irradiance, cast, seen }
     }
 
     /// Density per solid angle at which [`PolygonLights::sample`] picks the place of a light that a ray

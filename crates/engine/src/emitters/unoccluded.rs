@@ -49,8 +49,8 @@ impl Unoccluded {
     }
 }
 
-/// All lights.
-pub struct All {
+/// All lights, to evaluate their closed forms eight at a time.
+pub struct ClosedForms {
     lights: Vec<Light>,
     eights: Vec<Eight>,
     /// Lights of a running sum.
@@ -73,7 +73,7 @@ struct Eight {
     back: Lanes,
 }
 
-impl All {
+impl ClosedForms {
     /// Of the lights, in their order.
     pub fn new(lights: Vec<Light>) -> Self {
         let few = lights.len() <= SUMS;
@@ -203,7 +203,7 @@ impl All {
         {
             #[target_feature(enable = "avx2")]
             fn with_avx2(
-                all: &All,
+                all: &ClosedForms,
                 stretch: usize,
                 point: Vec3,
                 normal: Vec3,
@@ -423,7 +423,7 @@ mod tests {
     #[test]
     fn a_lobe_asks_for_what_it_looks_at() {
         for count in [5, 100] {
-            let all = All::new(lights(count));
+            let all = ClosedForms::new(lights(count));
             let (point, normal) = (Vec3::new(0.1, -3.0, 0.2), Vec3::Y);
             let direction = Vec3::new(0.3, 0.9, -0.1).normalize();
             let toward = all.toward(point, normal, Axis { direction, exponent: 200.0 });
@@ -454,7 +454,7 @@ mod tests {
     #[test]
     fn all_are_the_sum_of_each_and_are_picked_by_what_they_shine() {
         for count in [1, 5, 16, 17, 100, 1000] {
-            let all = All::new(lights(count));
+            let all = ClosedForms::new(lights(count));
             for (point, normal) in
                 [(Vec3::ZERO, Vec3::Y), (Vec3::new(1.0, -2.0, 0.5), Vec3::new(0.6, 0.0, -0.8))]
             {

@@ -47,7 +47,7 @@ pub fn deposit(
                 if let Some((facet_index, back)) = item::decode(code) {
                     let facet = &scene.facets[facet_index as usize];
                     if let Some(first) = facet.first_patch(back) {
-                        let sums = Sums {
+                        let sums = PatchSums {
                             weight,
                             form_factor: &mut form_factor[first as usize..],
                             lobe_factor,
@@ -106,14 +106,14 @@ fn lobe_weights(
     }
 }
 
-struct Sums<'a> {
+struct PatchSums<'a> {
     weight: f32,
     form_factor: &'a mut [f32],
     lobe_factor: &'a mut [f32],
     first: usize,
 }
 
-impl Sums<'_> {
+impl PatchSums<'_> {
     /// A run that lies in one patch.
     #[inline(always)]
     fn add_run(self, delta: &[f32], lobe_row: &[f32], column: usize, end: usize) {

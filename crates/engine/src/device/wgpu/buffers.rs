@@ -33,7 +33,7 @@ pub const TALLY_WORDS: u64 = 4;
 
 /// Counts that determine all sizes.
 #[derive(Clone, Copy, Debug)]
-pub struct Plan {
+pub struct BufferPlan {
     /// R.
     pub resolution: u64,
     /// Patches.
@@ -50,7 +50,7 @@ pub struct Plan {
     pub columns: u64,
 }
 
-impl Plan {
+impl BufferPlan {
     /// Plans within the adapter's limits.
     pub fn new(
         gpu: &Gpu,
@@ -223,7 +223,7 @@ impl Buffers {
     pub fn new(
         gpu: &Gpu,
         pipelines: &Pipelines,
-        plan: &Plan,
+        plan: &BufferPlan,
         scene: &PatchedScene,
         settings: &ShootingSettings,
     ) -> Result<Self, DeviceError> {
@@ -235,7 +235,7 @@ impl Buffers {
     fn allocate(
         gpu: &Gpu,
         pipelines: &Pipelines,
-        plan: &Plan,
+        plan: &BufferPlan,
         scene: &PatchedScene,
         settings: &ShootingSettings,
     ) -> Self {
@@ -392,7 +392,7 @@ impl Buffers {
 }
 
 /// `Pass` of every render pass of an iteration, and room for one more for traced shots.
-fn pass_uniforms(plan: &Plan) -> Vec<u8> {
+fn pass_uniforms(plan: &BufferPlan) -> Vec<u8> {
     let mut bytes = vec![0; ((plan.passes() + 1) * UNIFORM_STRIDE) as usize];
     for (index, slot) in bytes.chunks_exact_mut(UNIFORM_STRIDE as usize).enumerate() {
         let first = index as u64 * plan.pass_shots;

@@ -1,6 +1,6 @@
 //! The iteration under way: encodes passes, keeps submissions short, reads back.
 
-use super::buffers::{Buffers, DRAW_BYTES, Plan, TALLY_WORDS, THREADS};
+use super::buffers::{BufferPlan, Buffers, DRAW_BYTES, TALLY_WORDS, THREADS};
 use super::gpu::Gpu;
 use super::layout::{FACET_RUN, GpuPass, GpuShot, PIXEL_RUN, SPAN, triples};
 use super::pipelines::{Pipelines, UNIFORM_STRIDE};
@@ -23,7 +23,7 @@ pub struct WgpuShooting<'device> {
     pipelines: &'device Pipelines,
     scene: Arc<PatchedScene>,
     settings: ShootingSettings,
-    plan: Plan,
+    plan: BufferPlan,
     buffers: Buffers,
     tally_staging: wgpu::Buffer,
     /// Render passes per submission that take about [`SUBMISSION`].
@@ -41,7 +41,7 @@ impl<'device> WgpuShooting<'device> {
         settings: &ShootingSettings,
     ) -> Result<Self, DeviceError> {
         gpu.check()?;
-        let plan = Plan::new(gpu, &scene, settings)?;
+        let plan = BufferPlan::new(gpu, &scene, settings)?;
         Self::planned(gpu, pipelines, scene, settings, plan)
     }
 
@@ -50,7 +50,7 @@ impl<'device> WgpuShooting<'device> {
         pipelines: &'device Pipelines,
         scene: Arc<PatchedScene>,
         settings: &ShootingSettings,
-        plan: Plan,
+        plan: BufferPlan,
     ) -> Result<Self, DeviceError> {
         let buffers = Buffers::new(gpu, pipelines, &plan, &scene, settings)?;
         let tally_staging = gpu.staging(4 * TALLY_WORDS)?;
@@ -481,8 +481,8 @@ mod tests {
             })
             .collect();
         let run = |pass_shots, columns| {
-            let plan = Plan::new(&device.gpu, &scene, &settings).expect("fits");
-            let plan = Plan { pass_shots, columns, ..plan };
+            let plan = BufferPlan::new(&device.gpu, &scene, &settings).expect("fits");
+            let plan = BufferPlan { pass_shots, columns, ..plan };
             let (gpu, pipelines) = (&device.gpu, &device.pipelines);
             let shooting = WgpuShooting::planned(gpu, pipelines, scene.clone(), &settings, plan);
             let mut shooting = shooting.expect("begins");

@@ -47,7 +47,7 @@ pub struct Errors {
 }
 
 /// What a picture is made of.
-pub struct Known<'a> {
+pub struct PictureParts<'a> {
     /// What the camera sees.
     pub seen: &'a Seen,
     /// The emitters.
@@ -66,8 +66,8 @@ pub struct Known<'a> {
 }
 
 /// The picture with its estimated error; `None` of a black picture.
-pub fn measure(known: &Known<'_>) -> (Picture, Option<Errors>) {
-    let Known { seen, lights, coarse, bounced, direct: light, options, .. } = *known;
+pub fn measure(known: &PictureParts<'_>) -> (Picture, Option<Errors>) {
+    let PictureParts { seen, lights, coarse, bounced, direct: light, options, .. } = *known;
     let mut gloss = Vec::new();
     if known.gloss.len() > 0 {
         gloss = known.gloss.of_fragments(seen, options.lobe_filter);

@@ -3,9 +3,9 @@
 use super::clock::Clock;
 use super::coarse::{Coarse, PATCH_POINTS};
 use super::direct::Direct;
-use super::estimate::{self, Errors, Known};
+use super::estimate::{self, Errors, PictureParts};
 use super::fragments::{Fragment, Seen};
-use super::gather::{Cache, Gathering, Look, Spacing, least_scale};
+use super::gather::{Cache, FirstLook, Gathering, Spacing, least_scale};
 use super::gloss::Gloss;
 use super::settings::HemiluxSettings;
 use crate::checkpoint::{CheckpointError, Reader};
@@ -253,7 +253,7 @@ impl Tiers {
         let (lights, seen) = (&*self.lights, &self.seen);
         let direct = |index| self.direct.irradiance(lights, seen, index, true).0;
         let follows = first && !known && options.adaptive;
-        let look = follows.then_some(Look { hasty: self.hasty, direct: &direct });
+        let look = follows.then_some(FirstLook { hasty: self.hasty, direct: &direct });
         let rays = self.cache.fill(&self.world, &self.coarse, seen, gathering, look);
         follows.then_some(rays)
     }
@@ -306,7 +306,7 @@ impl Tiers {
             vec![None; self.seen.fragments.len()]
         };
         self.clock.lap("seconds_smooth");
-        let (picture, errors) = estimate::measure(&Known {
+        let (picture, errors) = estimate::measure(&PictureParts {
             seen: &self.seen,
             lights: &self.lights,
             coarse: &self.coarse,

@@ -24,7 +24,7 @@ pub struct Film {
 
 /// A row of the picture.
 struct Row {
-    pixels: Vec<Sums>,
+    pixels: Vec<PixelSums>,
     passes: u64,
     rays: u64,
     light_rays: u64,
@@ -33,7 +33,7 @@ struct Row {
 /// What a pixel adds up to.
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
-struct Sums {
+struct PixelSums {
     /// Σ over passes of the squared value.
     squares: f64,
     /// Σ over complete turns of the squared mean of the turn.
@@ -62,14 +62,14 @@ struct Scatter {
 impl Film {
     /// An empty film.
     pub fn new([width, height]: [u32; 2], period: u32) -> Self {
-        let pixels = vec![Sums::default(); width as usize];
+        let pixels = vec![PixelSums::default(); width as usize];
         let row = |_| Row { pixels: pixels.clone(), passes: 0, rays: 0, light_rays: 0 };
         Self { width, period: u64::from(period), rows: (0..height).map(row).collect() }
     }
 
     /// Bytes of a film, and of its picture.
     pub fn needed_bytes(width: u32, height: u32) -> u64 {
-        let pixel = size_of::<Sums>() + size_of::<Rgb>();
+        let pixel = size_of::<PixelSums>() + size_of::<Rgb>();
         u64::from(width) * u64::from(height) * pixel as u64
     }
 

@@ -1,7 +1,7 @@
 //! Tier 1's direct light: what shines on points of a patch.
 
 use super::elements::Elements;
-use crate::emitters::{Once, PolygonLights};
+use crate::emitters::{PolygonLights, ShadowSample};
 use crate::patches::PatchedScene;
 use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
@@ -99,7 +99,7 @@ impl SampledLight {
 }
 
 impl Lit {
-    fn add(&mut self, once: Once) {
+    fn add(&mut self, once: ShadowSample) {
         self.count += 1;
         self.unoccluded += once.unoccluded;
         self.cast += once.cast;

@@ -6,7 +6,7 @@
 
 use super::kept_record;
 use super::record::Record;
-use super::splat::{Said, splat};
+use super::splat::{LocalFit, splat};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
 use crate::sampling::Seed;
@@ -78,7 +78,7 @@ pub struct Gathering {
 
 /// A first look at the light of a picture.
 #[derive(Clone, Copy)]
-pub struct Look<'a> {
+pub struct FirstLook<'a> {
     /// Whether it had better be soon than good.
     pub hasty: bool,
     /// Direct irradiance of a fragment.
@@ -149,7 +149,7 @@ impl Cache {
         coarse: &Coarse,
         seen: &Seen,
         gathering: Gathering,
-        look: Option<Look<'_>>,
+        look: Option<FirstLook<'_>>,
     ) -> u32 {
         let most = gathering.new_rays;
         let first_rays = if look.is_some() { LOOK_RAYS.min(most) } else { most };
@@ -255,7 +255,7 @@ impl Cache {
         splat(
             seen,
             &self.records,
-            |record| Said::even([record.tight]),
+            |record| LocalFit::even([record.tight]),
             |[tight], weight| if weight > 0.0 { tight / weight } else { 1.0 },
         )
     }
@@ -283,7 +283,7 @@ impl Cache {
     /// Adds the weights of the records from `first` on to the coverage.
     fn cover(&mut self, seen: &Seen, first: usize) {
         let added =
-            splat(seen, &self.records[first..], |_| Said::even([]), |[], weight: f32| weight);
+            splat(seen, &self.records[first..], |_| LocalFit::even([]), |[], weight: f32| weight);
         for (sum, more) in self.coverage.iter_mut().zip(added) {
             *sum += more;
         }
@@ -344,7 +344,7 @@ impl Cache {
             // A slope is a guess: it must not turn light into darkness.
             let (least, most) = (0.5 * value, 2.0 * value);
             let any = f32::INFINITY;
-            Said {
+            LocalFit {
                 value: [
                     value.x, value.y, value.z, noise.x, noise.y, noise.z, bent.x, bent.y, bent.z,
                 ],

@@ -5,4 +5,4 @@ mod kept_record;
 mod record;
 mod splat;
 
-pub use cache::{Bounced, Cache, Gathering, Look, Spacing, least_scale};
+pub use cache::{Bounced, Cache, FirstLook, Gathering, Spacing, least_scale};

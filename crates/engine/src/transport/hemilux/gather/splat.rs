@@ -14,14 +14,14 @@ type Lanes = [f32; LANES];
 
 /// What a record says of N quantities: their values where it stands, and how the first S of them
 /// change along its surface, within limits.
-pub struct Said<const N: usize, const S: usize> {
+pub struct LocalFit<const N: usize, const S: usize> {
     pub value: [f32; N],
     pub slope: [Vec3; S],
     pub least: [f32; S],
     pub most: [f32; S],
 }
 
-impl<const N: usize> Said<N, 0> {
+impl<const N: usize> LocalFit<N, 0> {
     /// The same everywhere.
     pub fn even(value: [f32; N]) -> Self {
         Self { value, slope: [], least: [], most: [] }
@@ -30,7 +30,7 @@ impl<const N: usize> Said<N, 0> {
 
 /// Sums over the records at eight fragments.
 #[derive(Clone, Copy)]
-struct Sums<const N: usize> {
+struct WeightedSums<const N: usize> {
     weight: Lanes,
     weighted: [Lanes; N],
 }
@@ -40,7 +40,7 @@ struct Sums<const N: usize> {
 pub fn splat<const N: usize, const S: usize, T: Clone + Default + Send>(
     seen: &Seen,
     records: &[Record],
-    each: impl Fn(&Record) -> Said<N, S> + Sync,
+    each: impl Fn(&Record) -> LocalFit<N, S> + Sync,
     finish: impl Fn([f32; N], f32) -> T + Sync,
 ) -> Vec<T> {
     let window = |record: &Record| record.window(seen, 1.0);
@@ -61,7 +61,8 @@ pub fn splat<const N: usize, const S: usize, T: Clone + Default + Send>(
         }
         let first_eight = base / LANES;
         let count = end.div_ceil(LANES) - first_eight;
-        let mut sums = vec![Sums { weight: [0.0; LANES], weighted: [[0.0; LANES]; N] }; count];
+        let mut sums =
+            vec![WeightedSums { weight: [0.0; LANES], weighted: [[0.0; LANES]; N] }; count];
         for (record, window) in records.iter().zip(&windows) {
             let Some([x0, x1, y0, y1]) = *window else { continue };
             let [y0, y1] = [y0.max(rows[0]), y1.min(rows[1])];
@@ -93,20 +94,20 @@ pub fn splat<const N: usize, const S: usize, T: Clone + Default + Send>(
 /// and last eight.
 fn add<const N: usize, const S: usize>(
     reach: &Reach<'_>,
-    said: &Said<N, S>,
+    said: &LocalFit<N, S>,
     places: &[Eight],
     skipped: [usize; 2],
-    sums: &mut [Sums<N>],
+    sums: &mut [WeightedSums<N>],
 ) {
     #[cfg(target_arch = "x86_64")]
     {
         #[target_feature(enable = "avx2")]
         fn with_avx2<const N: usize, const S: usize>(
             reach: &Reach<'_>,
-            said: &Said<N, S>,
+            said: &LocalFit<N, S>,
             places: &[Eight],
             skipped: [usize; 2],
-            sums: &mut [Sums<N>],
+            sums: &mut [WeightedSums<N>],
         ) {
             add_by_eights(reach, said, places, skipped, sums);
         }
@@ -121,10 +122,10 @@ fn add<const N: usize, const S: usize>(
 #[inline(always)]
 fn add_by_eights<const N: usize, const S: usize>(
     reach: &Reach<'_>,
-    said: &Said<N, S>,
+    said: &LocalFit<N, S>,
     places: &[Eight],
     [before, after]: [usize; 2],
-    sums: &mut [Sums<N>],
+    sums: &mut [WeightedSums<N>],
 ) {
     let last = places.len() - 1;
     for (index, (eight, sums)) in places.iter().zip(sums).enumerate() {
@@ -202,7 +203,7 @@ mod tests {
             })
             .collect();
         let place = |record: &Record| record.number as f32;
-        let said = |record: &Record| Said {
+        let said = |record: &Record| LocalFit {
             value: [1.0, place(record)],
             slope: [record.tangents[0]],
             least: [0.9],

@@ -40,7 +40,7 @@ const MOST_RAYS_OF_ALL: u32 = 1 << 30;
 pub struct Gloss {
     lobes: Vec<Mirror>,
     /// Of each of [`Seen::lobes`].
-    sums: Vec<Sums>,
+    sums: Vec<LobeSums>,
     /// Lobes of pixel p: `start[p]..start[p + 1]`.
     start: Vec<u32>,
     /// Passes so far.
@@ -52,7 +52,7 @@ pub struct Gloss {
 /// What the rays of a lobe found.
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
-struct Sums {
+struct LobeSums {
     /// Σ radiance.
     radiance: Rgb,
     /// Σ squared radiance.
@@ -113,7 +113,13 @@ impl Gloss {
                 start[pixel] += start[pixel - 1];
             }
         }
-        Self { sums: vec![Sums::default(); lobes.len()], lobes, start, passes: 0, brightness: 0.0 }
+        Self {
+            sums: vec![LobeSums::default(); lobes.len()],
+            lobes,
+            start,
+            passes: 0,
+            brightness: 0.0,
+        }
     }
 
     /// Number of lobes.
@@ -125,8 +131,8 @@ impl Gloss {
     /// the error of the rest can wait.
     pub fn matters(&self, seen: &Seen, iterations: u64) -> bool {
         let chunks = self.sums.par_chunks(1024).zip(seen.lobes.par_chunks(1024));
-        let of_chunk = |(sums, lobes): (&[Sums], &[Lobe])| {
-            let of_lobe = |(sums, lobe): (&Sums, &Lobe)| {
+        let of_chunk = |(sums, lobes): (&[LobeSums], &[Lobe])| {
+            let of_lobe = |(sums, lobe): (&LobeSums, &Lobe)| {
                 f64::from(seen.share(lobe).powi(2) * sums.variance().element_sum())
             };
             sums.iter().zip(lobes).map(of_lobe).sum::<f64>()
@@ -268,7 +274,7 @@ impl Gloss {
     }
 }
 
-impl Sums {
+impl LobeSums {
     fn mean(&self) -> Rgb {
         self.radiance / self.rays.max(1) as f32
     }
