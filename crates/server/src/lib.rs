@@ -32,8 +32,6 @@ pub mod queue;
 pub mod retention;
 pub mod service;
 pub mod shared;
-#[cfg(test)]
-mod specimens;
 pub mod store;
 pub mod telemetry;
 pub mod trace_context;

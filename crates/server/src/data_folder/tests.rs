@@ -1,6 +1,6 @@
 use super::*;
-use crate::specimens;
 use crate::store::Store;
+use crate::store::specimens;
 use tempfile::TempDir;
 
 /// A data folder that has been used.

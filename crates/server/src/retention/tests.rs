@@ -4,9 +4,9 @@
 use super::*;
 use crate::api::jobs::PictureFormat;
 use crate::job_state::JobState;
-use crate::specimens;
 use crate::store::bytes::Pinned;
 use crate::store::scenes::Viewer;
+use crate::store::specimens;
 use crate::store::sqlite::SqliteStore;
 use crate::store::{Accepted, Asking, JobFilter, NewJob, Outcome};
 use bytes::Bytes;

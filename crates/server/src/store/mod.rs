@@ -12,6 +12,8 @@ pub mod outbox;
 pub mod retention;
 pub mod scenes;
 pub mod solutions;
+#[cfg(test)]
+pub(crate) mod specimens;
 pub mod sqlite;
 
 use crate::api::events::Event;

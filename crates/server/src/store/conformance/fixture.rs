@@ -4,7 +4,7 @@
 use crate::api::jobs::{JobRequest, Progress};
 use crate::api::scenes::Scene;
 use crate::job_state::JobState;
-use crate::specimens;
+use crate::store::specimens;
 use crate::store::{
     Accepted, Asking, Claim, NewJob, Outcome, Report, Store, StoreError, Submitter,
 };

@@ -23,7 +23,7 @@ mod solutions;
 pub mod tables;
 #[cfg(test)]
 pub(crate) mod tests;
-mod time;
+pub(crate) mod time;
 mod trouble;
 
 pub use database::SqliteStore;

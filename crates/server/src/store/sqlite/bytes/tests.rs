@@ -6,10 +6,10 @@ use crate::api::jobs::{PictureFormat, Progress};
 use crate::api::scenes::Scene;
 use crate::api::solutions::{Begins, KeptFile, Solution};
 use crate::job_state::JobState;
-use crate::specimens;
 use crate::store::retention::Retention;
 use crate::store::scenes::Holdings;
 use crate::store::solutions::Solutions;
+use crate::store::specimens;
 use crate::store::{Accepted, JobFilter, NewJob, Outcome, Report, Store, Submitter};
 use tempfile::TempDir;
 

@@ -1,9 +1,10 @@
 //! What tests of several modules put into stores and among files.
 
+use super::jobs::NewJob;
+use super::keys::Submitter;
 use crate::api::request_hash::RequestHash;
 use crate::api::scenes::{Scene, SceneFormat};
 use crate::hash::sha256_hex;
-use crate::store::{NewJob, Submitter};
 use uuid::Uuid;
 
 /// The record of a scene whose file has this content.
