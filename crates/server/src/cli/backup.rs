@@ -32,10 +32,7 @@ pub struct Restore {
 /// Takes a backup.
 pub fn take(arguments: &Backup) -> Result<(), Failure> {
     process::keep_files_private();
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(Failure::failed)?;
+    let runtime = process::runtime()?;
     let taken = runtime.block_on(backup::take(&arguments.data_dir, &arguments.to));
     let manifest = taken.map_err(Failure::failed)?;
     print(&format!("{} is a backup of {}\n", arguments.to.display(), told(&manifest)))?;

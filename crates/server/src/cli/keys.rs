@@ -83,10 +83,7 @@ struct New {
 /// Runs the command.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
     process::keep_files_private();
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(Failure::failed)?;
+    let runtime = process::runtime()?;
     runtime.block_on(async {
         let path = arguments.data_dir.join(data_folder::DATABASE);
         if !matches!(arguments.command, Command::Add(_)) && !path.exists() {

@@ -29,6 +29,11 @@ impl Failure {
     }
 }
 
+/// What runs the one task of a command that serves nobody.
+pub fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Failure::failed)
+}
+
 /// Prints; a reader that went away is no failure.
 pub fn print(text: &str) -> Result<(), Failure> {
     match std::io::stdout().write_all(text.as_bytes()) {

@@ -38,7 +38,7 @@ impl AdmittedCaller {
 
 /// What a request is about, by its method and path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Deed<'a> {
+struct Subject<'a> {
     action: &'static str,
     job: Option<&'a str>,
     scene: Option<&'a str>,
@@ -52,7 +52,7 @@ fn inlines(query: &str) -> bool {
     })
 }
 
-fn deed<'a>(method: &Method, path: &'a str, query: &str) -> Option<Deed<'a>> {
+fn subject<'a>(method: &Method, path: &'a str, query: &str) -> Option<Subject<'a>> {
     let rest = path.strip_prefix("/v1/")?;
     let parts: Vec<&str> = rest.split('/').collect();
     let (read, post, delete) =
@@ -78,7 +78,7 @@ fn deed<'a>(method: &Method, path: &'a str, query: &str) -> Option<Deed<'a>> {
         _ if !method.is_safe() => ("other", None, None),
         _ => return None,
     };
-    Some(Deed { action, job, scene })
+    Some(Subject { action, job, scene })
 }
 
 /// One line.
@@ -155,7 +155,7 @@ impl Answer {
 
 impl Drop for Entry {
     fn drop(&mut self) {
-        let Some(deed) = deed(&self.method, &self.path, &self.query) else { return };
+        let Some(subject) = subject(&self.method, &self.path, &self.query) else { return };
         let audit = &self.app.audit;
         let left_out = match self.caller.0.get() {
             Some(_) => None,
@@ -172,21 +172,21 @@ impl Drop for Entry {
             time: Timestamp::now().to_string(),
             target: "audit",
             level: "INFO",
-            action: deed.action,
+            action: subject.action,
             method: self.method.as_str(),
             status: answer.map(|answer| answer.status.as_u16()),
             broken_off: answer.is_none(),
             key: key.map(|key| key.id.as_str()),
             key_name: key.map(|key| key.name.as_str()),
             address: self.address.map(|address| address.to_canonical().to_string()),
-            job: deed.job.map(cut),
-            scene: deed.scene.map(cut),
+            job: subject.job.map(cut),
+            scene: subject.scene.map(cut),
             made: good.and_then(|answer| answer.location.as_deref()).map(cut),
             request_id: &self.request_id,
             bytes_sent: self.bytes_sent,
             bytes_asked: good
                 .and_then(|answer| answer.size)
-                .filter(|_| deed.action.ends_with(".download")),
+                .filter(|_| subject.action.ends_with(".download")),
             left_out,
         };
         match serde_json::to_vec(&line) {
@@ -206,7 +206,7 @@ pub async fn write_down(State(app): State<App>, mut request: Request, next: Next
     let uri = request.uri();
     let (path, query) = (uri.path().to_owned(), uri.query().unwrap_or("").to_owned());
     let method = request.method().clone();
-    if !app.audit.is_wanted() || deed(&method, &path, &query).is_none() {
+    if !app.audit.is_wanted() || subject(&method, &path, &query).is_none() {
         return next.run(request).await;
     }
     let extensions = request.extensions();
@@ -245,7 +245,8 @@ mod tests {
 
     #[test]
     fn every_change_is_in_it_and_of_what_is_read_the_pictures() {
-        let action = |method: Method, path: &str| deed(&method, path, "").map(|deed| deed.action);
+        let action =
+            |method: Method, path: &str| subject(&method, path, "").map(|subject| subject.action);
         for (path, expected) in [
             ("/v1/jobs", "job.create"),
             ("/v1/jobs/x/cancel", "job.cancel"),
@@ -271,12 +272,12 @@ mod tests {
         for path in ["/v1/jobs", "/v1/jobs/x", "/v1/jobs/x/events", "/v1/scenes/x", "/metrics"] {
             assert_eq!(action(Method::GET, path), None, "{path}");
         }
-        let inline = deed(&Method::GET, "/v1/jobs/x/events", "after=3&inline=exr").unwrap();
+        let inline = subject(&Method::GET, "/v1/jobs/x/events", "after=3&inline=exr").unwrap();
         assert_eq!((inline.action, inline.job), ("picture.download", Some("x")));
         for query in ["%69nline=exr", "after=3&inl%69ne=png"] {
-            assert!(deed(&Method::GET, "/v1/jobs/x/events", query).is_some(), "{query}");
+            assert!(subject(&Method::GET, "/v1/jobs/x/events", query).is_some(), "{query}");
         }
-        assert_eq!(deed(&Method::GET, "/v1/jobs/x/events", "after=inline"), None);
+        assert_eq!(subject(&Method::GET, "/v1/jobs/x/events", "after=inline"), None);
         assert_eq!(action(Method::POST, "/docs"), None);
     }
 

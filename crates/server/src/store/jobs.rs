@@ -54,7 +54,7 @@ pub enum Accepted {
 }
 
 /// A worker's claim on a job. Writes under an outdated claim fail with
-/// [`StoreError::ClaimLost`].
+/// [`StoreError::ClaimLost`](super::error::StoreError::ClaimLost).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Claim {
     /// The job.

@@ -247,6 +247,10 @@ impl Attempt<'_> {
     /// the job then goes back to the queue.
     async fn record(&self, mut end: AttemptEnd) {
         let job = self.claim.job;
+        if matches!(end, AttemptEnd::ClaimLost) {
+            tracing::info!(%job, "was taken away");
+            return self.remove_if_deleted().await;
+        }
         let mut pause = Duration::from_secs(1);
         for tries in 0.. {
             end = self.with_files(end, tries).await;

@@ -1,12 +1,12 @@
-//! The pool: one worker per device, each drawing jobs from the queue. This is where the service
+//! One worker per device of the pool, each drawing jobs from the queue. This is where the service
 //! meets the engine.
 //!
 //! Two sides, and a line between them. The server's: [`job`] takes an attempt from claim to record,
 //! [`watch`] follows it. The engine's: [`perform`] runs tasks on a device, in a thread or, by way of
 //! [`process`] and [`child`], in a process of the device's own, and [`encode`]s the pictures there.
-//! [`wire`] is what they say;
-//! [`executor`] hides which of the two it is. [`import`] looks at uploaded scenes, each in a
-//! process of its own.
+//! [`wire`] is what they say, [`translation`] turns the API's words into the engine's and back;
+//! [`executor`] hides whether it is a thread or a process. [`requests`] asks the engine about jobs
+//! before they run. [`import`] looks at uploaded scenes, each in a process of its own.
 
 mod checkpoints;
 pub mod child;
