@@ -54,9 +54,12 @@ fn cornell_box_imports() {
     assert_eq!(scene.warnings, []);
 }
 
-/// Triangles with their surfaces, to 10⁻⁵, in an order that neither that of the file nor that of the
+/// A triangle's corners, its diffuse reflectance and its emission, in units of 10⁻⁵.
+type Surface = ([[i64; 3]; 3], [i64; 3], [i64; 3]);
+
+/// Triangles with their surfaces in an order that neither that of the file nor that of the
 /// corners shows in.
-fn surfaces(scene: &Scene) -> Vec<([[i64; 3]; 3], [i64; 3], [i64; 3])> {
+fn surfaces(scene: &Scene) -> Vec<Surface> {
     let rounded = |v: Vec3| v.to_array().map(|x| (f64::from(x) * 1e5).round() as i64);
     let surface = |triangle| {
         let mut corners = scene.corners(triangle).map(rounded);

@@ -114,13 +114,6 @@ fn dense(scene: &PatchedScene) -> [f64; 3] {
     [0, 1, 2].map(|channel| area * system.mean(&system.solve(channel)))
 }
 
-/// Largest standard error of a channel's power that a run ends with, relative to the power that is
-/// expected, and the share more that must be seen then. Software GPUs shoot an order slower than the
-/// CPU device, with which `twins.rs` compares them shot by shot.
-fn wanted_error(device: &dyn Device) -> (f64, f64) {
-    if device.description().kind == "cpu" { (0.005, 0.06) } else { (0.02, 0.2) }
-}
-
 /// Deviation of a channel's mean power from what is expected, and its standard error, both relative.
 #[derive(Clone, Copy, Debug)]
 struct Deviation {
@@ -179,13 +172,17 @@ fn power_deviations(
     expected: &[f64; 3],
 ) -> [Deviation; 2] {
     let mut settings = settings.clone();
-    let mut effort = Effort { burn_in: 20, batches: 20, iterations: 6 };
+    // Largest standard error of a channel's power that a run ends with, the share more that must be
+    // seen then, and how many batches it takes at least. Software GPUs shoot an order slower than the
+    // CPU device, with which `twins.rs` compares them shot by shot.
+    let on_cpu = device.description().kind == "cpu";
+    let (wanted, more, batches) = if on_cpu { (0.005, 0.06, 20) } else { (0.03, 0.25, 12) };
+    let mut effort = Effort { burn_in: 20, batches, iterations: 6 };
     if settings.selection == Selection::Uniform {
         // As many as there are patches, or the one that is the light decides about everything.
         settings.shots_per_iteration = scene.patches.len() as u32;
         effort.iterations = 3;
     }
-    let (wanted, more) = wanted_error(device);
     let of = |landed: &[Moments; 3], factor: f64| -> [Deviation; 3] {
         std::array::from_fn(|c| Deviation::new(&landed[c], factor * expected[c]))
     };
