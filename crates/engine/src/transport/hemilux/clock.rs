@@ -28,3 +28,22 @@ impl Clock {
         self.last = now;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn laps_add_up_and_pauses_are_left_out() {
+        let mut clock = Clock::default();
+        std::thread::sleep(Duration::from_millis(30));
+        clock.lap("one");
+        std::thread::sleep(Duration::from_millis(30));
+        clock.start();
+        clock.lap("two");
+        clock.lap("one");
+        assert!(clock.spent["one"] >= 0.03, "{:?}", clock.spent);
+        assert!(clock.spent["two"] < 0.03, "{:?}", clock.spent);
+    }
+}

@@ -43,3 +43,50 @@ impl Effort {
         Self { samples: samples.max(least), patches, hasty }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::{Begin, CameraChoice};
+    use std::collections::BTreeMap;
+    use std::sync::Arc;
+
+    fn effort(limits: Limits, side: u32) -> Effort {
+        Effort::new(&RenderRequest {
+            scene: Arc::default(),
+            camera: CameraChoice::First,
+            width: side,
+            height: side,
+            method: "hemilux".into(),
+            limits,
+            seed: 0,
+            options: BTreeMap::new(),
+            begin: Begin::Afresh,
+        })
+    }
+
+    #[test]
+    fn whoever_asks_for_more_gets_no_less() {
+        let seconds = [0.1, 0.5, 1.5, 3.0, 60.0];
+        let by_time = seconds.map(|s| Limits { seconds: Some(s), ..Limits::default() });
+        let errors = [0.1, 0.03, 0.02, 0.01];
+        let by_error = errors.map(|e| Limits { target_error: Some(e), ..Limits::default() });
+        for limits in [&by_time[..], &by_error[..]] {
+            for side in [100, 300, 1000] {
+                let efforts: Vec<Effort> = limits.iter().map(|l| effort(*l, side)).collect();
+                assert!(efforts.is_sorted_by_key(|effort| effort.patches), "{side}");
+                assert!(efforts.is_sorted_by_key(|effort| effort.samples), "{side}");
+                assert!(efforts[0].hasty && !efforts[efforts.len() - 1].hasty);
+            }
+        }
+    }
+
+    #[test]
+    fn what_the_server_allows_changes_nothing() {
+        let asked = Limits { seconds: Some(3.0), ..Limits::default() };
+        let (free, capped) =
+            (effort(asked, 500), effort(Limits { cap_seconds: Some(0.1), ..asked }, 500));
+        assert_eq!((free.samples, free.patches, free.hasty), (64, 16_000, false));
+        assert_eq!((capped.samples, capped.patches, capped.hasty), (64, 16_000, false));
+    }
+}

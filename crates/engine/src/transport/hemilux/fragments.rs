@@ -359,3 +359,34 @@ struct Band {
     ends: Vec<u32>,
     shine: Vec<Rgb>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::made;
+    use crate::transport::hemilux::specimen::{EMISSION, Specimen};
+
+    #[test]
+    fn the_samples_of_a_pixel_are_shared_out() {
+        let specimen = Specimen::furnace();
+        let seen = specimen.seen();
+        assert_eq!(seen.start.len(), (seen.width * seen.height) as usize + 1);
+        for pixel in 0..(seen.width * seen.height) as usize {
+            let own = &seen.fragments[seen.start[pixel] as usize..seen.start[pixel + 1] as usize];
+            assert!(own.iter().all(|fragment| fragment.pixel as usize == pixel));
+            let share: f32 = own.iter().map(|fragment| fragment.share).sum();
+            assert!((share - 1.0).abs() < 1e-5, "pixel {pixel} of a closed room sees {share}");
+            assert!((seen.shine[pixel] - Rgb::splat(EMISSION)).abs().max_element() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn lobes_are_there_where_something_is_glossy() {
+        let seen = Specimen::new(&made::phong_cornell(), 500).seen();
+        let glossy = seen.fragments.iter().filter(|fragment| fragment.glossy).count();
+        assert!(glossy > 0 && seen.lobes.len() >= glossy);
+        assert!(seen.lobes.iter().all(|lobe| seen.fragments[lobe.fragment as usize].glossy));
+        assert!(seen.lobes.is_sorted_by_key(|lobe| seen.fragments[lobe.fragment as usize].pixel));
+        assert!(Specimen::furnace().seen().lobes.is_empty());
+    }
+}

@@ -161,4 +161,6 @@ fn decide(
 }
 
 #[cfg(test)]
+mod specimen;
+#[cfg(test)]
 mod tests;

@@ -39,3 +39,23 @@ impl Places {
         Self { eights: fragments.par_chunks(LANES).with_min_len(128).map(eight).collect() }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_kept_in_their_order() {
+        let at = |k: &u32| (Vec3::splat(*k as f32), Vec3::X * *k as f32);
+        for count in [0u32, 1, 8, 19] {
+            let numbers: Vec<u32> = (1..=count).collect();
+            let places = Places::new(&numbers, at);
+            assert_eq!(places.eights.len(), numbers.len().div_ceil(LANES));
+            for (index, number) in numbers.iter().enumerate() {
+                let (eight, lane) = (&places.eights[index / LANES], index % LANES);
+                assert_eq!(eight.point.map(|axis| axis[lane]), at(number).0.to_array());
+                assert_eq!(eight.normal.map(|axis| axis[lane]), at(number).1.to_array());
+            }
+        }
+    }
+}

@@ -28,3 +28,27 @@ pub fn reasons(scene: &Scene, options: &HemiluxSettings) -> Vec<String> {
     });
     reasons
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::gltf::{ImportLimits, Resources, import};
+    use crate::scene::made;
+    use crate::transport::settings;
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn the_plan_names_what_the_scene_has_and_what_is_switched_off() {
+        let reasons = |glb: &[u8], given: &[(&str, &str)]| {
+            let scene = import(glb, &Resources::new(), &ImportLimits::default()).expect("valid");
+            let given = given.iter().map(|(name, value)| (name.to_string(), value.to_string()));
+            let settings = settings(&given.collect::<BTreeMap<_, _>>()).expect("they are right");
+            super::reasons(&scene, &HemiluxSettings::new(&settings).expect("right")).join("; ")
+        };
+        let plain = reasons(&made::cornell(), &[]);
+        assert!(plain.contains("all surfaces are diffuse") && plain.contains("closed form"));
+        assert!(reasons(&made::phong_cornell(), &[]).contains("lobes are traced"));
+        let off = reasons(&made::cornell(), &[("gather", "false"), ("light", "false")]);
+        assert!(off.contains("tier 2 is off") && off.contains("tier 3 is off"), "{off}");
+    }
+}

@@ -118,3 +118,29 @@ impl Lit {
         importance(self.seen) / importance(self.cast).max(f32::MIN_POSITIVE)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::hemilux::specimen::{EMISSION, SEED, Specimen, is_near};
+    use std::f32::consts::PI;
+
+    /// In a furnace the walls shine from everywhere: E = π L^e, and nothing is in between.
+    #[test]
+    fn light_from_everywhere_is_known_exactly() {
+        let specimen = Specimen::furnace();
+        let lit = Lighting {
+            world: &specimen.world,
+            lights: &specimen.lights,
+            scene: &specimen.scene,
+            elements: &specimen.coarse.mesh.elements,
+        };
+        for element in 0..specimen.coarse.mesh.elements.len() {
+            let mut sampled = SampledLight::default();
+            sampled.add(&lit, element, 8, SEED);
+            let mean = sampled.mean();
+            assert!(is_near(mean.irradiance, PI * EMISSION, 0.02), "{}", mean.irradiance);
+            assert_eq!((mean.share, mean.open), (1.0, 1.0));
+        }
+    }
+}

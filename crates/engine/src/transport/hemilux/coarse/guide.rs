@@ -132,3 +132,46 @@ impl Guide {
         probability * distance * distance * self.per_area[number] / cosine.abs().max(1e-6)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::radiometry::Rgb;
+    use crate::rays::Eye;
+    use crate::scene::made;
+    use crate::transport::hemilux::coarse::patch_points::PatchPoints;
+    use crate::transport::hemilux::specimen::Specimen;
+    use glam::Vec3;
+
+    #[test]
+    fn rays_are_aimed_where_a_lamp_shines_into_its_shade() {
+        assert!(Specimen::furnace().coarse.guide.is_none(), "nothing is brighter than the rest");
+        let specimen = Specimen::new(&made::shade(), 4000);
+        let guide = specimen.coarse.guide.as_ref().expect("the inside of the shade is bright");
+        let (world, mesh) = (&specimen.world, &specimen.coarse.mesh);
+        let mean: Rgb = specimen.coarse.irradiances().iter().sum::<Rgb>()
+            / specimen.coarse.irradiances().len() as f32;
+        let (mut aimed, mut met) = (0, 0);
+        for patch in (0..mesh.scene.patches.len() as u32).step_by(37) {
+            let (point, normal) = PatchPoints::new(world, &mesh.scene, patch).point([0.4, 0.6]);
+            for k in 0..8 {
+                let xi = Vec3::new(0.123, 0.456, 0.789) * (k + 1) as f32;
+                let Some(aim) = guide.aim(point, normal, xi.fract()) else { continue };
+                aimed += 1;
+                assert!((aim.direction.length() - 1.0).abs() < 1e-4);
+                assert!(normal.dot(aim.direction) > 0.0);
+                let bright = specimen.coarse.irradiances()[aim.patch as usize];
+                assert!(bright.max_element() > mean.max_element(), "a dim patch is aimed at");
+                let Some(hit) = world.rays.closest(Eye::Light, point, aim.direction) else {
+                    continue;
+                };
+                if mesh.patch_at(&hit) == Some(aim.patch) {
+                    met += 1;
+                    let cosine = world.rays.spot(&hit).normal.dot(aim.direction);
+                    let density = guide.density(point, normal, aim.patch, hit.distance, cosine);
+                    assert!(density > 0.0 && density.is_finite());
+                }
+            }
+        }
+        assert!(aimed > 100 && met > 10, "{aimed} aimed, {met} met");
+    }
+}

@@ -198,3 +198,61 @@ impl Links {
 fn is_short(patches: usize) -> bool {
     patches < usize::from(u16::MAX) - 1
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn direct(irradiance: f32) -> DirectLight {
+        DirectLight { irradiance: Rgb::splat(irradiance), share: 1.0, open: 1.0 }
+    }
+
+    /// Element 0 sees element 1 by half of its rays and nothing else, element 1 sees only element 0:
+    /// E_0 = ½ a_1 (D_1 + E_1), E_1 = a_0 (D_0 + E_0).
+    fn two() -> Links {
+        let round = Round { start: vec![0, 2, 3], links: vec![1, DARK, 0] };
+        Links { rounds: vec![round], bounced: Vec::new() }
+    }
+
+    #[test]
+    fn sweeps_solve_the_balance() {
+        let (albedo, lit) = ([0.8, 0.5], [3.0, 1.0]);
+        let mut links = two();
+        links.solve(&albedo.map(Rgb::splat), &lit.map(direct));
+        // Both equations, solved by hand.
+        let own = 0.5 * albedo[1] * (lit[1] + albedo[0] * lit[0]);
+        let first = own / (1.0 - 0.5 * albedo[0] * albedo[1]);
+        let second = albedo[0] * (lit[0] + first);
+        for (bounced, exact) in links.bounced.iter().zip([first, second]) {
+            assert!((bounced.x / exact - 1.0).abs() < 1e-3, "{bounced} {exact}");
+        }
+    }
+
+    #[test]
+    fn rays_from_inside_a_body_do_not_count() {
+        let mut links = two();
+        links.rounds[0].links[1] = COVERED;
+        links.solve(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct));
+        // Half of the rays of element 0 start inside: the other half is all that it sees.
+        assert!((links.bounced[0].x - 1.0).abs() < 1e-3, "{}", links.bounced[0]);
+    }
+
+    #[test]
+    fn links_come_back_and_damage_is_found() {
+        for elements in [3, 70_000] {
+            let start: Vec<u32> = (0..=elements as u32).collect();
+            let links = (0..elements as u32).map(|e| [e, DARK, COVERED][e as usize % 3]);
+            let round = Round { start, links: links.collect() };
+            let bounced = vec![Rgb::splat(2.0); elements];
+            let links = Links { rounds: vec![round], bounced };
+            let mut to = Writer::new(u64::MAX);
+            links.save(elements, &mut to);
+            let bytes = to.finish().expect("there is room");
+            let again = Links::restore(elements, &mut Reader::new(&bytes)).expect("sound");
+            assert_eq!(again.rounds[0].links, links.rounds[0].links);
+            assert_eq!(again.bounced, links.bounced);
+            // Of fewer elements than the links lead to.
+            assert!(Links::restore(elements - 1, &mut Reader::new(&bytes)).is_err());
+        }
+    }
+}

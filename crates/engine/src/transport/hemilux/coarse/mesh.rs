@@ -151,3 +151,50 @@ fn in_piece(corners: &[Vec2; 3], u: f32, v: f32) -> Vec2 {
     let determinant = ab.perp_dot(ac);
     Vec2::new(p.perp_dot(ac), ab.perp_dot(p)) / determinant
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Stream;
+    use crate::rays::Eye;
+    use crate::sampling::Shifted;
+    use crate::sampling::cosine_direction;
+    use crate::scene::made;
+    use crate::transport::hemilux::coarse::patch_points::PatchPoints;
+    use crate::transport::hemilux::specimen::{SEED, Specimen};
+
+    /// What a ray meets lies in the patch that is found there, also where facets are pieces of long
+    /// triangles.
+    #[test]
+    fn hits_are_found_on_their_patch() {
+        for glb in [made::cornell(), made::corridor()] {
+            let specimen = Specimen::new(&glb, 400);
+            let (world, mesh) = (&specimen.world, &specimen.coarse.mesh);
+            let mut found = 0;
+            for patch in (0..mesh.scene.patches.len()).step_by(7) {
+                let mut sequence = Shifted::new(SEED, Stream::Gather, patch as u64).at(0);
+                let from = PatchPoints::new(world, &mesh.scene, patch as u32);
+                let (start, normal) = from.point(sequence.next_pair());
+                let direction = cosine_direction(normal, sequence.second_pair());
+                let Some(hit) = world.rays.closest(Eye::Light, start, direction) else { continue };
+                let Some(patch) = mesh.patch_at(&hit) else { continue };
+                let (center, radius) = PatchPoints::new(world, &mesh.scene, patch).ball();
+                let distance = world.rays.spot(&hit).point.distance(center);
+                assert!(distance <= 1.01 * radius, "{distance} from a patch of {radius}");
+                found += 1;
+            }
+            assert!(found > 20, "the test tests nothing: {found}");
+        }
+    }
+
+    #[test]
+    fn a_smooth_function_of_equal_values_is_that_value() {
+        let specimen = Specimen::furnace();
+        let mesh = &specimen.coarse.mesh;
+        let values = mesh.smooth(vec![Rgb::splat(3.0); mesh.scene.patches.len()]);
+        for facet in 0..mesh.scene.facets.len() {
+            let value = mesh.value(&values, facet, false, Vec2::new(0.3, 0.2));
+            assert!((value - Rgb::splat(3.0)).abs().max_element() < 1e-3, "{value}");
+        }
+    }
+}

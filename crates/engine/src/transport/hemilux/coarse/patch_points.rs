@@ -60,3 +60,35 @@ impl PatchPoints {
         (spot.off_surface(normal), normal)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::made;
+    use crate::transport::hemilux::specimen::Specimen;
+
+    #[test]
+    fn points_lie_on_their_patch_and_fill_it() {
+        let specimen = Specimen::new(&made::cornell(), 300);
+        let (world, scene) = (&specimen.world, &specimen.scene);
+        let scale = world.rays.scale() as f32;
+        const SIDE: usize = 16;
+        for patch in (0..scene.patches.len()).step_by(13) {
+            let points = PatchPoints::new(world, scene, patch as u32);
+            let area = points.area() / (scale * scale);
+            assert!((area / scene.patches.area[patch] - 1.0).abs() < 1e-3);
+            assert!(points.normal().dot(scene.patches.normal[patch]) > 0.999);
+            let (center, radius) = points.ball();
+            let mut mean = Vec3::ZERO;
+            for k in 0..SIDE * SIDE {
+                let xi = [k / SIDE, k % SIDE].map(|i| (i as f32 + 0.5) / SIDE as f32);
+                let (point, normal) = points.point(xi);
+                assert!(point.distance(center) <= radius * 1.001);
+                assert!(normal.dot(points.normal()) > 0.999);
+                mean += point / (SIDE * SIDE) as f32;
+            }
+            // The mean of a uniform distribution over a triangle is its centroid.
+            assert!(mean.distance(center) < 0.01 * radius, "{mean} {center}");
+        }
+    }
+}

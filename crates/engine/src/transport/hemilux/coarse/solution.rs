@@ -248,3 +248,38 @@ impl Coarse {
 fn most_points(elements: usize) -> u32 {
     ((MOST_POINTS / elements.max(1)) as u32).max(1)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::hemilux::specimen::{ALBEDO, EMISSION, SEED, Specimen, is_near};
+
+    /// In a furnace the radiance is L^e/(1 − a), so the irradiance is π times that.
+    #[test]
+    fn the_furnace_is_solved() {
+        let mut specimen = Specimen::furnace();
+        let exact = PI * EMISSION / (1.0 - ALBEDO);
+        let all = specimen.coarse.irradiances();
+        assert!(all.iter().all(|irradiance| is_near(*irradiance, exact, 0.02)), "{all:?}");
+        let before = specimen.coarse.links();
+        specimen.coarse.link(SEED, 4, 16);
+        assert!(specimen.coarse.links() > before);
+        let all = specimen.coarse.irradiances();
+        assert!(all.iter().all(|irradiance| is_near(*irradiance, exact, 0.02)), "{all:?}");
+    }
+
+    #[test]
+    fn what_was_solved_comes_back() {
+        let specimen = Specimen::furnace();
+        let mut to = Writer::new(u64::MAX);
+        specimen.coarse.save(&mut to);
+        let bytes = to.finish().expect("there is room");
+        let mut from = Reader::new(&bytes);
+        let sampled = from.exactly(specimen.coarse.mesh.elements.len()).expect("it is there");
+        let mut again = Specimen::furnace().coarse;
+        again.sampled = sampled;
+        again.links = Links::default();
+        again.restore_links(&mut from).expect("sound");
+        assert_eq!(again.irradiances(), specimen.coarse.irradiances());
+    }
+}

@@ -371,3 +371,48 @@ fn around(seen: &Seen, index: usize, reach: i32, mut each: impl FnMut(usize, i32
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::hemilux::specimen::{EMISSION, SEED, Specimen, is_near};
+    use std::f32::consts::PI;
+
+    /// In a furnace nothing is in between: E = π L^e without noise, by any number of rays.
+    #[test]
+    fn light_without_shadows_has_no_noise() {
+        let specimen = Specimen::furnace();
+        let seen = specimen.seen();
+        let mut direct = Direct::new(&specimen.lights, &seen, true, false);
+        for _ in 0..2 {
+            direct.pass(&specimen.world, &specimen.lights, &seen, SEED);
+            for index in 0..seen.fragments.len() {
+                let (light, variance) = direct.irradiance(&specimen.lights, &seen, index, false);
+                assert!(is_near(light, PI * EMISSION, 0.02), "{light}");
+                assert_eq!(variance, Rgb::ZERO);
+            }
+        }
+        assert!(direct.rays > 0);
+    }
+
+    #[test]
+    fn what_rays_found_comes_back() {
+        let specimen = Specimen::new(&crate::scene::made::cornell(), 300);
+        let seen = specimen.seen();
+        let mut direct = Direct::new(&specimen.lights, &seen, true, false);
+        direct.pass(&specimen.world, &specimen.lights, &seen, SEED);
+        let mut to = Writer::new(u64::MAX);
+        direct.save(&mut to);
+        let bytes = to.finish().expect("there is room");
+        let mut again = Direct::new(&specimen.lights, &seen, true, false);
+        again.restore(&mut Reader::new(&bytes)).expect("sound");
+        for index in 0..seen.fragments.len() {
+            let [one, other] = [&direct, &again]
+                .map(|direct| direct.irradiance(&specimen.lights, &seen, index, true));
+            assert_eq!(one, other);
+        }
+        let mut damaged = Direct::new(&specimen.lights, &seen, true, false);
+        damaged.lit.pop();
+        assert!(damaged.restore(&mut Reader::new(&bytes)).is_err(), "of other fragments");
+    }
+}

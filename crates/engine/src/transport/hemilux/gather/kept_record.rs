@@ -90,3 +90,48 @@ impl KeptRecord {
             && self.horizon.iter().all(obstacle)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record() -> Record {
+        let mut record = Record::new(Vec3::ONE, Vec3::Z, 0.5, 9);
+        (record.rays, record.sum, record.split) = (4, Rgb::ONE, Rgb::splat(0.25));
+        (record.nearness, record.tight, record.radius) = (3.0, 0.5, 7.0);
+        record.horizon[2] = Obstacle { distance: 2.0, normal: Vec3::X, offset: 1.0 };
+        record
+    }
+
+    fn kept(record: &Record) -> Result<Vec<Record>, CheckpointError> {
+        let mut to = Writer::new(u64::MAX);
+        save(std::slice::from_ref(record), &mut to);
+        restore(&mut Reader::new(&to.finish().expect("there is room")))
+    }
+
+    #[test]
+    fn records_come_back() {
+        let (one, again) = (record(), kept(&record()).expect("sound").remove(0));
+        assert_eq!((again.point, again.normal, again.number), (one.point, one.normal, one.number));
+        assert_eq!((again.rays, again.sum, again.split), (one.rays, one.sum, one.split));
+        assert_eq!((again.tight, again.radius), (one.tight, one.radius));
+        assert_eq!(again.horizon[2].distance, one.horizon[2].distance);
+    }
+
+    #[test]
+    fn numbers_that_no_gathering_makes_are_refused() {
+        let damages: [fn(&mut Record); 6] = [
+            |record| record.normal = Vec3::ZERO,
+            |record| record.point.x = f32::NAN,
+            |record| record.radius = -1.0,
+            |record| record.sum.y = f32::INFINITY,
+            |record| record.rays = u32::MAX,
+            |record| record.horizon[0].distance = -1.0,
+        ];
+        for damage in damages {
+            let mut record = record();
+            damage(&mut record);
+            assert!(kept(&record).is_err());
+        }
+    }
+}

@@ -267,3 +267,58 @@ fn sector(local: Vec2) -> usize {
     let turned = if local.x < 0.0 { 2.0 - along } else { along } + 1.0;
     ((turned * (SECTORS as f32 / 4.0)) as usize).min(SECTORS - 1)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::hemilux::specimen::{ALBEDO, EMISSION, SEED, Specimen, is_near};
+
+    fn record(specimen: &Specimen) -> Record {
+        let seen = specimen.seen();
+        let fragment = &seen.fragments[seen.fragments.len() / 2];
+        Record::new(fragment.point, fragment.normal, 1.0, 3)
+    }
+
+    /// In a furnace what has bounced is the share a of the light: E = π a L^e/(1 − a).
+    #[test]
+    fn the_furnace_is_gathered() {
+        let specimen = Specimen::furnace();
+        for afresh in [false, true] {
+            let mut record = record(&specimen);
+            record.gather(&specimen.world, &specimen.coarse, SEED, 64, afresh);
+            let exact = PI * ALBEDO * EMISSION / (1.0 - ALBEDO);
+            assert!(is_near(record.irradiance(), exact, 0.02), "{}", record.irradiance());
+            assert!(record.noise().abs().max_element() < 0.02 * exact);
+            assert!(record.distance() > 0.0 && record.distance().is_finite());
+        }
+    }
+
+    #[test]
+    fn records_fade_with_the_distance_and_end_at_their_radius() {
+        let specimen = Specimen::furnace();
+        let mut record = record(&specimen);
+        record.radius = 10.0;
+        let weight = |at: f32| {
+            record.reach(1.0).weight(record.point + record.tangents[0] * at, record.normal)
+        };
+        assert!((weight(0.0) - 1.0).abs() < 1e-6);
+        assert!(weight(2.0) > weight(5.0) && weight(5.0) > 0.0);
+        assert_eq!((weight(10.0), weight(50.0)), (0.0, 0.0));
+        let turned = record.reach(1.0).weight(record.point, record.tangents[0]);
+        assert_eq!(turned, 0.0, "a surface across hears nothing");
+    }
+
+    /// Not behind a wall that stands nearer, but on this side of it.
+    #[test]
+    fn records_know_their_horizon() {
+        let specimen = Specimen::furnace();
+        let mut record = record(&specimen);
+        record.radius = 100.0;
+        let toward = record.tangents[0];
+        let wall = Obstacle { distance: 20.0, normal: -toward, offset: 20.0 };
+        record.horizon[sector(Vec2::X)] = wall;
+        let weight = |at: f32| record.reach(1.0).weight(record.point + toward * at, record.normal);
+        assert!(weight(15.0) > 0.0 && weight(-40.0) > 0.0);
+        assert_eq!(weight(40.0), 0.0);
+    }
+}

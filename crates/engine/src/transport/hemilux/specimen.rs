@@ -1,0 +1,60 @@
+//! Scenes for the tests of the tiers, prepared as far as those need them.
+
+use super::coarse::{Coarse, CoarseMesh, Elements};
+use super::fragments::Seen;
+use crate::emitters::PolygonLights;
+use crate::patches::PatchedScene;
+use crate::radiometry::Rgb;
+use crate::sampling::Seed;
+use crate::scene::gltf::{ImportLimits, Resources, import};
+use crate::scene::made;
+use crate::surface::World;
+use std::sync::Arc;
+
+/// What random numbers of these tests are drawn by.
+pub const SEED: Seed = Seed { number: 7, well_spread: true };
+/// What the furnace's walls reflect, and the radiance that they emit.
+pub const ALBEDO: f32 = 0.5;
+pub const EMISSION: f32 = 2.0;
+
+/// A scene with its coarse mesh.
+pub struct Specimen {
+    pub world: Arc<World>,
+    pub lights: Arc<PolygonLights>,
+    pub scene: Arc<PatchedScene>,
+    pub coarse: Coarse,
+}
+
+impl Specimen {
+    /// Of a file, with about so many patches, whose light has been solved for once.
+    pub fn new(glb: &[u8], patches: usize) -> Self {
+        let scene = import(glb, &Resources::new(), &ImportLimits::default()).expect("valid");
+        let scene = Arc::new(scene);
+        let world = Arc::new(World::new(scene.clone()));
+        let lights = PolygonLights::new(&scene, &world.rays).expect("something shines");
+        let lights = Arc::new(lights);
+        let scene = Arc::new(PatchedScene::new(scene, patches));
+        let elements = Elements::new(&scene, patches);
+        let mesh = CoarseMesh::new(&world.rays, scene.clone(), elements);
+        let mut coarse = Coarse::new(world.clone(), lights.clone(), mesh, SEED, None);
+        coarse.link(SEED, 0, 16);
+        Self { world, lights, scene, coarse }
+    }
+
+    /// A closed box in which the radiance is [`EMISSION`]/(1 − [`ALBEDO`]) everywhere and in every
+    /// direction, so that every part of the light is known exactly.
+    pub fn furnace() -> Self {
+        Self::new(&made::furnace(Rgb::splat(ALBEDO), Rgb::splat(EMISSION)), 200)
+    }
+
+    /// What the scene's camera sees in a small picture.
+    pub fn seen(&self) -> Seen {
+        let camera = &self.world.scene.cameras[0];
+        Seen::new(&self.world, self.scene.clone(), camera, [24, 20], 16)
+    }
+}
+
+/// Whether all channels are within a share of the exact value.
+pub fn is_near(value: Rgb, exact: f32, share: f32) -> bool {
+    (value - Rgb::splat(exact)).abs().max_element() <= share * exact.abs()
+}
