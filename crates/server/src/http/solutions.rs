@@ -152,7 +152,7 @@ pub async fn manifest(State(app): State<App>, JobId(id): JobId) -> Result<Json<M
         return Err(Problem::not_now("the job has not ended yet"));
     }
     let scene = app.shared.store.scene(&job.scene).await?.map(|scene| (scene.format, scene.size));
-    let solution = app.shared.store.solution(id).await?;
+    let solution = kept_solution(&app, &job).await?;
     Ok(Json(Manifest::new(job, scene, solution)))
 }
 
@@ -172,8 +172,8 @@ pub async fn solution_glb(
     JobId(id): JobId,
     asked: FileRequest,
 ) -> Result<Response, Problem> {
-    find(&app, id).await?;
-    let baked = app.shared.store.solution(id).await?.and_then(|solution| solution.baked);
+    let job = find(&app, id).await?;
+    let baked = kept_solution(&app, &job).await?.and_then(|solution| solution.baked);
     let baked = baked.ok_or_else(|| {
         Problem::not_found(
             "no light of surfaces is kept of this job: it has not ended, its method has no patches, or --keep-solutions-mb does not allow it",
@@ -197,17 +197,22 @@ async fn body<T: DeserializeOwned>(request: Request) -> Result<T, Problem> {
     read::json(&upload::small_body(request.into_body(), MAX_JSON_BYTES, too_large).await?)
 }
 
+/// What is kept of a job. What is not to be kept may still be in the store for a moment after the
+/// end.
+async fn kept_solution(app: &App, job: &Job) -> Result<Option<Solution>, Problem> {
+    let is_kept = app.shared.config.keep_solutions_mb > 0 || !job.state.is_terminal();
+    Ok(app.shared.store.solution(job.id).await?.filter(|_| is_kept))
+}
+
 /// A job's own solution.
 async fn own_solution(app: &App, job: &Job) -> Result<Solution, Problem> {
-    let solution = app.shared.store.solution(job.id).await?;
+    let solution = kept_solution(app, job).await?;
     if let (None, Some(twin)) = (&solution, job.result_of) {
         let detail =
             format!("the job shares the result of the identical job {twin}; name that one");
         return Err(Problem::not_now(detail));
     }
-    // What is not to be kept may still be there for a moment after the end.
-    let is_kept = app.shared.config.keep_solutions_mb > 0 || !job.state.is_terminal();
-    solution.filter(|solution| is_kept && solution.begins == Begins::Continue).ok_or_else(|| {
+    solution.filter(|solution| solution.begins == Begins::Continue).ok_or_else(|| {
         Problem::not_now(format!(
             "nothing is kept of this job to go on from: it is {}, and solutions are kept of jobs that did some work, up to {} MiB (--keep-solutions-mb)",
             job.state.as_str(),
