@@ -16,7 +16,7 @@ pub struct Halves {
 }
 
 impl Halves {
-    /// Renders a request twice, with its seed and the next but 999. Pixels brighter than `light` see
+    /// Renders a request twice, with its seed and with the next. Pixels brighter than `light` see
     /// an emitter.
     ///
     /// # Panics
@@ -27,7 +27,7 @@ impl Halves {
             let request = RenderRequest { seed: request.seed + more, ..request.clone() };
             render(&mut device, &request, &mut Unobserved).expect("the request is good").picture
         };
-        let pictures = [half(0), half(1000)];
+        let pictures = [half(0), half(1)];
         Self::new(pictures, light)
     }
 
