@@ -135,7 +135,6 @@ impl Guide {
 
 #[cfg(test)]
 mod tests {
-    use crate::radiometry::Rgb;
     use crate::rays::Eye;
     use crate::scene::made;
     use crate::transport::hemilux::coarse::patch_points::PatchPoints;
@@ -148,8 +147,13 @@ mod tests {
         let specimen = Specimen::new(&made::shade(), 4000);
         let guide = specimen.coarse.guide.as_ref().expect("the inside of the shade is bright");
         let (world, mesh) = (&specimen.world, &specimen.coarse.mesh);
-        let mean: Rgb = specimen.coarse.irradiances().iter().sum::<Rgb>()
-            / specimen.coarse.irradiances().len() as f32;
+        let patches = &mesh.scene.patches;
+        let radiosity = |patch: usize| {
+            let reflected = patches.diffuse[patch] * specimen.coarse.irradiances()[patch];
+            reflected.max_element()
+        };
+        let all = (0..patches.len()).map(|patch| patches.area[patch] * radiosity(patch));
+        let mean = all.sum::<f32>() / patches.area.iter().sum::<f32>();
         let (mut aimed, mut met) = (0, 0);
         for patch in (0..mesh.scene.patches.len() as u32).step_by(37) {
             let (point, normal) = PatchPoints::new(world, &mesh.scene, patch).point([0.4, 0.6]);
@@ -159,8 +163,7 @@ mod tests {
                 aimed += 1;
                 assert!((aim.direction.length() - 1.0).abs() < 1e-4);
                 assert!(normal.dot(aim.direction) > 0.0);
-                let bright = specimen.coarse.irradiances()[aim.patch as usize];
-                assert!(bright.max_element() > mean.max_element(), "a dim patch is aimed at");
+                assert!(radiosity(aim.patch as usize) > mean, "a dim patch is aimed at");
                 let Some(hit) = world.rays.closest(Eye::Light, point, aim.direction) else {
                     continue;
                 };
