@@ -122,7 +122,7 @@ fn every_test_that_a_promise_names_exists() {
 fn a_name_that_is_wrong_is_found() {
     let tests = Tests::new();
     let planted = "\
-| right | `product/promises.rs: a_name_that_is_wrong_is_found`, `every_test_that_…`; `sqlite::tests: clocks_may_jump` |
+| right | `product/promises.rs: a_name_that_is_wrong_is_found`, `every_test_that_…`; `leases::store_tests: clocks_may_jump` |
 | right | `store::conformance`; `memory::tests`; `scripts/test`; `Idempotency-Key` and `kill -9` |
 | another name | `product/promises.rs: a_name_that_nothing_has` |
 | another beginning | `product/promises.rs: every_test_of_…` |
