@@ -12,8 +12,8 @@ use hemilux_engine::device;
 use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, StopReason, Unobserved};
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
 use hemilux_engine::scene::made;
-use hemilux_engine::transport::REGISTRY;
 use hemilux_engine::transport::render;
+use hemilux_engine::transport::{REGISTRY, relevant};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -136,7 +136,10 @@ pub fn point(arguments: &PointArguments) -> Result<(), Failure> {
             ..Limits::default()
         },
         seed: 1,
-        options: options.map(|(name, value)| (name.into(), value)).into(),
+        options: relevant(
+            &arguments.method,
+            &options.map(|(name, value)| (name.into(), value)).into(),
+        ),
         begin: Default::default(),
     };
     let resident_bytes = status_bytes("VmRSS");

@@ -115,6 +115,35 @@ test("the form shows the server's objections at their fields", async () => {
   expected = [];
 });
 
+test("a method shows its settings, and only it gets them", async () => {
+  await page.locator(".more-fields summary").click();
+  assert.match(await text(".more-fields fieldset"), /auto picks a method by the scene/);
+  await page.selectOption("#method", "stochastic");
+  await page.selectOption("#options-hemicube_faces", "specular");
+  assert.equal(await page.getAttribute("#options-patches", "placeholder"), "16000");
+  await page.selectOption("#method", "hemilux");
+  assert.equal(await page.locator("#options-patches").count(), 0);
+  await page.fill("#options-gather_rays", "3");
+  await page.fill("#width", "256");
+  await shot("settings", { fullPage: true });
+  expected = [/422.*\/v1\/jobs/];
+  await page.getByRole("button", { name: "Start job" }).click();
+  await page.waitForSelector("#options-gather_rays-error:not([hidden])");
+  assert.match(await text("#options-gather_rays-error"), /must be a whole number from 4 to 65536/);
+  await page.fill("#options-gather_rays", "32");
+  const [, posted] = await Promise.all([
+    page.getByRole("button", { name: "Start job" }).click(),
+    page.waitForRequest((request) => request.method() === "POST" && request.url().endsWith("/v1/jobs")),
+  ]);
+  assert.deepEqual(posted.postDataJSON().options, { gather_rays: 32 });
+  assert.equal(posted.postDataJSON().method, "hemilux");
+  await page.waitForURL(/#\/jobs\/[0-9a-f-]{36}$/);
+  expected = [];
+  await server.cancel(page.url().split("/").pop());
+  await page.goBack();
+  await page.waitForSelector("#width");
+});
+
 test("a posted job is followed live and its picture gets better", async () => {
   await page.fill("#width", "256");
   await page.fill("#height", "256");

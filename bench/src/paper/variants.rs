@@ -217,7 +217,7 @@ pub fn discretisations() -> Vec<Variant> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hemilux_engine::transport::options::Settings;
+    use hemilux_engine::transport::settings;
     use std::collections::BTreeMap;
 
     #[test]
@@ -238,8 +238,8 @@ mod tests {
         for variant in all.iter().flatten() {
             let options: BTreeMap<String, String> =
                 variant.options.iter().map(|(n, v)| ((*n).into(), v.clone())).collect();
-            let settings = Settings::new(&options).unwrap_or_else(|e| panic!("{variant:?}: {e}"));
-            let in_force = settings.values();
+            let in_force = settings("stochastic", &options);
+            let in_force = in_force.unwrap_or_else(|e| panic!("{variant:?}: {e}"));
             let k = variant.shots_per_iteration().to_string();
             assert_eq!(in_force["shots_per_iteration"], k, "{variant:?}");
             assert_eq!(in_force["reconstruction"] == "flat", variant.is_flat(), "{variant:?}");

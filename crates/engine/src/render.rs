@@ -27,7 +27,8 @@ pub struct RenderRequest {
     pub limits: Limits,
     /// Same seed, same device, same limits by iterations: same bits.
     pub seed: u64,
-    /// Settings of the method by name; unknown names are refused. See [`crate::transport::OPTIONS`].
+    /// Settings of the method by `NAME` or `METHOD.NAME`, see [`crate::transport::listed`]; others
+    /// are refused.
     pub options: BTreeMap<String, String>,
     /// What it begins with.
     pub begin: Begin,

@@ -8,3 +8,4 @@ mod import_graph;
 mod kill_loop;
 mod load;
 mod promises;
+mod settings_table;

@@ -113,7 +113,7 @@ fn whatever_is_wrong_with_a_job_its_field_is_named() {
         "camera": {"eye": [0.5, 0.5, 2.0], "target": [0.5, 0.5, 0.0], "up": [0.0, 1.0, 0.0],
                    "yfov_degrees": 40.0},
         "snapshots": {"every_s": 1.0, "formats": ["png", "exr"]},
-        "options": {"patches": 500, "stratified": true, "hemicube_faces": "all"},
+        "options": {"patches": 500, "first_shot": true, "hemicube_faces": "all"},
         "priority": 0, "fresh": true, "labels": {"project": "atrium"},
         "webhook": {"url": "https://example.org/a", "events": ["failed"],
                     "secret": "0123456789abcdef"},

@@ -83,7 +83,7 @@ fn a_job_in_other_words_shares_and_another_limit_does_not() {
     };
     let mut spelled_out = job(20);
     spelled_out["options"] = json!({
-        "patches": "300", "hemicube_resolution": 32.0, "shots_per_iteration": 8, "first_shot": false
+        "stochastic.patches": 300, "hemicube_resolution": 32.0, "shots_per_iteration": 8, "first_shot": false
     });
     assert!(shares(spelled_out), "the same in other words");
     assert!(shares(with(job(20), "camera", json!(0))), "the first camera is the default");

@@ -15,19 +15,18 @@ use std::time::Instant;
 /// patches or pixels one takes longer than a step.
 const ESTIMATE_PAUSE: f64 = 10.0;
 
-/// Does a job by a method, which was chosen for these reasons.
+/// Does a job by a method, chosen and set as it says.
 ///
 /// # Errors
 /// See [`crate::transport::render`].
 pub fn drive<'a>(
     method: &dyn Method,
-    reasons: Vec<String>,
+    chosen: Chosen,
     device: &'a mut dyn Device,
     request: &'a RenderRequest,
     observer: &'a mut dyn Observer,
 ) -> Result<Rendered, RenderError> {
-    let (name, checkpoint_format) = (method.name(), method.checkpoint_format());
-    let mut job = Job::new(Chosen { name, checkpoint_format, reasons }, request, observer)?;
+    let mut job = Job::new(chosen, request, observer)?;
     admit(method, &job)?;
     let Some(mut solver) = method.begin(&mut job, device)? else {
         let black = Picture::black(request.width, request.height);
@@ -44,7 +43,7 @@ fn admit(method: &dyn Method, job: &Job<'_>) -> Result<(), RenderError> {
     let RenderRequest { scene, width, height, .. } = job.request;
     let triangles = scene.triangles.len() as u64;
     let extent = Extent { triangles, size: [*width, *height], settings: &job.settings };
-    let needed_bytes = method.needed_bytes(&extent)?;
+    let needed_bytes = method.needed_bytes(&extent);
     let available_bytes = free_memory();
     if needed_bytes > available_bytes {
         let device = CpuDevice::describe().id;

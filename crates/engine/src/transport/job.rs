@@ -1,8 +1,8 @@
 //! One job as a method finds it: what is asked, with which settings and camera, what an earlier run
 //! knew; and what is told of it: the plan, the warnings, and at the end the figures.
 
-use super::checkpoints::{Owner, Past};
-use super::options::{MeshSettings, Settings};
+use super::checkpoints::{Configured, Owner, Past};
+use super::options::{MeshSettings, Scope, Settings};
 use super::run::Run;
 use super::unseen;
 use crate::checkpoint::CheckpointError;
@@ -18,14 +18,18 @@ use std::fmt::Display;
 use std::str::FromStr;
 use std::sync::Arc;
 
-/// The method of a job, and why it was chosen.
+/// The method of a job, why it was chosen, and what it was set to.
 pub struct Chosen {
-    /// Its name.
-    pub name: &'static str,
+    /// What it can be set to.
+    pub scope: Scope,
     /// The format of its checkpoints.
     pub checkpoint_format: u32,
     /// One sentence a reason.
     pub reasons: Vec<String>,
+    /// The settings in force.
+    pub settings: Settings,
+    /// What of the request the method can do nothing with.
+    pub warnings: Vec<Warning>,
 }
 
 /// One job.
@@ -64,26 +68,26 @@ impl<'a> Job<'a> {
     /// Starts the clock, picks the camera and reads what the job begins with.
     ///
     /// # Errors
-    /// [`RenderError::Parameter`] where a setting is wrong or the scene has no such camera;
+    /// [`RenderError::Parameter`] where the scene has no such camera;
     /// [`RenderError::Checkpoint`] where the job can't begin with what it names.
     pub fn new(
-        method: Chosen,
+        chosen: Chosen,
         request: &'a RenderRequest,
         observer: &'a mut dyn Observer,
     ) -> Result<Self, RenderError> {
-        let settings = Settings::new(&request.options)?;
-        let past = Past::of(request, method.name, method.checkpoint_format, &settings)?;
+        let Chosen { scope, checkpoint_format, reasons, settings, warnings: unused } = chosen;
+        let method = Configured { scope: &scope, format: checkpoint_format, settings: &settings };
+        let past = Past::of(request, &method)?;
         let (camera, made_up) = choose_camera(&request.scene, &request.camera)?;
-        let values = settings.values().clone();
-        let owner = Owner::new(request, method.name, method.checkpoint_format, &values, &camera);
+        let owner = Owner::new(request, &method, &camera);
         let plan = Plan {
-            method: method.name.into(),
-            reasons: method.reasons,
-            settings: values,
+            method: scope.method.into(),
+            reasons,
+            settings: settings.values(),
             ..Plan::default()
         };
         let mut warnings = request.scene.warnings.clone();
-        warnings.extend(made_up);
+        warnings.extend(made_up.into_iter().chain(unused));
         let run = Run::new(request, owner, observer);
         Ok(Self { request, settings, camera, past, run, device: String::new(), plan, warnings })
     }
@@ -132,14 +136,11 @@ impl<'a> Job<'a> {
     }
 
     /// What turns solutions on the patches into the picture.
-    ///
-    /// # Errors
-    /// [`RenderError::Parameter`] for a setting out of range.
-    pub fn measurement(&self, scene: &Arc<PatchedScene>) -> Result<Measurement, RenderError> {
-        let mesh = MeshSettings::new(&self.settings)?;
+    pub fn measurement(&self, scene: &Arc<PatchedScene>) -> Measurement {
+        let mesh = MeshSettings::new(&self.settings);
         let RenderRequest { width, height, .. } = *self.request;
         let (samples, smoothness) = (mesh.pixel_samples, mesh.smoothness);
-        Ok(Measurement::new(scene.clone(), &self.camera, width, height, samples, smoothness))
+        Measurement::new(scene.clone(), &self.camera, width, height, samples, smoothness)
     }
 
     /// What was decided for the job that this one begins with, or else `afresh`, to be found in

@@ -2,7 +2,7 @@
 
 use super::checkpoints::Parts;
 use super::job::Job;
-use super::options::{MeshSettings, Settings};
+use super::options::{AnySetting, MeshSettings, Preset, Scope, Settings};
 use super::run::Run;
 use crate::device::{Device, DeviceError};
 use crate::image::Picture;
@@ -29,19 +29,16 @@ pub struct Extent<'a> {
 /// Bytes that a method on patches takes at its peak, as measured: what scene, mesh, sums of the
 /// device and weights of the pixels hold, and the program itself. There is at least a patch a
 /// triangle.
-///
-/// # Errors
-/// [`RenderError::Parameter`] for a setting out of range.
-pub fn patched_bytes(extent: &Extent<'_>) -> Result<u64, RenderError> {
+pub fn patched_bytes(extent: &Extent<'_>) -> u64 {
     const PROGRAM: u64 = 16 << 20;
     const PER_TRIANGLE: u64 = 300;
     const PER_PATCH: u64 = 450;
     const PER_PIXEL: u64 = 32;
     let [width, height] = extent.size.map(u64::from);
     let mesh = extent.triangles.saturating_mul(PER_TRIANGLE);
-    let patches = MeshSettings::new(extent.settings)?.patches as u64;
+    let patches = MeshSettings::new(extent.settings).patches as u64;
     let light = patches.max(extent.triangles).saturating_mul(PER_PATCH);
-    Ok(mesh.saturating_add(light).saturating_add(PROGRAM + width * height * PER_PIXEL))
+    mesh.saturating_add(light).saturating_add(PROGRAM + width * height * PER_PIXEL)
 }
 
 /// A way to solve the light transport of a scene and take a picture of it.
@@ -58,11 +55,21 @@ pub trait Method: Sync {
     /// One sentence on what it is.
     fn summary(&self) -> &'static str;
 
+    /// Its settings, in the order in which they are listed. What is not among them is refused.
+    fn settings(&self) -> Vec<&'static dyn AnySetting>;
+
+    /// Its presets.
+    fn presets(&self) -> &'static [Preset] {
+        &[]
+    }
+
+    /// All that it can be set to.
+    fn scope(&self) -> Scope {
+        Scope { method: self.name(), settings: self.settings(), presets: self.presets() }
+    }
+
     /// Memory that it takes at its peak, bytes.
-    ///
-    /// # Errors
-    /// [`RenderError::Parameter`] for a setting out of range.
-    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError>;
+    fn needed_bytes(&self, extent: &Extent<'_>) -> u64;
 
     /// Sets up what solves a job, and announces it ([`Job::announce`]); takes up what the job begins
     /// with. `None` where there is no light, so that there is nothing to solve.

@@ -12,6 +12,8 @@ const MAX_SAFE_INTEGER: u64 = (1 << 53) - 1;
 const MAX_ITERATIONS: u64 = 1_000_000_000_000;
 const MAX_LABELS: usize = 16;
 const MAX_LABEL_CHARS: usize = 64;
+/// More settings than any method has.
+pub const MAX_OPTIONS: usize = 100;
 const MAX_OPTION_CHARS: usize = 256;
 const MAX_CAMERA_NAME_CHARS: usize = 1024;
 
@@ -28,39 +30,13 @@ pub struct JobLimits {
     pub max_patches: u64,
 }
 
-/// What the engine can be asked for by name.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Vocabulary {
-    /// Methods, `auto` among them.
-    pub methods: Vec<&'static str>,
-    /// Settings of the methods.
-    pub options: Vec<OptionWord>,
-}
-
-/// A setting of the methods.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct OptionWord {
-    /// Its name.
-    pub name: &'static str,
-    /// Its default value.
-    pub default: &'static str,
-    /// What it does, with unit and range.
-    pub meaning: &'static str,
-}
-
 impl JobRequest {
     /// Everything that is beyond this API's limits, apart from the scene; what the engine refuses
-    /// besides is the engine's to say.
-    pub fn problems(&self, limits: &JobLimits, vocabulary: &Vocabulary) -> Vec<FieldError> {
+    /// besides, methods and settings that there are not among it, is the engine's to say.
+    pub fn problems(&self, limits: &JobLimits) -> Vec<FieldError> {
         let mut errors = Vec::new();
         let mut wrong = |field: &str, detail: String| errors.push(FieldError::new(field, detail));
 
-        if !vocabulary.methods.contains(&self.method.as_str()) {
-            wrong(
-                "method",
-                format!("no method {:?}; there are {:?}", self.method, vocabulary.methods),
-            );
-        }
         for (field, side) in [("width", self.width), ("height", self.height)] {
             if !(1..=limits.max_side).contains(&side) {
                 wrong(field, format!("must be between 1 and {}, is {side}", limits.max_side));
@@ -94,7 +70,7 @@ impl JobRequest {
             wrong(&error.field, error.detail);
         }
         self.label_problems(&mut wrong);
-        self.option_problems(limits, vocabulary, &mut wrong);
+        self.option_problems(limits, &mut wrong);
         self.camera_shape_problems(&mut wrong);
         errors
     }
@@ -135,21 +111,16 @@ impl JobRequest {
         }
     }
 
-    fn option_problems(
-        &self,
-        limits: &JobLimits,
-        vocabulary: &Vocabulary,
-        wrong: &mut impl FnMut(&str, String),
-    ) {
-        for (name, value) in &self.options {
+    fn option_problems(&self, limits: &JobLimits, wrong: &mut impl FnMut(&str, String)) {
+        if self.options.len() > MAX_OPTIONS {
+            wrong("options", format!("at most {MAX_OPTIONS}, are {}", self.options.len()));
+        }
+        for (name, value) in self.options.iter().take(MAX_OPTIONS) {
             let field = format!("options.{}", shorten(name));
-            if !vocabulary.options.iter().any(|option| option.name == name) {
-                let known: Vec<_> = vocabulary.options.iter().map(|option| option.name).collect();
-                wrong(&field, format!("no such option; there are {known:?}"));
-            } else if matches!(value, OptionValue::Word(w) if w.chars().count() > MAX_OPTION_CHARS)
-            {
+            let patches = name.rsplit('.').next() == Some("patches");
+            if matches!(value, OptionValue::Word(w) if w.chars().count() > MAX_OPTION_CHARS) {
                 wrong(&field, format!("at most {MAX_OPTION_CHARS} characters"));
-            } else if name == "patches"
+            } else if patches
                 && value.to_string().parse::<f64>().is_ok_and(|n| n > limits.max_patches as f64)
             {
                 wrong(&field, format!("must be at most {}, is {value}", limits.max_patches));
@@ -180,7 +151,8 @@ impl JobRequest {
 }
 
 /// A client's own word, short enough to quote back.
-fn shorten(word: &str) -> String {
+/// The beginning of a name that a client made up.
+pub fn shorten(word: &str) -> String {
     word.chars().take(64).collect()
 }
 
@@ -194,11 +166,7 @@ mod tests {
 
     fn fields(json: serde_json::Value) -> Vec<String> {
         let request: JobRequest = serde_json::from_value(json).unwrap();
-        let vocabulary = Vocabulary {
-            methods: vec!["auto"],
-            options: vec![OptionWord { name: "patches", default: "", meaning: "" }],
-        };
-        request.problems(&limits(), &vocabulary).into_iter().map(|e| e.field).collect()
+        request.problems(&limits()).into_iter().map(|e| e.field).collect()
     }
 
     #[test]
@@ -212,7 +180,6 @@ mod tests {
             (serde_json::json!({"width": 0}), "width"),
             (serde_json::json!({"height": 4097}), "height"),
             (serde_json::json!({"width": 4096, "height": 4096}), "width"),
-            (serde_json::json!({"method": "magic"}), "method"),
             (serde_json::json!({"target_error": 0.0}), "target_error"),
             (serde_json::json!({"target_error": 1.0}), "target_error"),
             (serde_json::json!({"time_budget_s": 0.0}), "time_budget_s"),
@@ -224,7 +191,11 @@ mod tests {
             (serde_json::json!({"priority": 101}), "priority"),
             (serde_json::json!({"labels": {"": "x"}}), "labels."),
             (serde_json::json!({"labels": {"k": "x".repeat(65)}}), "labels.k"),
-            (serde_json::json!({"options": {"no": 1}}), "options.no"),
+            (serde_json::json!({"options": {"x": "y".repeat(257)}}), "options.x"),
+            (
+                serde_json::json!({"options": {"stochastic.patches": 1001}}),
+                "options.stochastic.patches",
+            ),
             (serde_json::json!({"options": {"patches": 1001}}), "options.patches"),
             (serde_json::json!({"options": {"patches": "1e9"}}), "options.patches"),
             (

@@ -9,6 +9,7 @@ pub mod keys;
 pub mod limits;
 pub mod request_hash;
 pub mod scenes;
+pub mod settings;
 pub mod solutions;
 pub mod webhooks;
 

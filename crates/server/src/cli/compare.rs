@@ -13,7 +13,7 @@ use hemilux_charts::comparison::{
 };
 use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, choose_camera};
 use hemilux_engine::scene::Scene;
-use hemilux_engine::transport::{METHODS, REGISTRY, check, settings};
+use hemilux_engine::transport::{METHODS, REGISTRY, check, check_settings, find};
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -61,8 +61,8 @@ pub struct Arguments {
     /// The device: `auto`, `cpu`, or an index from `hemilux devices`.
     #[arg(long, default_value = "auto")]
     device: String,
-    /// A setting of all methods, or of one: `patches=4000`, `gauss-seidel.patches=2000`. Can be
-    /// repeated.
+    /// A setting of all methods that have it, or of one: `patches=4000`,
+    /// `gauss-seidel.patches=2000`; `hemilux settings` lists them. Can be repeated.
     #[arg(long = "set", value_parser = parse_setting, value_name = "[METHOD.]KEY=VALUE")]
     settings: Vec<(String, String)>,
     /// Less than a minute: smaller pictures, shorter budgets, fewer seeds, where not given.
@@ -123,7 +123,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The asked methods, each with the settings for all and its own.
+/// The asked methods, each with what it has of the settings.
 fn contenders(arguments: &Arguments) -> Result<Vec<Contender>, Failure> {
     let all: Vec<String> = REGISTRY.iter().map(|method| method.name().to_owned()).collect();
     let mut methods = Vec::new();
@@ -139,23 +139,25 @@ fn contenders(arguments: &Arguments) -> Result<Vec<Contender>, Failure> {
     }
     let mut contenders: Vec<Contender> =
         methods.into_iter().map(|method| Contender { method, options: BTreeMap::new() }).collect();
-    let (own, common): (Vec<_>, Vec<_>) =
-        arguments.settings.iter().partition(|(key, _)| key.contains('.'));
-    for (key, value) in common {
+    // A method's own come last, over those for all.
+    let mut settings: Vec<_> = arguments.settings.iter().collect();
+    settings.sort_by_key(|(key, _)| key.contains('.'));
+    for (key, value) in settings {
+        let mut anyone = false;
         for contender in &mut contenders {
-            contender.options.insert(key.clone(), value.clone());
+            if let Some(setting) = find(&contender.method, key) {
+                contender.options.insert(setting.name.to_owned(), value.clone());
+                anyone = true;
+            }
+        }
+        if !anyone {
+            let what = format!("--set {key}: none of the methods that are compared has it");
+            return Err(Failure::usage(what));
         }
     }
-    for (key, value) in own {
-        let (method, key) = key.split_once('.').unwrap_or(("", key));
-        let found = contenders.iter_mut().find(|contender| contender.method == method);
-        let contender = found.ok_or_else(|| {
-            Failure::usage(format!("--set {method}.{key}: {method:?} is not among the methods"))
-        })?;
-        contender.options.insert(key.to_owned(), value.clone());
-    }
     for Contender { method, options } in &contenders {
-        settings(options).map_err(|error| Failure::usage(format!("{method}: {error}")))?;
+        let wrong = |error| Failure::usage(format!("{method}: {error}"));
+        check_settings(method, options).map_err(wrong)?;
     }
     Ok(contenders)
 }

@@ -8,6 +8,7 @@ mod keys;
 mod process;
 mod render;
 mod serve;
+mod settings;
 
 use crate::api::scenes::SceneFormat;
 use crate::config::Config;
@@ -33,6 +34,8 @@ enum Command {
     Render(Box<render::Arguments>),
     /// Compare methods on one scene: error against time, pictures side by side.
     Compare(Box<compare::Arguments>),
+    /// List what the methods can be set to.
+    Settings(settings::Arguments),
     /// List the devices of this machine.
     Devices,
     /// Ask a running server whether it can take jobs; exit code 1 if it cannot.
@@ -83,6 +86,7 @@ pub fn main() -> ExitCode {
         Command::Serve(config) => serve::run(*config),
         Command::Render(arguments) => render::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Settings(arguments) => settings::run(&arguments),
         Command::Devices => devices::run(),
         Command::Health(arguments) => health::run(&arguments),
         Command::Keys(arguments) => keys::run(arguments),

@@ -58,8 +58,8 @@ pub struct Arguments {
     /// The device: `auto`, `cpu`, or an index from `hemilux devices`.
     #[arg(long, default_value = "auto")]
     device: String,
-    /// A setting of the method. Can be repeated.
-    #[arg(long = "set", value_parser = parse_setting, value_name = "KEY=VALUE")]
+    /// A setting of the method; `hemilux settings` lists them. Can be repeated.
+    #[arg(long = "set", value_parser = parse_setting, value_name = "[METHOD.]KEY=VALUE")]
     settings: Vec<(String, String)>,
     /// Write the figures of the render to this file.
     #[arg(long, value_name = "FILE.json")]

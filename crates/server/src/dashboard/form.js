@@ -3,7 +3,9 @@
 
 import * as api from "./api.js";
 import { announce, copyButton, h, icon, setAttribute, setText, setVariable } from "./dom.js";
+import { field, number } from "./field.js";
 import { bytes, count, shortHash } from "./format.js";
+import { MethodSettings } from "./settings.js";
 
 const MAX_LABEL_CHARS = 64;
 
@@ -12,22 +14,6 @@ function newKey() {
   const random = crypto.getRandomValues(new Uint8Array(16));
   return Array.from(random, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
-
-/** A labelled control with a place for its hint and its error. */
-function field(name, title, control, { hint, unit } = {}) {
-  const error = h("p", { class: "field-error", id: `${name}-error`, hidden: true });
-  const help = hint ? h("p", { class: "hint", id: `${name}-hint` }, hint) : null;
-  control.id = name;
-  setAttribute(control, "aria-describedby", [hint && `${name}-hint`, `${name}-error`].filter(Boolean).join(" "));
-  const root = h("div", { class: "field", "data-field": name },
-    h("label", { for: name }, title),
-    unit ? h("div", { class: "with-unit" }, control, h("span", { class: "unit", "aria-hidden": "true" }, unit)) : control,
-    help, error);
-  return { root, control, error };
-}
-
-const number = (value, attributes = {}) =>
-  h("input", { type: "number", inputmode: "decimal", step: "any", value, autocomplete: "off", ...attributes });
 
 /** Lines of a name, the separator and a value, as an object. */
 function readLines(text, separator, read) {
@@ -38,12 +24,6 @@ function readLines(text, separator, read) {
     found[line.slice(0, at).trim()] = read(line.slice(at + 1).trim());
   }
   return found;
-}
-
-/** A value as a switch or a number where it reads as one. */
-function typed(text) {
-  if (text === "true" || text === "false") return text === "true";
-  return text !== "" && Number.isFinite(Number(text)) ? Number(text) : text;
 }
 
 export class JobForm {
@@ -71,18 +51,17 @@ export class JobForm {
       target_error: field("target_error", "Estimated error", number("", { min: 0, max: 100, placeholder: "none" }), { unit: "%" }),
       max_iterations: field("max_iterations", "Iterations", number("", { min: 1, step: 1, placeholder: "none" })),
       method: field("method", "Method", method, { hint: "auto looks at the scene and says in the plan why it chose." }),
-      patches: field("patches", "Patches", number("", { min: 1, step: 1, placeholder: "default" }), { hint: "Wanted surface patches." }),
       snapshots: field("snapshots", "Snapshot every", number(1, { min: 0.1, placeholder: "none" }), { unit: "s", hint: "Empty: the final picture only." }),
       seed: field("seed", "Seed", number(0, { min: 0, step: 1 })),
       priority: field("priority", "Priority", number(0, { min: -100, max: 100, step: 1 }), { hint: "Higher starts first." }),
-      options: field("options", "Further settings", h("textarea", { rows: 3, spellcheck: "false", placeholder: "hemicube_resolution=128" }), { hint: "One name=value a line." }),
       labels: field("labels", "Labels", h("textarea", { rows: 3, spellcheck: "false", placeholder: "project:atrium" }), { hint: "One key:value a line." }),
     };
     const { fields } = this;
-    for (const { control } of Object.values(fields)) {
-      // Another request needs another key.
-      control.addEventListener("input", () => { this.key = newKey(); });
-    }
+    // Another request needs another key.
+    const changed = () => { this.key = newKey(); };
+    for (const { control } of Object.values(fields)) control.addEventListener("input", changed);
+    this.settings = new MethodSettings(changed);
+    method.addEventListener("change", () => this.showSettings());
     this.files = h("input", { type: "file", id: "files", class: "visually-hidden", multiple: true, accept: ".glb,.gltf,.bin,.png,.jpg,.jpeg,.webp,model/gltf-binary,model/gltf+json", on: { change: () => this.take([...this.files.files]) } });
     this.dropText = h("span", {}, h("strong", {}, "Upload a scene"), " or drop it here");
     this.dropHint = h("span", { class: "hint" }, ".glb, or a .gltf together with its files");
@@ -97,8 +76,8 @@ export class JobForm {
     this.summary = h("div", { class: "notice bad", role: "alert", tabindex: "-1", hidden: true });
     this.submit = h("button", { type: "submit", class: "button primary" }, "Start job");
     this.more = h("details", { class: "more-fields" }, h("summary", {}, "More settings"),
-      h("div", { class: "field-grid" }, fields.method.root, fields.patches.root, fields.snapshots.root, fields.camera.root, fields.seed.root, fields.priority.root),
-      h("div", { class: "field-grid two" }, fields.options.root, fields.labels.root));
+      h("div", { class: "field-grid" }, fields.method.root, fields.snapshots.root, fields.camera.root, fields.seed.root, fields.priority.root, fields.labels.root),
+      h("fieldset", {}, h("legend", {}, "Settings of the method"), this.settings.root));
     const group = (title, ...rows) => h("fieldset", {}, h("legend", {}, title), rows);
     this.heading = h("h2", { tabindex: "-1" }, "New job");
     this.form = h("form", { novalidate: true, on: { submit: (event) => this.send(event) } },
@@ -129,11 +108,16 @@ export class JobForm {
       for (const { control } of [width, height]) setAttribute(control, "max", about.max_side);
       setAttribute(time.control, "max", about.max_seconds);
       method.control.replaceChildren(...about.methods.map((name) => h("option", { value: name }, name)));
+      this.showSettings();
       setText(this.dropHint, `.glb, or a .gltf together with its files; at most ${about.max_upload_mb} MiB`);
       this.listScenes();
     } catch (problem) {
       if (!this.closed) this.fail(problem.message);
     }
+  }
+
+  showSettings() {
+    this.settings.show(this.fields.method.control.value, this.about?.settings ?? []);
   }
 
   listScenes(chosen) {
@@ -261,7 +245,7 @@ export class JobForm {
       width: required("width"),
       height: required("height"),
       labels: lines("labels", ":", String),
-      options: lines("options", "=", typed),
+      options: this.settings.read(wrong),
     };
     if (!job.scene) wrong("scene", "upload a scene, or choose a stored one");
     const camera = fields.camera.control.value;
@@ -278,8 +262,6 @@ export class JobForm {
     }
     const every = numeric("snapshots");
     if (every !== null) job.snapshots = { every_s: every };
-    const patches = numeric("patches");
-    if (patches !== null) job.options.patches = patches;
     const name = fields.name.control.value.trim();
     if (name) job.labels.name = name;
     return readable ? job : null;
@@ -315,14 +297,13 @@ export class JobForm {
 
   /** The form's field for a path into the request. */
   fieldOf(path) {
-    if (path === "options.patches") return "patches";
     if (path === "labels.name") return "name";
-    return path.split(/[.[]/)[0];
+    return this.settings.find(path) ? path : path.split(/[.[]/)[0];
   }
 
   /** Shows an error at its field; false where the form has none. */
   mark(name, message) {
-    const found = this.fields[name];
+    const found = this.fields[name] ?? this.settings.find(name);
     if (!found) return false;
     setText(found.error, message);
     found.error.hidden = false;
@@ -333,7 +314,7 @@ export class JobForm {
 
   clearErrors() {
     this.summary.hidden = true;
-    for (const { control, error } of Object.values(this.fields)) {
+    for (const { control, error } of [...Object.values(this.fields), ...this.settings.shown]) {
       error.hidden = true;
       setAttribute(control, "aria-invalid", null);
     }

@@ -6,12 +6,10 @@ use super::rate::RateLimiter;
 use super::recent::Recent;
 use super::slots::Slots;
 use crate::access::KeyUses;
-use crate::api::limits::Vocabulary;
 use crate::key_watch::KeyWatch;
 use crate::memory;
 use crate::retention::Keeper;
 use crate::shared::Shared;
-use crate::worker;
 use std::sync::Arc;
 use tokio::sync::Semaphore;
 
@@ -29,8 +27,6 @@ pub struct AppState {
     pub shared: Arc<Shared>,
     /// Stores scenes, so that none is removed meanwhile.
     pub keeper: Keeper,
-    /// What the engine can be asked for.
-    pub vocabulary: Vocabulary,
     /// Slots for uploads.
     pub uploads: Slots,
     /// Turns at importing scenes.
@@ -59,7 +55,6 @@ impl AppState {
         let max_job_bytes = config.guard.max_job_memory_mb.map(|mb| mb << 20);
         Self {
             keeper,
-            vocabulary: worker::vocabulary(),
             uploads: Slots::new(config.intake.max_uploads, config.intake.max_uploads_each),
             imports: ImportTurns::new(IMPORTS_AT_ONCE),
             inline_room: Arc::new(Semaphore::new(INLINE_BYTES_AT_ONCE)),

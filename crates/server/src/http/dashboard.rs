@@ -2,7 +2,9 @@
 //! page cannot learn from the API.
 
 use super::app::App;
+use crate::api::settings::Setting;
 use crate::builtin;
+use crate::worker;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -35,6 +37,7 @@ const FILES: &[(&str, &str, &[u8])] = &[
     page_file!("/assets/api.js", SCRIPT, "api.js"),
     page_file!("/assets/chart.js", SCRIPT, "chart.js"),
     page_file!("/assets/dom.js", SCRIPT, "dom.js"),
+    page_file!("/assets/field.js", SCRIPT, "field.js"),
     page_file!("/assets/follow.js", SCRIPT, "follow.js"),
     page_file!("/assets/format.js", SCRIPT, "format.js"),
     page_file!("/assets/form.js", SCRIPT, "form.js"),
@@ -43,6 +46,7 @@ const FILES: &[(&str, &str, &[u8])] = &[
     page_file!("/assets/key.js", SCRIPT, "key.js"),
     page_file!("/assets/list.js", SCRIPT, "list.js"),
     page_file!("/assets/picture.js", SCRIPT, "picture.js"),
+    page_file!("/assets/settings.js", SCRIPT, "settings.js"),
     page_file!("/assets/welcome.js", SCRIPT, "welcome.js"),
 ];
 
@@ -72,7 +76,8 @@ fn file(media_type: &'static str, bytes: &'static [u8]) -> Response {
 #[derive(Serialize)]
 struct About {
     version: &'static str,
-    methods: Vec<&'static str>,
+    methods: &'static [&'static str],
+    settings: Vec<Setting>,
     builtin_scenes: Vec<&'static str>,
     max_side: u32,
     max_seconds: f64,
@@ -82,7 +87,8 @@ struct About {
 async fn about(State(app): State<App>) -> impl IntoResponse {
     let about = About {
         version: env!("CARGO_PKG_VERSION"),
-        methods: app.vocabulary.methods.clone(),
+        methods: worker::METHODS,
+        settings: worker::public_settings().collect(),
         builtin_scenes: builtin::names(),
         max_side: app.shared.config.max_side,
         max_seconds: app.shared.config.max_seconds,

@@ -106,7 +106,7 @@ async fn arrived(
             let body = request.into_body();
             let body = upload::small_body(body, MAX_JSON_BYTES, too_large).await?;
             let job: JobRequest = read::json(&body)?;
-            check(app, &job)?;
+            check_new(app, &job)?;
             check_priority(caller, &job)?;
             let scene = named_scene(app, caller, &job).await?;
             Ok((job, scene))
@@ -117,7 +117,7 @@ async fn arrived(
                 Some(json) => read::json_part("job", &json)?,
                 None => read::json(b"{}")?,
             };
-            check(app, &job)?;
+            check_new(app, &job)?;
             check_priority(caller, &job)?;
             if !is_repeatable {
                 // Its scene would be kept, and the job refused.
@@ -201,7 +201,7 @@ fn render_key(
     if job.fresh || !determined || job.snapshots.is_some() {
         return Ok(None);
     }
-    let Some(settings) = worker::settings_in_force(&job.options) else { return Ok(None) };
+    let Some(settings) = worker::settings_in_force(job) else { return Ok(None) };
     let position = |name: &str| cameras.iter().position(|camera| camera.name == name);
     let camera = match &job.camera {
         None if !cameras.is_empty() => Some(CameraRequest::Index(0)),
@@ -253,10 +253,26 @@ pub fn check_priority(caller: &Caller, job: &JobRequest) -> Result<(), Problem> 
     Err(Problem::insufficient_scope(detail).with_error(FieldError::new("priority", "at most 0")))
 }
 
-/// Refuses what the server or the engine would not do.
+/// Refuses what the server or the engine would not do, of a job that is new: its settings are of
+/// the types and for the methods that the API says.
+fn check_new(app: &App, job: &JobRequest) -> Result<(), Problem> {
+    refuse(app, job, worker::method_problems(job))
+}
+
+/// Refuses what the server or the engine would not do, of a job that begins with another's request.
 pub fn check(app: &App, job: &JobRequest) -> Result<(), Problem> {
-    let mut errors = job.problems(&app.shared.config.job_limits(), &app.vocabulary);
+    refuse(app, job, Vec::new())
+}
+
+/// Refuses a job for these problems of its method's, for more of the server's own, or else for the
+/// first of the engine's.
+fn refuse(app: &App, job: &JobRequest, of_method: Vec<FieldError>) -> Result<(), Problem> {
+    let mut errors = job.problems(&app.shared.config.job_limits());
     errors.extend(webhook_problem(app, job));
+    let of_method =
+        of_method.into_iter().filter(|error| errors.iter().all(|e| e.field != error.field));
+    let of_method: Vec<_> = of_method.collect();
+    errors.extend(of_method);
     if errors.is_empty() {
         errors.extend(worker::request_problem(job));
     }

@@ -5,6 +5,7 @@ use crate::api::events::{NoticeEvent, ProgressEvent, SnapshotEvent, StateEvent};
 use crate::api::jobs::{ExplicitCamera, OptionValue};
 use crate::worker;
 use serde_json::json;
+use std::collections::BTreeMap;
 use utoipa::OpenApi;
 use utoipa::openapi::path::Parameter;
 use utoipa::openapi::schema::{
@@ -211,23 +212,29 @@ fn describe_resources(document: &mut utoipa::openapi::OpenApi, form: &str) {
     form.additional_properties = Some(Box::new(file.into()));
 }
 
-/// Lists the engine's methods and options where jobs name them.
+/// Lists the engine's methods and settings where jobs name them: each setting as `METHOD.NAME`, with
+/// the type of its values, and as `NAME` for jobs that name its method.
 fn name_the_vocabulary(document: &mut utoipa::openapi::OpenApi) {
-    let vocabulary = worker::vocabulary();
     let schemas = document.components.as_mut().map(|components| &mut components.schemas);
     let Some(RefOr::T(Schema::Object(job))) = schemas.and_then(|all| all.get_mut("JobRequest"))
     else {
         return;
     };
     if let Some(RefOr::T(Schema::Object(method))) = job.properties.get_mut("method") {
-        method.enum_values =
-            Some(vocabulary.methods.iter().map(|name| (*name).to_owned().into()).collect());
+        let names = worker::METHODS.iter().map(|name| (*name).to_owned().into());
+        method.enum_values = Some(names.collect());
     }
     if let Some(RefOr::T(Schema::Object(options))) = job.properties.get_mut("options") {
-        for option in vocabulary.options {
+        let mut of_methods: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+        for setting in worker::public_settings() {
+            of_methods.entry(setting.name).or_default().push(setting.method);
+            let name = format!("{}.{}", setting.method, setting.name);
+            options.properties.insert(name, setting.schema().into());
+        }
+        for (name, methods) in of_methods {
             let mut value = Ref::from_schema_name("OptionValue");
-            value.description = format!("{}; {} by default", option.meaning, option.default);
-            options.properties.insert(option.name.to_owned(), RefOr::Ref(value));
+            value.description = format!("The setting of that name of {}.", methods.join(", "));
+            options.properties.insert(name.to_owned(), RefOr::Ref(value));
         }
         options.additional_properties = Some(Box::new(AdditionalProperties::FreeForm(false)));
     }

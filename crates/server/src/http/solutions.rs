@@ -19,6 +19,7 @@ use crate::api::solutions::{Begins, ExtendRequest, Manifest, Solution, ViewReque
 use crate::store::solutions::Extended;
 use crate::store::{Accepted, NewJob};
 use crate::trace_context::TraceParent;
+use crate::worker;
 use axum::Json;
 use axum::extract::{Request, State};
 use axum::http::StatusCode;
@@ -50,7 +51,7 @@ pub async fn extend_job(
     let extension: ExtendRequest = body(request).await?;
     let job = find(&app, id).await?;
     let solution = own_solution(&app, &job).await?;
-    let mut request = extension.apply(&job.request);
+    let mut request = extension.apply(&worker::without_idle_settings(job.request.clone()));
     // Who must not ask for a priority does not get that of the job a second time.
     if check_priority(&caller, &request).is_err() {
         request.priority = 0;
@@ -106,7 +107,7 @@ pub async fn create_view(
     let idempotency_key = idempotency_key(request.headers())?;
     let view: ViewRequest = body(request).await?;
     let job = find(&app, id).await?;
-    let mut request = view.apply(&job.request);
+    let mut request = view.apply(&worker::without_idle_settings(job.request.clone()));
     check(&app, &request)?;
     let scene = app.shared.store.scene(&job.scene).await?;
     let scene = scene.ok_or_else(|| Problem::not_found("the scene was removed; send it again"))?;

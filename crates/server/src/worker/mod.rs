@@ -27,7 +27,10 @@ mod watch;
 mod wire;
 
 pub use process::use_program;
-pub use requests::{needed_bytes, request_problem, settings_in_force, vocabulary};
+pub use requests::{
+    METHODS, listed_settings, method_problems, needed_bytes, public_settings, request_problem,
+    settings_in_force, without_idle_settings,
+};
 
 use crate::api::DeviceStatus;
 use crate::api::jobs::Job;

@@ -3,6 +3,7 @@
 
 use super::encode;
 use super::pacing::Pacing;
+use super::requests::without_idle_settings;
 use super::threads::Crew;
 use super::translation::{finite_header, render_request, to_plan, to_progress, to_stats};
 use super::wire::{ExecutorEvent, Failure, Message, STORAGE, Task};
@@ -164,7 +165,8 @@ fn attempt(
     failpoints::pass("render", about)
         .map_err(|injected| Failure::of_executor(injected.to_string()))?;
     let (begin, trouble) = begin(task, parts.next().transpose().map_err(unread)?);
-    let mut request = render_request(&task.request, Arc::new(scene), Some(task.max_seconds), begin);
+    let job = without_idle_settings(task.request.clone());
+    let mut request = render_request(&job, Arc::new(scene), Some(task.max_seconds), begin);
     let mut watcher = Watcher::new(task, switches, events);
     watcher.beginning = trouble.map(begins_afresh);
     let threads = crew.of(task.threads).map_err(|error| Failure::of_executor(error.to_string()))?;

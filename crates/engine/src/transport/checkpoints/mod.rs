@@ -1,13 +1,23 @@
 //! What methods keep in checkpoints, and what they find there: whose it is, how far it was, what
 //! was decided.
 
-use super::options::{OPTIONS, Settings};
+use super::options::{Scope, Settings};
 use crate::checkpoint::{CheckpointError, Header, Reader, ViewKey, Writer, scene_hash};
 use crate::render::{Begin, Progress, RenderError, RenderRequest, choose_camera};
 use crate::scene::{Camera, Scene};
 use std::collections::BTreeMap;
 use std::str::FromStr;
 use std::sync::Arc;
+
+/// A method as it is configured in a job.
+pub struct Configured<'a> {
+    /// Which, and what it can be set to.
+    pub scope: &'a Scope,
+    /// The format of its checkpoints.
+    pub format: u32,
+    /// The settings in force.
+    pub settings: &'a Settings,
+}
 
 /// What a job begins with, checked to be of the same scene, method, settings and seed.
 pub struct Past<'a> {
@@ -19,17 +29,15 @@ pub struct Past<'a> {
 }
 
 impl<'a> Past<'a> {
-    /// The past of a request that `method` is to render, which reads checkpoints of the format
-    /// `reads`.
+    /// The past of a request that `method` is to render.
     ///
     /// # Errors
     /// [`CheckpointError::Foreign`] or [`CheckpointError::Version`].
     pub fn of(
         request: &'a RenderRequest,
-        method: &str,
-        reads: u32,
-        settings: &Settings,
+        method: &Configured<'_>,
     ) -> Result<Option<Self>, RenderError> {
+        let (name, reads) = (method.scope.method, method.format);
         let (checkpoint, same_view) = match &request.begin {
             Begin::Afresh => return Ok(None),
             Begin::Continue(checkpoint) => (checkpoint, true),
@@ -37,19 +45,19 @@ impl<'a> Past<'a> {
         };
         let header = checkpoint.header();
         let foreign = |what: String| Err(CheckpointError::foreign(what).into());
-        if header.method != method {
-            return foreign(format!("the method {:?}, not to {method:?}", header.method));
+        if header.method != name {
+            return foreign(format!("the method {:?}, not to {name:?}", header.method));
         }
         if header.format != reads {
             let Header { engine, format, .. } = header;
-            let found = format!("format {format} of the method {method}, by version {engine}");
+            let found = format!("format {format} of the method {name}, by version {engine}");
             let here = format!("format {reads}");
             return Err(CheckpointError::Version { found, here }.into());
         }
         if header.seed != request.seed {
             return foreign(format!("seed {}, not to {}", header.seed, request.seed));
         }
-        if let Some(what) = other_settings(&header.settings, settings.values()) {
+        if let Some(what) = other_settings(&header.settings, method) {
             return foreign(what);
         }
         if same_view {
@@ -75,20 +83,70 @@ impl<'a> Past<'a> {
     }
 }
 
+/// Settings of other methods that earlier releases wrote into every checkpoint, though the method
+/// did not read them.
+const OF_ALL_METHODS: [&str; 40] = [
+    "adaptive",
+    "adaptive_contrast",
+    "ambient",
+    "burn_in",
+    "coarse_patches",
+    "coarse_rays",
+    "constant_radiance",
+    "first_shot",
+    "form_factor_points",
+    "gather",
+    "gather_direct",
+    "gather_fit",
+    "gather_rays",
+    "hemicube_faces",
+    "hemicube_resolution",
+    "light",
+    "light_rays",
+    "light_sampling",
+    "lobe_filter",
+    "map_texels",
+    "near_field",
+    "patches",
+    "path_strata",
+    "pixel_samples",
+    "pixel_sampling",
+    "preset",
+    "random_azimuth",
+    "ray_depth",
+    "ray_preset",
+    "rays_per_pixel",
+    "reconstruction",
+    "shadow_filter",
+    "shooter_point",
+    "shooter_selection",
+    "shots_per_iteration",
+    "stratified",
+    "subpixel_jitter",
+    "variance_reduction",
+    "variance_reduction_shots",
+    "well_spread",
+];
+
 /// What differs between the settings of a checkpoint and those of a job, if anything. A setting
 /// that there was not when the checkpoint was written had its default: whoever adds one whose
 /// default does something else than before raises the method's format.
-fn other_settings(
-    then: &BTreeMap<String, String>,
-    now: &BTreeMap<String, String>,
-) -> Option<String> {
-    let default = |name: &str| OPTIONS.iter().find(|o| o.name == name).map(|o| o.default);
-    if let Some(unknown) = then.keys().find(|name| !now.contains_key(*name)) {
+fn other_settings(then: &BTreeMap<String, String>, method: &Configured<'_>) -> Option<String> {
+    let known = |name: &str| {
+        OF_ALL_METHODS.contains(&name)
+            || method.scope.settings.iter().any(|s| s.entry().name == name)
+    };
+    if let Some(unknown) = then.keys().find(|name| !known(name)) {
         return Some(format!("the setting {unknown:?}, which there is no more"));
     }
-    now.iter().find_map(|(name, value)| {
-        let other = then.get(name).map(String::as_str).or_else(|| default(name))?;
-        (other != value).then(|| format!("{name}={other}, not to {name}={value}"))
+    let now = method.settings.values();
+    method.scope.settings.iter().find_map(|setting| {
+        let entry = setting.entry();
+        let now = now[entry.name].as_str();
+        let formerly = entry.former_name.and_then(|name| then.get(name));
+        let then = formerly.or_else(|| then.get(entry.name)).map_or(entry.default, String::as_str);
+        let same = then == now || (now == entry.default && Some(then) == entry.former_default);
+        (!same).then(|| format!("{name}={then}, not to {name}={now}", name = entry.name))
     })
 }
 
@@ -116,19 +174,13 @@ pub struct Owner {
 
 impl Owner {
     /// The owner of a request's checkpoints.
-    pub fn new(
-        request: &RenderRequest,
-        method: &str,
-        format: u32,
-        settings: &BTreeMap<String, String>,
-        camera: &Camera,
-    ) -> Self {
+    pub fn new(request: &RenderRequest, method: &Configured<'_>, camera: &Camera) -> Self {
         Self {
             scene: request.scene.clone(),
             seed: request.seed,
-            method: method.into(),
-            format,
-            settings: settings.clone(),
+            method: method.scope.method.into(),
+            format: method.format,
+            settings: method.settings.values(),
             view: ViewKey::new(camera, request.width, request.height),
             decided: BTreeMap::new(),
             // It was found to be the same.

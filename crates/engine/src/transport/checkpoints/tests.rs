@@ -71,12 +71,19 @@ fn checkpoints_outlive_versions_and_other_formats_are_refused_by_name() {
     for method in super::super::METHODS.iter().filter(|method| **method != "auto") {
         let mut device = CpuDevice::new(Some(1)).expect("threads");
         let whole = render(&mut device, &request(method, 6), &mut Taker(None)).expect("renders");
-        // The first release wrote no format, and knew fewer settings.
+        // The first release wrote no format, knew fewer settings, wrote those of all methods, and had
+        // a number where hemilux goes by the limits.
         let old = taken(method).with_header_changed(|header| {
             header.insert("engine".into(), "0.0.7".into());
             header.remove("format").expect("a format");
             let settings = header["settings"].as_object_mut().expect("settings");
-            settings.remove("path_strata").expect("it was there");
+            for name in super::OF_ALL_METHODS {
+                settings.entry(name).or_insert_with(|| "default".into());
+            }
+            settings.remove("path_strata");
+            if *method == "hemilux" {
+                settings.insert("pixel_samples".into(), "16".into());
+            }
         });
         let picture = go_on(method, old).expect("it goes on");
         assert!(picture == whole.picture, "{method}: not the same bits");
@@ -88,6 +95,16 @@ fn checkpoints_outlive_versions_and_other_formats_are_refused_by_name() {
         for part in ["format 99", method, "0.0.7", "reads format 1"] {
             assert!(told.contains(part), "{told}");
         }
+        let other = taken(method).with_header_changed(|header| {
+            let (name, value) = match *method {
+                "ray-traced" | "illumination-map" => ("ray_preset", "lange"),
+                "hemilux" => ("pixel_samples", "9"),
+                _ => ("hemicube_resolution", "18"),
+            };
+            header["settings"][name] = value.into();
+        });
+        let told = go_on(method, other).expect_err("refused").to_string();
+        assert!(told.contains("not to "), "{told}");
         let strange = taken(method).with_header_changed(|header| {
             header["settings"]["flux_capacitor"] = "on".into();
         });

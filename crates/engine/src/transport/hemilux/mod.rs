@@ -23,6 +23,7 @@ mod settings;
 mod solver;
 
 use super::job::Job;
+use super::options::AnySetting;
 use super::solver::{Extent, Method, Solver};
 use crate::checkpoint::{CheckpointError, Reader};
 use crate::device::Device;
@@ -36,7 +37,7 @@ use clock::Clock;
 use coarse::{Coarse, CoarseMesh, Elements, SampledLight};
 use effort::Effort;
 use fragments::Seen;
-pub use settings::HemiluxSettings;
+use settings::HemiluxSettings;
 use solver::{FIRST_RAYS, How, Parts, Tiers};
 use std::sync::Arc;
 
@@ -62,12 +63,16 @@ impl Method for Hemilux {
         "a coarse solution over ray links, smooth final gathering, exact direct light"
     }
 
-    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
+    fn settings(&self) -> Vec<&'static dyn AnySetting> {
+        settings::SETTINGS.to_vec()
+    }
+
+    fn needed_bytes(&self, extent: &Extent<'_>) -> u64 {
         const PER_PIXEL: u64 = 440;
         const PER_TRIANGLE: u64 = 1500;
         let [width, height] = extent.size.map(u64::from);
         let triangles = extent.triangles;
-        Ok(Rays::needed_bytes(triangles) + triangles * PER_TRIANGLE + width * height * PER_PIXEL)
+        Rays::needed_bytes(triangles) + triangles * PER_TRIANGLE + width * height * PER_PIXEL
     }
 
     fn begin<'a>(
@@ -75,8 +80,8 @@ impl Method for Hemilux {
         job: &mut Job<'a>,
         _device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
-        let mut options = HemiluxSettings::new(&job.settings)?;
         let effort = Effort::new(job.request);
+        let mut options = HemiluxSettings::new(&job.settings, effort.samples);
         decide(job, &mut options, effort)?;
         let first_rays = job.decide(FIRST_RAYS, options.gather_rays)?;
         job.explain(plan::reasons(&job.request.scene, &options));
@@ -149,9 +154,6 @@ fn decide(
 ) -> Result<(), RenderError> {
     let patches = job.decide(PATCHES, effort.patches)?;
     options.coarse_patches = options.coarse_patches.or(Some(patches));
-    if !job.request.options.contains_key("pixel_samples") {
-        options.samples = effort.samples;
-    }
     // Another camera's picture has samples of its own.
     if let Some(past) = job.past.as_ref().filter(|past| past.bound.is_some()) {
         options.samples = past.decided(SAMPLES)?;

@@ -1,6 +1,6 @@
 //! Why the tiers run as they do, in words.
 
-use super::HemiluxSettings;
+use super::settings::HemiluxSettings;
 use crate::emitters::MOST_LIGHTS;
 use crate::scene::Scene;
 
@@ -34,16 +34,17 @@ mod tests {
     use super::*;
     use crate::scene::gltf::{ImportLimits, Resources, import};
     use crate::scene::made;
-    use crate::transport::settings;
-    use std::collections::BTreeMap;
+    use crate::transport::hemilux::Hemilux;
+    use crate::transport::options::Settings;
+    use crate::transport::solver::Method;
 
     #[test]
     fn the_plan_names_what_the_scene_has_and_what_is_switched_off() {
         let reasons = |glb: &[u8], given: &[(&str, &str)]| {
             let scene = import(glb, &Resources::new(), &ImportLimits::default()).expect("valid");
             let given = given.iter().map(|(name, value)| (name.to_string(), value.to_string()));
-            let settings = settings(&given.collect::<BTreeMap<_, _>>()).expect("they are right");
-            super::reasons(&scene, &HemiluxSettings::new(&settings).expect("right")).join("; ")
+            let settings = Settings::new(&Hemilux.scope(), &given.collect()).expect("right");
+            super::reasons(&scene, &HemiluxSettings::new(&settings, 16)).join("; ")
         };
         let plain = reasons(&made::cornell(), &[]);
         assert!(plain.contains("all surfaces are diffuse") && plain.contains("closed form"));

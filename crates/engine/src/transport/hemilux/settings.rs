@@ -1,9 +1,82 @@
-//! Checked settings of the three tiers.
+//! Settings of the three tiers.
 
-use crate::render::RenderError;
-use crate::transport::options::Settings;
+use super::fragments::MOST_SAMPLES;
+use crate::transport::options::{AnySetting, Setting, Settings, Switch, Whole, WholeOr};
 
-/// Checked settings of `hemilux`; see [`crate::transport::OPTIONS`] for their meaning.
+static COARSE_PATCHES: Setting<WholeOr<Option<u64>>> = Setting::new(
+    "coarse_patches",
+    "auto",
+    WholeOr { low: 1, high: 1_000_000, number: Some, words: &[("auto", None)] },
+)
+.unit("patches")
+.means("wanted number of patches of the coarse mesh that gathers look at, at least one a triangle side; auto: 10000 to 30000, by the limits");
+static GATHER_RAYS: Setting<Whole> =
+    Setting::new("gather_rays", "64", Whole { low: 4, high: 65_536 }).unit("rays").means(
+        "rays of a record in each iteration; fewer in the first ones where their noise is small",
+    );
+/// More than [`MOST_SAMPLES`] are taken as that many.
+static PIXEL_SAMPLES: Setting<WholeOr<Option<u64>>> = Setting::new(
+    "pixel_samples",
+    "auto",
+    WholeOr { low: 1, high: 256, number: Some, words: &[("auto", None)] },
+)
+.unit("samples")
+.means("sub-pixel samples of the picture, at most 64 of them; auto: 8 to 64, by the limits and the size of the picture")
+.default_was("16");
+
+static ADAPTIVE: Setting<Switch> = Setting::new("adaptive", "true", Switch)
+    .means(
+        "gather where the light changes and cast shadow rays where they disagree; otherwise evenly",
+    )
+    .for_studies();
+static COARSE_RAYS: Setting<Whole> =
+    Setting::new("coarse_rays", "16", Whole { low: 4, high: 4096 })
+        .unit("rays")
+        .means("rays of a patch in each iteration")
+        .for_studies();
+static GATHER: Setting<Switch> = Setting::new("gather", "true", Switch)
+    .means("gather indirect light at records on what the camera sees; otherwise it is shown as the coarse mesh has it")
+    .for_studies();
+static GATHER_DIRECT: Setting<Switch> = Setting::new("gather_direct", "true", Switch)
+    .means("find the direct light afresh where gather rays end; otherwise it is as the coarse mesh has it")
+    .for_studies();
+static GATHER_FIT: Setting<Switch> = Setting::new("gather_fit", "true", Switch)
+    .means("let each record hear its neighbours by a local linear fit")
+    .for_studies();
+static LIGHT: Setting<Switch> = Setting::new("light", "true", Switch)
+    .means("direct light per pixel in closed form and by shadow rays; otherwise it is shown as the coarse mesh has it")
+    .for_studies();
+static LOBE_FILTER: Setting<Switch> = Setting::new("lobe_filter", "true", Switch)
+    .means("neighbouring pixels share the rays of glossy lobes, as far as the lobes blur what they show")
+    .for_studies();
+static NEAR_FIELD: Setting<Switch> = Setting::new("near_field", "true", Switch)
+    .means("where a gather ray ends nearer than two sides of a patch, look on by another ray; otherwise take the patch's mean")
+    .for_studies();
+static SHADOW_FILTER: Setting<Switch> = Setting::new("shadow_filter", "true", Switch)
+    .means("neighbouring pixels share shadow rays while these are few")
+    .for_studies();
+static WELL_SPREAD: Setting<Switch> = Setting::new("well_spread", "true", Switch)
+    .means("draw points from well-spread sequences; otherwise plain random numbers")
+    .for_studies();
+
+/// All of them.
+pub static SETTINGS: &[&dyn AnySetting] = &[
+    &COARSE_PATCHES,
+    &GATHER_RAYS,
+    &PIXEL_SAMPLES,
+    &ADAPTIVE,
+    &COARSE_RAYS,
+    &GATHER,
+    &GATHER_DIRECT,
+    &GATHER_FIT,
+    &LIGHT,
+    &LOBE_FILTER,
+    &NEAR_FIELD,
+    &SHADOW_FILTER,
+    &WELL_SPREAD,
+];
+
+/// Checked settings of the three tiers.
 #[derive(Clone, Copy, Debug)]
 pub struct HemiluxSettings {
     /// Wanted patches of the coarse mesh; `None` to go by the limits.
@@ -30,33 +103,28 @@ pub struct HemiluxSettings {
     pub well_spread: bool,
     /// Whether records and shadow rays follow what they find, rather than being evenly spread.
     pub adaptive: bool,
-    /// Sub-pixel samples, where the request names them.
+    /// Sub-pixel samples.
     pub samples: u32,
 }
 
 impl HemiluxSettings {
-    /// Reads the settings of the three tiers.
-    ///
-    /// # Errors
-    /// [`RenderError::Parameter`] for a value out of range.
-    pub fn new(settings: &Settings) -> Result<Self, RenderError> {
-        Ok(Self {
-            coarse_patches: match settings.values()["coarse_patches"].as_str() {
-                "auto" => None,
-                _ => Some(settings.whole("coarse_patches", 1, 1_000_000)? as usize),
-            },
-            coarse_rays: settings.whole("coarse_rays", 4, 4096)? as u32,
-            gather: settings.switch("gather")?,
-            gather_rays: settings.whole("gather_rays", 4, 65_536)? as u32,
-            gather_direct: settings.switch("gather_direct")?,
-            gather_fit: settings.switch("gather_fit")?,
-            light: settings.switch("light")?,
-            shadow_filter: settings.switch("shadow_filter")?,
-            lobe_filter: settings.switch("lobe_filter")?,
-            near_field: settings.switch("near_field")?,
-            well_spread: settings.switch("well_spread")?,
-            adaptive: settings.switch("adaptive")?,
-            samples: settings.whole("pixel_samples", 1, 256)?.min(64) as u32,
-        })
+    /// Those in force; `samples` are the sub-pixel samples where the job leaves them to the limits.
+    pub fn new(settings: &Settings, samples: u32) -> Self {
+        let asked = |wanted: u64| (wanted as u32).min(MOST_SAMPLES);
+        Self {
+            coarse_patches: settings.get(&COARSE_PATCHES).map(|patches| patches as usize),
+            coarse_rays: settings.get(&COARSE_RAYS) as u32,
+            gather: settings.get(&GATHER),
+            gather_rays: settings.get(&GATHER_RAYS) as u32,
+            gather_direct: settings.get(&GATHER_DIRECT),
+            gather_fit: settings.get(&GATHER_FIT),
+            light: settings.get(&LIGHT),
+            shadow_filter: settings.get(&SHADOW_FILTER),
+            lobe_filter: settings.get(&LOBE_FILTER),
+            near_field: settings.get(&NEAR_FIELD),
+            well_spread: settings.get(&WELL_SPREAD),
+            adaptive: settings.get(&ADAPTIVE),
+            samples: settings.get(&PIXEL_SAMPLES).map_or(samples, asked),
+        }
     }
 }

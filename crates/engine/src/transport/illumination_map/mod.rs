@@ -19,6 +19,7 @@ mod settings;
 
 use super::checkpoints::Parts;
 use super::job::{Announcement, Job};
+use super::options::{AnySetting, Preset};
 use super::run::Run;
 use super::solver::{Estimate, Extent, Method, Solver};
 use crate::device::cpu::CpuDevice;
@@ -34,8 +35,7 @@ use crate::transport::ray_traced::{
 use charts::Charts;
 use light_rays::Casters;
 use maker::{BLOCK, Maker};
-use settings::MOST_RAYS;
-pub use settings::MapSettings;
+use settings::{MOST_RAYS, MapSettings};
 use std::collections::BTreeMap;
 
 /// Rays of a shower, for one pass, in checkpoints.
@@ -57,9 +57,17 @@ impl Method for IlluminationMap {
         "light rays through mirrors and glass into maps on diffuse surfaces, and path tracing from the camera that reads them: caustics"
     }
 
-    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
-        let cells = MapSettings::new(extent.settings)?.cells;
-        Ok(ray_traced::needed_bytes(extent) + Charts::needed_bytes(2 * extent.triangles, cells))
+    fn settings(&self) -> Vec<&'static dyn AnySetting> {
+        [settings::SETTINGS, ray_traced::SETTINGS].concat()
+    }
+
+    fn presets(&self) -> &'static [Preset] {
+        &ray_traced::PRESETS
+    }
+
+    fn needed_bytes(&self, extent: &Extent<'_>) -> u64 {
+        let cells = MapSettings::new(extent.settings).cells;
+        ray_traced::needed_bytes(extent) + Charts::needed_bytes(2 * extent.triangles, cells)
     }
 
     fn begin<'a>(
@@ -67,8 +75,8 @@ impl Method for IlluminationMap {
         job: &mut Job<'a>,
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
-        let options = RayTracedSettings::new(&job.settings)?;
-        let own = MapSettings::new(&job.settings)?;
+        let options = RayTracedSettings::new(&job.settings);
+        let own = MapSettings::new(&job.settings);
         let world = World::new(job.request.scene.clone());
         let lights = TriangleLights::new(&world);
         let casters = Casters::new(&world);

@@ -23,7 +23,7 @@ pub fn cut_diffuse(
     device: &dyn Device,
 ) -> Result<Option<Arc<PatchedScene>>, RenderError> {
     let (scene, warnings) = diffuse_scene(&job.request.scene);
-    let patches = MeshSettings::new(&job.settings)?.patches;
+    let patches = MeshSettings::new(&job.settings).patches;
     let scene = job.cut(scene, patches, device.description().to_string(), |_| warnings);
     Ok(scene.patches.any_light().then_some(scene))
 }

@@ -3,7 +3,7 @@
 
 use super::diffuse::{cut_diffuse, solution};
 use super::form_factor_matrix::{FormFactorMatrix, matrix_bytes};
-use super::settings::RadiositySettings;
+use super::settings;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::device::{Device, DeviceError, Shooting, ShootingSettings};
 use crate::image::Picture;
@@ -13,7 +13,7 @@ use crate::radiometry::Rgb;
 use crate::render::{RenderError, StopReason};
 use crate::transport::checkpoints::Parts;
 use crate::transport::job::Job;
-use crate::transport::options::MeshSettings;
+use crate::transport::options::{AnySetting, MESH, MeshSettings};
 use crate::transport::run::Run;
 use crate::transport::solver::{Estimate, Extent, Method, Solver, patched_bytes};
 use glam::DVec3;
@@ -42,10 +42,14 @@ impl Method for GaussSeidel {
         "full-matrix radiosity by Gauss–Seidel iteration, diffuse"
     }
 
-    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
-        let patches = MeshSettings::new(extent.settings)?.patches as u64;
+    fn settings(&self) -> Vec<&'static dyn AnySetting> {
+        [settings::GAUSS_SEIDEL, MESH].concat()
+    }
+
+    fn needed_bytes(&self, extent: &Extent<'_>) -> u64 {
+        let patches = MeshSettings::new(extent.settings).patches as u64;
         let matrix = matrix_bytes(patches.max(extent.triangles));
-        Ok(patched_bytes(extent)?.saturating_add(matrix))
+        patched_bytes(extent).saturating_add(matrix)
     }
 
     fn begin<'a>(
@@ -53,11 +57,10 @@ impl Method for GaussSeidel {
         job: &mut Job<'a>,
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
-        let options = RadiositySettings::new(&job.settings)?;
         job.run.standing.without_estimate = true;
         let Some(scene) = cut_diffuse(job, device)? else { return Ok(None) };
-        let measurement = job.measurement(&scene)?;
-        let settings = ShootingSettings { seed: job.request.seed, ..options.shooting };
+        let measurement = job.measurement(&scene);
+        let settings = settings::looking(&job.settings, job.request.seed);
         let mut matrix = FormFactorMatrix::reserve(&scene)?;
         let shooter = device.begin(scene.clone(), &settings)?;
         let mut balance = Balance::new(&scene.patches.emission, &scene.patches.diffuse);
@@ -68,7 +71,7 @@ impl Method for GaussSeidel {
                 false => past.shared.end()?,
             }
         }
-        let points = options.points as usize;
+        let points = settings::form_factor_points(&job.settings);
         Ok(Some(Box::new(Full { scene, measurement, settings, points, shooter, matrix, balance })))
     }
 }

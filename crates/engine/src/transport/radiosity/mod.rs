@@ -11,4 +11,3 @@ mod settings;
 pub use gauss_seidel::GaussSeidel;
 pub use monte_carlo::MonteCarlo;
 pub use progressive::Progressive;
-pub use settings::RadiositySettings;

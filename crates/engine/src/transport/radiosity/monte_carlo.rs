@@ -2,7 +2,7 @@
 //! what they hold over the probability of being picked, in place of all the others.
 
 use super::diffuse::{Point, add_irradiance, cut_diffuse, power, shot_from, total_power};
-use super::settings::RadiositySettings;
+use super::settings;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::device::{Device, DeviceError, Shooting, ShootingSettings, Sums, Tally};
 use crate::image::Picture;
@@ -14,6 +14,7 @@ use crate::render::{RenderError, StopReason};
 use crate::transport::batches::Batches;
 use crate::transport::checkpoints::{Parts, Past};
 use crate::transport::job::Job;
+use crate::transport::options::{AnySetting, MESH};
 use crate::transport::run::Run;
 use crate::transport::solver::{Estimate, Extent, Method, Solver, patched_bytes};
 use std::f32::consts::PI;
@@ -41,7 +42,11 @@ impl Method for MonteCarlo {
         "Monte-Carlo radiosity, bounce by bounce, diffuse"
     }
 
-    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
+    fn settings(&self) -> Vec<&'static dyn AnySetting> {
+        [settings::MONTE_CARLO, MESH].concat()
+    }
+
+    fn needed_bytes(&self, extent: &Extent<'_>) -> u64 {
         patched_bytes(extent)
     }
 
@@ -50,10 +55,9 @@ impl Method for MonteCarlo {
         job: &mut Job<'a>,
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
-        let options = RadiositySettings::new(&job.settings)?;
         let Some(scene) = cut_diffuse(job, device)? else { return Ok(None) };
-        let measurement = job.measurement(&scene)?;
-        let settings = ShootingSettings { seed: job.request.seed, ..options.shooting };
+        let measurement = job.measurement(&scene);
+        let settings = settings::shooting(&job.settings, job.request.seed);
         let mut solver = Passes {
             weights: measurement.vertex_weights(),
             measurement,

@@ -2,7 +2,7 @@
 //! light waits to be shot.
 
 use super::diffuse::{Point, add_irradiance, cut_diffuse, power, shot_from, solution, total_power};
-use super::settings::RadiositySettings;
+use super::settings;
 use crate::device::{Device, DeviceError, Shooting, ShootingSettings, Tally};
 use crate::image::Picture;
 use crate::measurement::Measurement;
@@ -11,6 +11,7 @@ use crate::radiometry::{Rgb, importance};
 use crate::render::{RenderError, StopReason};
 use crate::transport::checkpoints::Parts;
 use crate::transport::job::Job;
+use crate::transport::options::{AnySetting, MESH};
 use crate::transport::run::Run;
 use crate::transport::solver::{Estimate, Extent, Method, Solver, patched_bytes};
 use std::collections::BTreeMap;
@@ -37,7 +38,11 @@ impl Method for Progressive {
         "progressive refinement radiosity with an ambient term, diffuse"
     }
 
-    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
+    fn settings(&self) -> Vec<&'static dyn AnySetting> {
+        [settings::PROGRESSIVE, MESH].concat()
+    }
+
+    fn needed_bytes(&self, extent: &Extent<'_>) -> u64 {
         patched_bytes(extent)
     }
 
@@ -46,17 +51,16 @@ impl Method for Progressive {
         job: &mut Job<'a>,
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
-        let options = RadiositySettings::new(&job.settings)?;
         job.run.standing.without_estimate = true;
         let Some(scene) = cut_diffuse(job, device)? else { return Ok(None) };
-        let settings = ShootingSettings { seed: job.request.seed, ..options.shooting };
+        let settings = settings::shooting(&job.settings, job.request.seed);
         let mut solver = Refinement {
-            measurement: job.measurement(&scene)?,
+            measurement: job.measurement(&scene),
             shooter: device.begin(scene.clone(), &settings)?,
             emitted: total_power(&scene, &scene.patches.emission),
             irradiance: vec![Rgb::ZERO; scene.patches.len()],
             unshot: scene.patches.emission.clone(),
-            ambient: options.ambient,
+            ambient: settings::ambient(&job.settings),
             rest: 1.0,
             scene,
             settings,

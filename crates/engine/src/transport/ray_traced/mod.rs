@@ -14,6 +14,7 @@ mod view;
 
 use super::checkpoints::Parts;
 use super::job::{Announcement, Job};
+use super::options::{AnySetting, Preset};
 use super::run::Run;
 use super::solver::{Estimate, Extent, Method, Solver};
 use crate::device::cpu::CpuDevice;
@@ -26,10 +27,10 @@ use crate::surface::World;
 use settings::{LightSampling, PixelSampling};
 use std::collections::BTreeMap;
 
-pub use settings::RayTracedSettings;
 // What illumination maps share.
 pub(super) use film::Film;
 pub(super) use path::{Caustics, Mapped};
+pub(super) use settings::{PRESETS, RayTracedSettings, SETTINGS};
 pub(super) use steps::Steps;
 pub(super) use view::View;
 
@@ -49,8 +50,16 @@ impl Method for RayTraced {
         "path tracing from the camera, diffuse and Phong; unbiased unless a setting says otherwise"
     }
 
-    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
-        Ok(needed_bytes(extent))
+    fn settings(&self) -> Vec<&'static dyn AnySetting> {
+        SETTINGS.to_vec()
+    }
+
+    fn presets(&self) -> &'static [Preset] {
+        &PRESETS
+    }
+
+    fn needed_bytes(&self, extent: &Extent<'_>) -> u64 {
+        needed_bytes(extent)
     }
 
     fn begin<'a>(
@@ -58,7 +67,7 @@ impl Method for RayTraced {
         job: &mut Job<'a>,
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
-        let options = RayTracedSettings::new(&job.settings)?;
+        let options = RayTracedSettings::new(&job.settings);
         let world = World::new(job.request.scene.clone());
         let lights = TriangleLights::new(&world);
         job.announce(Announcement {

@@ -1,13 +1,88 @@
-//! Checked settings of ray tracing.
+//! Settings of ray tracing.
 
 use crate::emitters::TriangleLights;
 use crate::emitters::{DiskPoints, Disks};
-use crate::render::RenderError;
 use crate::sampling::Strata;
 use crate::surface::World;
-use crate::transport::options::Settings;
+use crate::transport::options::{
+    AnySetting, Choice, Number, Preset, Setting, Settings, Switch, Whole,
+};
 
-/// Checked settings of ray tracing; see [`crate::transport::OPTIONS`] for their meaning.
+static PRESET: Setting<Choice<()>> =
+    Setting::new("preset", "default", Choice(&[("default", ()), ("lange", ())]))
+        .means(
+            "default, or lange: what is not set otherwise is as Lange's importance sampling has it",
+        )
+        .formerly("ray_preset");
+static PIXEL_SAMPLES: Setting<Whole> =
+    Setting::new("pixel_samples", "16", Whole { low: 1, high: 256 }).unit("samples").means(
+        "cells of a jittered pixel, one a pass, or most samples of an adaptive one in each pass",
+    );
+static PIXEL_SAMPLING: Setting<Choice<Way>> = Setting::new(
+    "pixel_sampling",
+    "jittered",
+    Choice(&[
+        ("independent", Way::Independent),
+        ("jittered", Way::Jittered),
+        ("adaptive", Way::Adaptive { fresh: false }),
+        ("adaptive_fresh", Way::Adaptive { fresh: true }),
+    ]),
+)
+.means("independent; jittered: stratified; adaptive: Dippé's adaptive rectangular jitter, biased as samples that decide about splits are kept; adaptive_fresh: the same cells with new samples, unbiased");
+static ADAPTIVE_CONTRAST: Setting<Number> =
+    Setting::new("adaptive_contrast", "0.3", Number { low: 0.0, high: 1.0 })
+        .unit("Michelson contrast")
+        .means("of adaptive pixel_sampling: a pixel's cells whose samples differ by more than this |a−b|/(a+b) are split");
+static RAYS_PER_PIXEL: Setting<Whole> =
+    Setting::new("rays_per_pixel", "1", Whole { low: 1, high: 4096 })
+        .unit("rays")
+        .means("rays N that leave the first surface: kd·N/(kd+ks) by the cosine, ks·N/(kd+ks) by the Phong lobe, and N light samples; each goes on as one path");
+static RAY_DEPTH: Setting<Whole> =
+    Setting::new("ray_depth", "0", Whole { low: 0, high: 1_000_000 })
+        .unit("reflections")
+        .means("most reflections of a path: 1 is direct light only; 0 is no limit");
+static LIGHT_SAMPLING: Setting<Choice<LightSampling>> = Setting::new(
+    "light_sampling",
+    "area",
+    Choice(&[
+        ("area", LightSampling::Area),
+        ("disk", LightSampling::Disks(DiskPoints::Area)),
+        ("rim", LightSampling::Disks(DiskPoints::Rim)),
+    ]),
+)
+.means("area: points of the emissive triangles; disk, rim: each connected group of them as a disk, sampled over its area or along its edge, its centre weighted by cosⁿθ and the random points by 1 − cosⁿθ (Lange; biased)");
+static PATH_STRATA: Setting<Switch> = Setting::new("path_strata", "true", Switch)
+    .means("of jittered pixel_sampling with one ray a pixel: the light samples and directions of a pixel's paths at their first two surfaces are spread over as many cells as its samples are")
+    .for_studies();
+
+/// All of them.
+pub static SETTINGS: &[&dyn AnySetting] = &[
+    &PRESET,
+    &PIXEL_SAMPLES,
+    &PIXEL_SAMPLING,
+    &ADAPTIVE_CONTRAST,
+    &RAYS_PER_PIXEL,
+    &RAY_DEPTH,
+    &LIGHT_SAMPLING,
+    &PATH_STRATA,
+];
+
+/// Lange's importance sampling, as Rogers describes it.
+pub static PRESETS: [Preset; 1] = [Preset {
+    setting: "preset",
+    value: "lange",
+    brings: &[("light_sampling", "disk"), ("rays_per_pixel", "40")],
+}];
+
+/// How pixels are sampled, before the number of samples is known.
+#[derive(Clone, Copy)]
+enum Way {
+    Independent,
+    Jittered,
+    Adaptive { fresh: bool },
+}
+
+/// Checked settings of ray tracing.
 #[derive(Clone, Debug)]
 pub struct RayTracedSettings {
     /// Most reflections of a path; `u32::MAX` without limit.
@@ -51,41 +126,24 @@ pub enum PixelSampling {
 }
 
 impl RayTracedSettings {
-    /// Reads the settings of ray tracing.
-    ///
-    /// # Errors
-    /// [`RenderError::Parameter`] for a value out of range.
-    pub fn new(settings: &Settings) -> Result<Self, RenderError> {
-        settings.choice("ray_preset", &[("default", ()), ("lange", ())])?;
-        let cells = settings.whole("pixel_samples", 1, 256)? as u32;
-        let adaptive = |fresh| -> Result<_, RenderError> {
-            let contrast = settings.number("adaptive_contrast", 0.0, 1.0)? as f32;
-            Ok(PixelSampling::Adaptive { levels: cells.ilog2(), contrast, fresh })
-        };
-        let (printed, fresh) = (adaptive(false)?, adaptive(true)?);
-        let limit = settings.whole("ray_depth", 0, 1_000_000)? as u32;
-        Ok(Self {
+    /// Those in force.
+    pub fn new(settings: &Settings) -> Self {
+        let cells = settings.get(&PIXEL_SAMPLES) as u32;
+        let limit = settings.get(&RAY_DEPTH) as u32;
+        Self {
             reflections: if limit == 0 { u32::MAX } else { limit },
-            path_strata: settings.switch("path_strata")?,
-            rays_per_pixel: settings.whole("rays_per_pixel", 1, 4096)? as u32,
-            light_sampling: settings.choice(
-                "light_sampling",
-                &[
-                    ("area", LightSampling::Area),
-                    ("disk", LightSampling::Disks(DiskPoints::Area)),
-                    ("rim", LightSampling::Disks(DiskPoints::Rim)),
-                ],
-            )?,
-            pixel_sampling: settings.choice(
-                "pixel_sampling",
-                &[
-                    ("independent", PixelSampling::Independent),
-                    ("jittered", PixelSampling::Jittered(Strata::new(cells))),
-                    ("adaptive", printed),
-                    ("adaptive_fresh", fresh),
-                ],
-            )?,
-        })
+            path_strata: settings.get(&PATH_STRATA),
+            rays_per_pixel: settings.get(&RAYS_PER_PIXEL) as u32,
+            light_sampling: settings.get(&LIGHT_SAMPLING),
+            pixel_sampling: match settings.get(&PIXEL_SAMPLING) {
+                Way::Independent => PixelSampling::Independent,
+                Way::Jittered => PixelSampling::Jittered(Strata::new(cells)),
+                Way::Adaptive { fresh } => {
+                    let contrast = settings.get(&ADAPTIVE_CONTRAST) as f32;
+                    PixelSampling::Adaptive { levels: cells.ilog2(), contrast, fresh }
+                }
+            },
+        }
     }
 
     /// What stands for the lights where they are sampled as disks.

@@ -7,7 +7,7 @@ use super::batches::Batches;
 use super::checkpoints::{Parts, Past};
 use super::job::Job;
 use super::known::known_light;
-use super::options::MeshSettings;
+use super::options::{AnySetting, MESH, MeshSettings, Preset};
 use super::run::Run;
 use super::solver::{Estimate, Extent, Method, STEP_SECONDS, Solver, patched_bytes};
 use crate::checkpoint::{CheckpointError, Writer};
@@ -20,8 +20,7 @@ use crate::patches::PatchedScene;
 use crate::radiometry::{Rgb, SHARP_EXPONENT};
 use crate::render::{RenderError, StopReason};
 use crate::scene::Warning;
-use settings::ExpectedShots;
-pub use settings::StochasticSettings;
+use settings::{ExpectedShots, StochasticSettings};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -49,7 +48,15 @@ impl Method for Stochastic {
         "stochastic hemicube iteration on patches, diffuse and Phong"
     }
 
-    fn needed_bytes(&self, extent: &Extent<'_>) -> Result<u64, RenderError> {
+    fn settings(&self) -> Vec<&'static dyn AnySetting> {
+        [settings::SETTINGS, MESH].concat()
+    }
+
+    fn presets(&self) -> &'static [Preset] {
+        &settings::PRESETS
+    }
+
+    fn needed_bytes(&self, extent: &Extent<'_>) -> u64 {
         patched_bytes(extent)
     }
 
@@ -58,14 +65,14 @@ impl Method for Stochastic {
         job: &mut Job<'a>,
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
-        let options = StochasticSettings::new(&job.settings)?;
-        let patches = MeshSettings::new(&job.settings)?.patches;
+        let options = StochasticSettings::new(&job.settings);
+        let patches = MeshSettings::new(&job.settings).patches;
         let scene =
             job.cut(job.request.scene.clone(), patches, device.description().to_string(), strains);
         if !scene.patches.any_light() {
             return Ok(None);
         }
-        let measurement = job.measurement(&scene)?;
+        let measurement = job.measurement(&scene);
         let expected = job.decide(EXPECTED, job.request.limits.iterations.unwrap_or(0))?;
         let expected = (expected > 0).then_some(expected);
         let mut settings = ShootingSettings {
