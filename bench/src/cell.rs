@@ -97,10 +97,10 @@ impl Pending {
             cell.squared[region].push(squared);
             cell.energy[region].push(reference.energy(&rendered.picture, counted));
         }
-        cell.shots += rendered.stats.shots;
-        cell.iterations = rendered.stats.iterations;
+        cell.shots += rendered.stats.figures.shots;
+        cell.iterations = rendered.stats.figures.iterations;
         cell.seconds.push(rendered.stats.seconds_solve);
-        cell.light.push(rendered.stats.light_source_selection_ratio);
+        cell.light.push(rendered.stats.figures.light_source_selection_ratio);
         self.repetitions.add(&rendered.picture);
         if cell.seconds.len() == 1 {
             cell.picture = rendered.picture;

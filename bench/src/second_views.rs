@@ -137,7 +137,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             }
         }
         let (reached, seconds) = row.ok_or("no view was taken")?;
-        println!("{name} alone: {} iterations", alone.stats.iterations);
+        println!("{name} alone: {} iterations", alone.stats.figures.iterations);
         for (what, value) in &alone.stats.diagnostics {
             println!("    {what} {value:.3}");
         }

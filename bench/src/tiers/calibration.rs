@@ -44,9 +44,9 @@ impl Point {
     fn new(view: &View, truth: &Truth, rendered: &Rendered, seed: u64) -> Self {
         Self {
             view: view.name.clone(),
-            iterations: rendered.stats.iterations,
+            iterations: rendered.stats.figures.iterations,
             seed,
-            predicted: rendered.stats.estimated_error.unwrap_or(f64::NAN),
+            predicted: rendered.stats.figures.estimated_error.unwrap_or(f64::NAN),
             actual: truth.error(rendered),
             resolution: truth.resolution(),
             energy: truth.energy(rendered),

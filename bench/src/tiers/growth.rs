@@ -84,7 +84,7 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
                 let first = *first.get_or_insert(seconds);
                 if error <= GOAL || iterations == LADDER[LADDER.len() - 1] {
                     let reached = error <= GOAL;
-                    let predicted = rendered.stats.estimated_error.unwrap_or(f64::NAN);
+                    let predicted = rendered.stats.figures.estimated_error.unwrap_or(f64::NAN);
                     // What the reference can't tell judges no prediction.
                     let resolution = truth.resolution();
                     if error >= resolution {

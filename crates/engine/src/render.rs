@@ -123,9 +123,9 @@ impl Limits {
     }
 }
 
-/// Where a job stands.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Progress {
+/// What a picture took so far, and how far it may be off.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Figures {
     /// Whole iterations done.
     pub iterations: u64,
     /// Hemicube shots done, or rays traced.
@@ -133,8 +133,17 @@ pub struct Progress {
     /// Share of shots whose shooter emits (Antal §3); of rays, the share cast at or from a light. 0
     /// before the first.
     pub light_source_selection_ratio: f64,
-    /// Estimated rRMSE of the present picture from batch means; `None` until there are enough.
+    /// Estimated rRMSE of the picture; `None` until there is enough to tell, or where the method
+    /// can't.
     pub estimated_error: Option<f64>,
+}
+
+/// Where a job stands.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Its present picture.
+    #[serde(flatten)]
+    pub figures: Figures,
     /// Seconds since solving began.
     pub seconds: f64,
     /// Expected seconds to the nearest limit.
@@ -188,18 +197,13 @@ pub struct Stats {
     pub plan: Plan,
     /// Why it stopped.
     pub stopped: StopReason,
-    /// Whole iterations.
-    pub iterations: u64,
-    /// Hemicube shots, or rays.
-    pub shots: u64,
-    /// Share of shots whose shooter emits; of rays, the share cast at or from a light.
-    pub light_source_selection_ratio: f64,
+    /// Its picture.
+    #[serde(flatten)]
+    pub figures: Figures,
     /// Seconds with start-up and file reading.
     pub seconds_total: f64,
     /// Seconds of preparing patches, solving and measuring.
     pub seconds_solve: f64,
-    /// Estimated rRMSE of the picture.
-    pub estimated_error: Option<f64>,
     /// Surface patches.
     pub patches: u64,
     /// Triangles of the scene.

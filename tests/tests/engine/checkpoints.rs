@@ -28,8 +28,8 @@ struct Keeper {
 
 impl Observer for Keeper {
     fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
-        self.stopping |= self.stop_after.is_some_and(|after| progress.iterations >= after);
-        let wanted = self.take_after.is_some_and(|after| progress.iterations >= after);
+        self.stopping |= self.stop_after.is_some_and(|after| progress.figures.iterations >= after);
+        let wanted = self.take_after.is_some_and(|after| progress.figures.iterations >= after);
         if wanted {
             self.take_after = None;
         }
@@ -103,7 +103,7 @@ fn goes_on(device: &mut dyn Device, whole: &RenderRequest, after: &[u64]) {
         let header = checkpoint.header().clone();
         println!(
             "{name}: stopped after {} ({:?}), goes on after {}, {} bytes",
-            stopped.stats.iterations,
+            stopped.stats.figures.iterations,
             stopped.stats.stopped,
             header.iterations,
             checkpoint.size()
@@ -115,7 +115,12 @@ fn goes_on(device: &mut dyn Device, whole: &RenderRequest, after: &[u64]) {
         assert!(bits(&again) == bits(&expected), "{name} after {after}");
         let figures = |rendered: &Rendered| {
             let stats = &rendered.stats;
-            (stats.iterations, stats.shots, stats.stopped, stats.estimated_error)
+            (
+                stats.figures.iterations,
+                stats.figures.shots,
+                stats.stopped,
+                stats.figures.estimated_error,
+            )
         };
         assert_eq!(figures(&again), figures(&expected), "{name} after {after}");
         assert!(again.stats.seconds_solve > header.seconds, "{name}: seconds add up");
@@ -279,7 +284,7 @@ fn a_second_camera_begins_with_the_first_ones_solution() {
         let begin = Begin::View(kept.clone());
         let mut keeper = Keeper::default();
         let view = run(&RenderRequest { begin: begin.clone(), ..other.clone() }, &mut keeper);
-        assert!(view.stats.iterations <= 1, "{method}: {:?}", view.stats.stopped);
+        assert!(view.stats.figures.iterations <= 1, "{method}: {:?}", view.stats.stopped);
         let limits = Limits { iterations: Some(alone), ..Limits::default() };
         let by_itself = run(&RenderRequest { limits, ..other.clone() }, &mut Keeper::default());
         let afresh = run(&other, &mut Keeper::default());

@@ -71,7 +71,7 @@ fn cornell_box_reaches_two_percent_of_the_shared_reference() {
     let rendered = run(&request);
     let counted = away_from_light(&a, 4.0);
     let error = error_by_halves(&rendered.picture, &a, &b, counted);
-    let estimate = rendered.stats.estimated_error.expect("there is light");
+    let estimate = rendered.stats.figures.estimated_error.expect("there is light");
     println!("rRMSE {error:.4}, estimated {estimate:.4}");
     assert!(error < 0.022, "{error}");
     assert!((0.7..1.5).contains(&(estimate / error)), "estimated {estimate}, is {error}");

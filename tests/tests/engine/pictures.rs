@@ -119,7 +119,7 @@ fn cornell_box_matches_the_reference() {
     let emitter = |index: usize| reference.pixels[index].x > 5.0;
     let error = relative_rmse(&rendered.picture, &reference, |index| !emitter(index));
     let ratio = mean_ratio(&rendered.picture, &reference, |index| !emitter(index));
-    let estimated = rendered.stats.estimated_error.unwrap();
+    let estimated = rendered.stats.figures.estimated_error.unwrap();
     println!("rRMSE {error:.4}, estimated {estimated:.4}, mean ratio {ratio:.4}");
     assert!(error < 0.15, "rRMSE {error}");
     assert!((ratio - 1.0).abs() < 0.02, "mean ratio {ratio}");
@@ -154,7 +154,7 @@ fn estimated_error_is_honest() {
     let (mut actual, mut predicted) = (0.0, 0.0);
     for run in &runs {
         actual += relative_rmse(&run.picture, &mean, off_emitter).powi(2);
-        predicted += run.stats.estimated_error.unwrap().powi(2);
+        predicted += run.stats.figures.estimated_error.unwrap().powi(2);
     }
     let ratio = predicted.sqrt() / (actual.sqrt() * unbiased);
     println!("predicted/actual = {ratio:.3}");
@@ -249,13 +249,13 @@ fn limits_are_kept() {
     assert!((1.2..2.5).contains(&rendered.stats.seconds_solve), "{}", rendered.stats.seconds_solve);
 
     let counted = run(None, &request(scene.clone(), 16, 123));
-    assert_eq!((counted.stats.iterations, counted.stats.shots), (123, 984));
+    assert_eq!((counted.stats.figures.iterations, counted.stats.figures.shots), (123, 984));
 
     let mut accurate = request(scene, 64, 1);
     accurate.limits = Limits { target_error: Some(0.2), seconds: Some(30.0), ..Limits::default() };
     let rendered = run(None, &accurate);
     assert_eq!(rendered.stats.stopped, StopReason::TargetError);
-    assert!(rendered.stats.estimated_error.unwrap() <= 0.2);
+    assert!(rendered.stats.figures.estimated_error.unwrap() <= 0.2);
 }
 
 #[test]

@@ -52,7 +52,7 @@ fn replicas(request: &RenderRequest, count: u64) -> (Replicas, Vec<f64>) {
     for seed in 1..=count {
         let Rendered { picture, stats } = run(&RenderRequest { seed, ..request.clone() });
         pictures.push(picture);
-        estimates.extend(stats.estimated_error);
+        estimates.extend(stats.figures.estimated_error);
     }
     (Replicas { pictures }, estimates)
 }
@@ -449,8 +449,8 @@ fn threads_and_steps_leave_the_bits_alone() {
         for threads in [2, 5] {
             let many = traced(threads, 1, sampling);
             assert_eq!(one.picture.pixels, many.picture.pixels, "{threads} threads");
-            assert_eq!(one.stats.estimated_error, many.stats.estimated_error);
-            assert_eq!(one.stats.shots, many.stats.shots);
+            assert_eq!(one.stats.figures.estimated_error, many.stats.figures.estimated_error);
+            assert_eq!(one.stats.figures.shots, many.stats.figures.shots);
         }
         assert_ne!(one.picture.pixels, traced(1, 2, sampling).picture.pixels, "another seed");
     }
@@ -507,7 +507,7 @@ fn a_target_without_an_estimate_has_an_end() {
     let mut device = CpuDevice::new(Some(1)).expect("threads");
     let mut patient = Patient { begun: Instant::now(), remaining: None };
     let stats = render(&mut device, &request, &mut patient).expect("good").stats;
-    assert_eq!((stats.stopped, stats.estimated_error), (StopReason::Cancelled, None));
+    assert_eq!((stats.stopped, stats.figures.estimated_error), (StopReason::Cancelled, None));
     assert!(patient.begun.elapsed().as_secs_f64() < 5.0, "no end is in sight");
 }
 
@@ -517,12 +517,12 @@ fn targets_and_budgets_end_a_job() {
     let limits = Limits { target_error: Some(0.3), ..Limits::default() };
     let stats = run(&RenderRequest { limits, ..request(&scene, 32, 1) }).stats;
     assert_eq!(stats.stopped, StopReason::TargetError);
-    assert!(stats.estimated_error.is_some_and(|error| error <= 0.3));
+    assert!(stats.figures.estimated_error.is_some_and(|error| error <= 0.3));
     let limits = Limits { seconds: Some(0.3), ..Limits::default() };
     let stats = run(&RenderRequest { limits, ..request(&scene, 32, 1) }).stats;
     assert_eq!(stats.stopped, StopReason::TimeBudget);
     assert!(stats.seconds_solve < 1.0, "{}", stats.seconds_solve);
-    assert_eq!(stats.shots as f64, stats.diagnostics["rays"]);
+    assert_eq!(stats.figures.shots as f64, stats.diagnostics["rays"]);
 }
 
 #[test]

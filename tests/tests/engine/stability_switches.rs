@@ -288,7 +288,7 @@ fn a_picture_of_nothing_but_the_constant_term() {
     on_every_device("ΔL ≡ 0 | preset paper", |device| {
         let rendered = rendered(device, &request);
         assert_eq!(rendered.stats.stopped, StopReason::Iterations);
-        let error = rendered.stats.estimated_error;
+        let error = rendered.stats.figures.estimated_error;
         assert!(error.is_none_or(|error| (0.0..1e-4).contains(&error)), "{error:?}");
         let pixels = rendered.picture.pixels.iter();
         let worst =

@@ -164,7 +164,8 @@ pub fn trace(view: &View, seconds: f64, bench: &mut Bench<'_>) -> Result<Truth, 
         }
         halves.push(rendered);
     }
-    let passes: Vec<String> = halves.iter().map(|half| half.stats.iterations.to_string()).collect();
+    let passes: Vec<String> =
+        halves.iter().map(|half| half.stats.figures.iterations.to_string()).collect();
     let took: f64 = halves.iter().map(|half| half.stats.seconds_solve).sum();
     let origin = format!(
         "path traced for {took:.1} s in two halves of {} paths a pixel",

@@ -1,7 +1,7 @@
 //! What a job may spend: what was asked for, and apart from that what whoever runs it allows.
 
 use crate::device::Tally;
-use crate::render::{Limits, Progress, StopReason};
+use crate::render::{Figures, Limits, Progress, StopReason};
 
 /// What a job may spend.
 #[derive(Clone, Copy, Debug)]
@@ -107,10 +107,12 @@ impl Budget {
         let seconds_remaining =
             [by_time, by_iterations, by_error, by_fraction].into_iter().flatten().reduce(f64::min);
         Progress {
-            iterations: done,
-            shots,
-            light_source_selection_ratio: light_shots as f64 / shots.max(1) as f64,
-            estimated_error: at.estimated_error,
+            figures: Figures {
+                iterations: done,
+                shots,
+                light_source_selection_ratio: light_shots as f64 / shots.max(1) as f64,
+                estimated_error: at.estimated_error,
+            },
             seconds,
             seconds_remaining,
             fraction: seconds_remaining.map_or(0.0, |rest| seconds / (seconds + rest).max(1e-9)),

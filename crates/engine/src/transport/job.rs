@@ -172,12 +172,9 @@ impl<'a> Job<'a> {
         let stats = Stats {
             method: self.plan.method.clone(),
             stopped,
-            iterations: progress.iterations,
-            shots: progress.shots,
-            light_source_selection_ratio: progress.light_source_selection_ratio,
+            figures: progress.figures,
             seconds_total: seconds,
             seconds_solve: seconds,
-            estimated_error: progress.estimated_error,
             patches: self.plan.patches,
             triangles: self.request.scene.triangles.len() as u64,
             device: self.device,

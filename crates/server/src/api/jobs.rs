@@ -253,18 +253,26 @@ impl std::fmt::Display for OptionValue {
     }
 }
 
-/// Where a running job stands.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Progress {
+/// What a job's picture took so far, and how far it may be off.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Figures {
     /// Whole iterations done.
     pub iterations: u64,
-    /// Hemicube shots done.
+    /// Hemicube shots done, or rays traced.
     pub shots: u64,
     /// Share of shots whose shooter emits; of rays, the share cast at or from a light.
     pub light_source_selection_ratio: f64,
     /// Estimated rRMSE of the present picture; `null` until there is enough to tell.
     #[schema(required)]
     pub estimated_error: Option<f64>,
+}
+
+/// Where a running job stands.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Progress {
+    /// Its present picture.
+    #[serde(flatten)]
+    pub figures: Figures,
     /// Seconds since solving began.
     pub seconds: f64,
     /// Expected seconds to the nearest limit.
@@ -298,15 +306,9 @@ pub struct Stats {
     /// `no_light`, or `server_limit` where the longest time of this server was used before what was
     /// asked for was reached.
     pub stopped: String,
-    /// Whole iterations.
-    pub iterations: u64,
-    /// Hemicube shots.
-    pub shots: u64,
-    /// Share of shots whose shooter emits; of rays, the share cast at or from a light.
-    pub light_source_selection_ratio: f64,
-    /// Estimated rRMSE of the picture.
-    #[schema(required)]
-    pub estimated_error: Option<f64>,
+    /// Its picture.
+    #[serde(flatten)]
+    pub figures: Figures,
     /// Seconds of preparing patches, solving and measuring.
     pub seconds_solve: f64,
     /// Seconds with scene reading and picture writing.
@@ -328,10 +330,7 @@ impl Stats {
     /// The progress of a job that has these figures at its end.
     pub fn last_progress(&self) -> Progress {
         Progress {
-            iterations: self.iterations,
-            shots: self.shots,
-            light_source_selection_ratio: self.light_source_selection_ratio,
-            estimated_error: self.estimated_error,
+            figures: self.figures,
             seconds: self.seconds_solve,
             seconds_remaining: Some(0.0),
             fraction: 1.0,
@@ -428,15 +427,9 @@ pub struct Job {
     /// Latest figures.
     #[schema(required)]
     pub progress: Option<Progress>,
-    /// Whole iterations so far.
-    pub iterations: u64,
-    /// Hemicube shots so far.
-    pub shots: u64,
-    /// Share of shots whose shooter emits; of rays, the share cast at or from a light.
-    pub light_source_selection_ratio: f64,
-    /// Estimated rRMSE of the present picture.
-    #[schema(required)]
-    pub estimated_error: Option<f64>,
+    /// Its present picture.
+    #[serde(flatten)]
+    pub figures: Figures,
     /// What the engine decided.
     #[schema(required)]
     pub plan: Option<Plan>,
@@ -475,15 +468,9 @@ pub struct JobPage {
 pub struct TracePoint {
     /// Seconds since solving began.
     pub seconds: f64,
-    /// Whole iterations.
-    pub iterations: u64,
-    /// Hemicube shots.
-    pub shots: u64,
-    /// Share of shots whose shooter emits; of rays, the share cast at or from a light.
-    pub light_source_selection_ratio: f64,
-    /// Estimated rRMSE.
-    #[schema(required)]
-    pub estimated_error: Option<f64>,
+    /// The picture then.
+    #[serde(flatten)]
+    pub figures: Figures,
 }
 
 /// How the figures of a job moved, oldest first.

@@ -328,6 +328,7 @@ impl Observer for Console {
 
     fn progress(&mut self, progress: &Progress) {
         let error = progress
+            .figures
             .estimated_error
             .map_or_else(String::new, |error| format!(", error {:.2}%", 100.0 * error));
         let remaining = progress
@@ -335,8 +336,8 @@ impl Observer for Console {
             .map_or_else(String::new, |seconds| format!(", {seconds:.1} s left"));
         let text = format!(
             "{} iterations, lights {:.1}%{error}, {:.1} s{remaining}",
-            progress.iterations,
-            100.0 * progress.light_source_selection_ratio,
+            progress.figures.iterations,
+            100.0 * progress.figures.light_source_selection_ratio,
             progress.seconds,
         );
         if let Some(bar) = &self.bar {

@@ -59,7 +59,7 @@ pub async fn extend_job(
     // Only requests from outside may not say what they are a view of; and who is told was checked
     // when the job was accepted.
     check(&app, &JobRequest { view_of: None, webhook: None, ..request.clone() })?;
-    refuse_less(&extension, &solution, job.estimated_error)?;
+    refuse_less(&extension, &solution, job.figures.estimated_error)?;
     check_stored(&app, &caller).await?;
     let own = caller.limits.jobs_queued;
     match app.shared.store.extend(id, &request, app.shared.config.max_queued, own).await? {

@@ -5,7 +5,7 @@ use super::documented;
 use super::jobs::find;
 use super::problem::Problem;
 use super::read::{JobId, is_held, prefers};
-use crate::api::jobs::{Job, Progress, Trace, TracePoint};
+use crate::api::jobs::{Figures, Job, Progress, Trace, TracePoint};
 use crate::hash::sha256_hex;
 use crate::job_state::JobState;
 use axum::extract::State;
@@ -120,10 +120,12 @@ pub async fn trace_csv(
 fn example() -> Trace {
     let point = |seconds, iterations, ratio, error| TracePoint {
         seconds,
-        iterations,
-        shots: 8 * iterations,
-        light_source_selection_ratio: ratio,
-        estimated_error: error,
+        figures: Figures {
+            iterations,
+            shots: 8 * iterations,
+            light_source_selection_ratio: ratio,
+            estimated_error: error,
+        },
     };
     Trace {
         job: Uuid::from_u128(0x0193_6f3e_8a51_7c3e_b1a4_6f2d_7a7b_6c01),
@@ -133,13 +135,8 @@ fn example() -> Trace {
 
 async fn read_trace(app: &App, id: Uuid) -> Result<Trace, Problem> {
     find(app, id).await?;
-    let points = app.shared.store.trace(id).await?.into_iter().map(|progress| TracePoint {
-        seconds: progress.seconds,
-        iterations: progress.iterations,
-        shots: progress.shots,
-        light_source_selection_ratio: progress.light_source_selection_ratio,
-        estimated_error: progress.estimated_error,
-    });
+    let points = app.shared.store.trace(id).await?.into_iter();
+    let points = points.map(|Progress { seconds, figures, .. }| TracePoint { seconds, figures });
     Ok(Trace { job: id, points: points.collect() })
 }
 
@@ -151,8 +148,9 @@ fn as_csv(trace: &Trace) -> String {
     let mut text =
         String::from("seconds,iterations,shots,light_source_selection_ratio,estimated_error\n");
     for point in &trace.points {
-        let error = point.estimated_error.map(|error| error.to_string()).unwrap_or_default();
-        let TracePoint { seconds, iterations, shots, light_source_selection_ratio, .. } = point;
+        let TracePoint { seconds, figures } = point;
+        let Figures { iterations, shots, light_source_selection_ratio, estimated_error } = figures;
+        let error = estimated_error.map(|error| error.to_string()).unwrap_or_default();
         let _ =
             writeln!(text, "{seconds},{iterations},{shots},{light_source_selection_ratio},{error}");
     }
@@ -161,7 +159,7 @@ fn as_csv(trace: &Trace) -> String {
 
 fn chart(job: &Job, trace: &[Progress]) -> Chart {
     let method = job.plan.as_ref().map_or(&job.request.method, |plan| &plan.method);
-    let estimated = trace.iter().filter_map(|p| Some((p.seconds, p.estimated_error?)));
+    let estimated = trace.iter().filter_map(|p| Some((p.seconds, p.figures.estimated_error?)));
     let line = Line { name: method.clone(), points: estimated.collect(), ..Line::default() };
     let target = job.request.target_error.map(|value| {
         let percent = format!("{:.3}", 100.0 * value);

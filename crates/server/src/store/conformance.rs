@@ -10,7 +10,7 @@ mod sharing;
 mod turns;
 
 use crate::api::events::EventData;
-use crate::api::jobs::{Picture, PictureFormat, Progress};
+use crate::api::jobs::{Figures, Picture, PictureFormat, Progress};
 use crate::api::request_hash::RequestHash;
 use crate::job_state::{Cause, JobState, MAX_FAILURES};
 use crate::store::scenes::{ScenePosition, Viewer};
@@ -390,8 +390,10 @@ pub async fn progress_is_thinned_and_its_ends_are_kept(place: &dyn Home) {
     let held = claim(&*store).await;
     let total = 3 * MAX_PROGRESS_EVENTS as u64;
     for batch in 0..total / 128 {
-        let points =
-            (0..128).map(|i| Progress { iterations: batch * 128 + i, ..Progress::default() });
+        let points = (0..128).map(|i| Progress {
+            figures: Figures { iterations: batch * 128 + i, ..Figures::default() },
+            ..Progress::default()
+        });
         let report = Report { progress: points.collect(), ..Report::default() };
         store.report(held, report).await.unwrap();
     }
@@ -399,9 +401,9 @@ pub async fn progress_is_thinned_and_its_ends_are_kept(place: &dyn Home) {
     let most = (MAX_PROGRESS_EVENTS + MAX_PROGRESS_EVENTS / 8) as usize;
     assert!(trace.len() <= most, "{}", trace.len());
     assert!(trace.len() >= MAX_PROGRESS_EVENTS as usize / 2);
-    assert_eq!(trace[0].iterations, 0);
-    assert_eq!(trace.last().unwrap().iterations, total - 1);
-    assert!(trace.windows(2).all(|pair| pair[0].iterations < pair[1].iterations));
+    assert_eq!(trace[0].figures.iterations, 0);
+    assert_eq!(trace.last().unwrap().figures.iterations, total - 1);
+    assert!(trace.windows(2).all(|pair| pair[0].figures.iterations < pair[1].figures.iterations));
     let states = store.events(id, 0, u32::MAX).await.unwrap();
     let states = states.iter().filter(|event| matches!(event.data, EventData::State(_)));
     assert_eq!(states.count(), 2, "only progress is thinned");

@@ -126,7 +126,7 @@ impl Outcome {
     /// Whether it replaces the result of an earlier run with those figures: a success does; what
     /// was cancelled does where it has a picture and knows at least as much; a failure does not.
     pub fn is_better_than(&self, earlier: Option<&Stats>) -> bool {
-        let done = |stats: Option<&Stats>| stats.map_or(0, |stats| stats.iterations);
+        let done = |stats: Option<&Stats>| stats.map_or(0, |stats| stats.figures.iterations);
         match self.state {
             JobState::Succeeded => true,
             JobState::Failed => false,

@@ -322,7 +322,8 @@ impl Attempt<'_> {
             AttemptEnd::Finish { outcome, .. } => {
                 // What was shared is no work of this job's.
                 let own = outcome.progress.as_ref().filter(|_| outcome.result_of.is_none());
-                let (iterations, shots) = own.map_or((0, 0), |p| (p.iterations, p.shots));
+                let (iterations, shots) =
+                    own.map_or((0, 0), |p| (p.figures.iterations, p.figures.shots));
                 let seconds = self.started.elapsed().as_secs_f64();
                 let state = outcome.state;
                 tracing::info!(%job, state = state.as_str(), seconds, iterations, "ended");

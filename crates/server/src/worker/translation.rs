@@ -5,7 +5,7 @@ use crate::api::jobs::{self as api, CameraRequest, JobRequest, OptionValue};
 use crate::api::solutions::{Begins, Solution};
 use hemilux_engine::checkpoint::Header;
 use hemilux_engine::render::{
-    Begin, CameraChoice, ExplicitCamera, Limits, Plan, Progress, RenderRequest, Stats,
+    Begin, CameraChoice, ExplicitCamera, Figures, Limits, Plan, Progress, RenderRequest, Stats,
 };
 use hemilux_engine::scene::Scene;
 use std::collections::BTreeMap;
@@ -61,13 +61,20 @@ fn finite(x: f64) -> f64 {
     if x.is_finite() { x } else { 0.0 }
 }
 
+/// What a picture took, in the API's words.
+fn to_figures(figures: &Figures) -> api::Figures {
+    api::Figures {
+        iterations: figures.iterations,
+        shots: figures.shots,
+        light_source_selection_ratio: finite(figures.light_source_selection_ratio),
+        estimated_error: figures.estimated_error.filter(|error| error.is_finite()),
+    }
+}
+
 /// Where a job stands, in the API's words.
 pub fn to_progress(progress: &Progress) -> api::Progress {
     api::Progress {
-        iterations: progress.iterations,
-        shots: progress.shots,
-        light_source_selection_ratio: finite(progress.light_source_selection_ratio),
-        estimated_error: progress.estimated_error.filter(|error| error.is_finite()),
+        figures: to_figures(&progress.figures),
         seconds: finite(progress.seconds),
         seconds_remaining: progress.seconds_remaining.filter(|seconds| seconds.is_finite()),
         fraction: finite(progress.fraction),
@@ -91,10 +98,7 @@ pub fn to_stats(stats: &Stats) -> api::Stats {
     api::Stats {
         method: stats.method.clone(),
         stopped: stopped.and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default(),
-        iterations: stats.iterations,
-        shots: stats.shots,
-        light_source_selection_ratio: finite(stats.light_source_selection_ratio),
-        estimated_error: stats.estimated_error.filter(|error| error.is_finite()),
+        figures: to_figures(&stats.figures),
         seconds_solve: finite(stats.seconds_solve),
         seconds_total: finite(stats.seconds_total),
         patches: stats.patches,

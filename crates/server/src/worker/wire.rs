@@ -292,7 +292,7 @@ mod tests {
 
     #[test]
     fn messages_come_out_as_they_went_in() {
-        let progress = Progress { iterations: 3, seconds: 0.1, ..Progress::default() };
+        let progress = Progress { seconds: 0.1, ..Progress::default() };
         let said = || {
             let snapshot =
                 ExecutorEvent::Snapshot(progress.clone(), files(vec![PictureFormat::Png]));

@@ -208,11 +208,11 @@ impl Owner {
             seed: self.seed,
             decided: self.decided.clone(),
             view: self.view.clone(),
-            iterations: progress.iterations,
-            shots: progress.shots,
+            iterations: progress.figures.iterations,
+            shots: progress.figures.shots,
             light_shots,
             seconds: progress.seconds,
-            estimated_error: progress.estimated_error,
+            estimated_error: progress.figures.estimated_error,
         }
     }
 }

@@ -39,7 +39,7 @@ async fn extend(store: &dyn Store, id: Uuid) {
 async fn shows(store: &dyn Store, id: Uuid, sha256: &str, iterations: u64) {
     let job = store.job(id).await.unwrap().unwrap();
     assert_eq!(job.result.unwrap(), [picture(sha256)]);
-    assert_eq!(job.stats.unwrap().iterations, iterations);
+    assert_eq!(job.stats.unwrap().figures.iterations, iterations);
     if job.state.is_terminal() {
         let newest = store.newest_picture(id, PictureFormat::Exr).await.unwrap();
         assert_eq!(newest.unwrap(), picture(sha256));

@@ -1,7 +1,7 @@
 //! What the tests of any store begin with: somewhere to open stores, and jobs, claims and reports to
 //! try them with.
 
-use crate::api::jobs::{JobRequest, Progress};
+use crate::api::jobs::{Figures, JobRequest, Progress};
 use crate::api::scenes::Scene;
 use crate::job_state::JobState;
 use crate::store::specimens;
@@ -59,7 +59,10 @@ pub fn done() -> Outcome {
 }
 
 pub fn progress(iterations: u64) -> Report {
-    let progress = vec![Progress { iterations, ..Progress::default() }];
+    let progress = vec![Progress {
+        figures: Figures { iterations, ..Figures::default() },
+        ..Progress::default()
+    }];
     Report { progress, ..Report::default() }
 }
 

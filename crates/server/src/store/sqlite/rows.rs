@@ -71,7 +71,7 @@ pub fn job(row: &SqliteRow) -> Result<Job, StoreError> {
     let state = state(row.get("state"))?;
     let progress: Option<Progress> = optional(row, "progress")?;
     let stats: Option<Stats> = optional(row, "stats")?;
-    let figures = progress.clone().unwrap_or_default();
+    let figures = progress.as_ref().map(|progress| progress.figures).unwrap_or_default();
     let warnings: Vec<Warning> = from_json("warnings", row.get("warnings"))?;
     let result: Option<Vec<Picture>> = optional(row, "result")?;
     Ok(Job {
@@ -89,10 +89,7 @@ pub fn job(row: &SqliteRow) -> Result<Job, StoreError> {
         interruptions: row.get("interruptions"),
         cancel_requested: row.get("cancel_requested"),
         device: row.get("device"),
-        iterations: figures.iterations,
-        shots: figures.shots,
-        light_source_selection_ratio: figures.light_source_selection_ratio,
-        estimated_error: figures.estimated_error,
+        figures,
         progress,
         plan: optional(row, "plan")?,
         warnings,

@@ -63,7 +63,7 @@ async fn a_folder_of_the_first_release_opens_with_all_its_jobs() {
     assert_eq!(states, [Succeeded, Failed, Cancelled, Running, Queued]);
     let done = jobs.last().unwrap();
     assert_eq!(done.result.as_ref().unwrap()[0].sha256, "aa");
-    assert_eq!(done.stats.as_ref().unwrap().iterations, 16);
+    assert_eq!(done.stats.as_ref().unwrap().figures.iterations, 16);
     let picture = store.picture(done.id, "aa", PictureFormat::Png).await.unwrap();
     assert_eq!(picture.unwrap().size, 3);
     // What was there is counted from now on.
