@@ -102,7 +102,7 @@ fn glowing(scene: &Scene, color: impl Fn(usize) -> Rgb) -> Scene {
 fn seen(scene: Scene, camera: &Camera, width: u32, height: u32, samples: u32) -> Picture {
     let patched = Arc::new(PatchedScene::new(Arc::new(scene), 1));
     let dark = Solution::dark(patched.patches.len());
-    Measurement::new(patched, camera, width, height, samples, Smoothness::Flat).picture(&dark)
+    Measurement::new(patched, camera, [width, height], samples, Smoothness::Flat).picture(&dark)
 }
 
 /// Pixels beside a pixel that sees another surface.

@@ -15,7 +15,7 @@ pub use camera::{Frame, View, ViewTriangle};
 use glam::Vec2;
 use rayon::prelude::*;
 use reconstruction::{Reconstruction, Smoothness};
-use shading::Sight;
+use shading::{Band, Sight};
 pub use shading::{PixelWeight, VertexWeights};
 use std::sync::Arc;
 
@@ -69,8 +69,7 @@ impl Measurement {
     pub fn new(
         scene: Arc<PatchedScene>,
         camera: &Camera,
-        width: u32,
-        height: u32,
+        [width, height]: [u32; 2],
         samples: u32,
         smoothness: Smoothness,
     ) -> Self {
@@ -100,7 +99,8 @@ impl Measurement {
             |(band, pixels)| {
                 self.visible(band as u32, &self.samples, |offset, items| {
                     let first_row = band as u32 * BAND;
-                    shading::shade(sight, &light, first_row, offset, items, |at, radiance| {
+                    let band = Band { first_row, offset, items };
+                    shading::shade(sight, &light, band, |at, radiance| {
                         pixels[at] += radiance * share;
                     });
                 });
@@ -120,7 +120,8 @@ impl Measurement {
         };
         for band in 0..self.view.height.div_ceil(BAND) {
             self.visible(band, &[Vec2::ZERO], |offset, items| {
-                shading::weigh(self.sight(), band * BAND, offset, items, &mut weights);
+                let band = Band { first_row: band * BAND, offset, items };
+                shading::weigh(self.sight(), band, &mut weights);
             });
         }
         weights

@@ -53,6 +53,17 @@ pub struct VertexLight {
     pub glossy: Vec<Rgb>,
 }
 
+/// What a band of rows sees through one point of every pixel.
+#[derive(Clone, Copy)]
+pub struct Band<'a> {
+    /// Its first row.
+    pub first_row: u32,
+    /// The point, in pixels from each one's middle.
+    pub offset: Vec2,
+    /// The item buffer, row by row.
+    pub items: &'a [u32],
+}
+
 /// A run of pixels in a row that see the same side of the same facet.
 struct Run {
     facet: usize,
@@ -63,16 +74,10 @@ struct Run {
     sum: (f32, f32),
 }
 
-/// Calls `each` for every run of an item buffer with its pixel range.
-fn runs(
-    sight: Sight<'_>,
-    first_row: u32,
-    offset: Vec2,
-    items: &[u32],
-    mut each: impl FnMut(&Run, usize, std::ops::Range<u32>),
-) {
+/// Calls `each` for every run of a band with its pixel range.
+fn runs(sight: Sight<'_>, band: Band<'_>, mut each: impl FnMut(&Run, usize, std::ops::Range<u32>)) {
     let width = sight.view.width as usize;
-    for (row_index, row_items) in items.chunks(width).enumerate() {
+    for (row_index, row_items) in band.items.chunks(width).enumerate() {
         let mut column = 0;
         while column < width {
             let code = row_items[column];
@@ -81,8 +86,8 @@ fn runs(
                 .position(|other| *other != code)
                 .map_or(width, |length| column + length);
             if let Some((facet, back)) = item::decode(code) {
-                let row = first_row + row_index as u32;
-                let run = Run::new(sight, facet as usize, back, row, offset);
+                let row = band.first_row + row_index as u32;
+                let run = Run::new(sight, facet as usize, back, row, band.offset);
                 each(&run, row_index * width, column as u32..end as u32);
             }
             column = end;
@@ -112,18 +117,16 @@ impl Run {
     }
 }
 
-/// Radiance towards the camera of every sample of an item buffer: `each(pixel, radiance)`.
+/// Radiance towards the camera of every sample of a band: `each(pixel, radiance)`.
 pub fn shade(
     sight: Sight<'_>,
     light: &VertexLight,
-    first_row: u32,
-    offset: Vec2,
-    items: &[u32],
+    band: Band<'_>,
     mut each: impl FnMut(usize, Rgb),
 ) {
     let patched = sight.scene;
     let scene = &patched.scene;
-    runs(sight, first_row, offset, items, |run, row_start, columns| {
+    runs(sight, band, |run, row_start, columns| {
         let facet = &patched.facets[run.facet];
         let triangle = &scene.triangles[facet.source as usize];
         let material = &scene.materials[triangle.material as usize];
@@ -155,18 +158,12 @@ pub fn shade(
     });
 }
 
-/// Adds what an item buffer says to the vertices' weights in the picture.
-pub fn weigh(
-    sight: Sight<'_>,
-    first_row: u32,
-    offset: Vec2,
-    items: &[u32],
-    weights: &mut VertexWeights,
-) {
+/// Adds what a band says to the vertices' weights in the picture.
+pub fn weigh(sight: Sight<'_>, band: Band<'_>, weights: &mut VertexWeights) {
     let patched = sight.scene;
     let scene = &patched.scene;
-    weights.pixels += items.len() as f64;
-    runs(sight, first_row, offset, items, |run, _, columns| {
+    weights.pixels += band.items.len() as f64;
+    runs(sight, band, |run, _, columns| {
         let facet = &patched.facets[run.facet];
         let triangle = &scene.triangles[facet.source as usize];
         let material = &scene.materials[triangle.material as usize];

@@ -140,7 +140,7 @@ impl<'a> Job<'a> {
         let mesh = MeshSettings::new(&self.settings);
         let RenderRequest { width, height, .. } = *self.request;
         let (samples, smoothness) = (mesh.pixel_samples, mesh.smoothness);
-        Measurement::new(scene.clone(), &self.camera, width, height, samples, smoothness)
+        Measurement::new(scene.clone(), &self.camera, [width, height], samples, smoothness)
     }
 
     /// What was decided for the job that this one begins with, or else `afresh`, to be found in
