@@ -11,6 +11,14 @@ use crate::raster::PixelPlane;
 
 const BLOCK: usize = 64;
 
+/// Sums of every patch that a shot is deposited in.
+pub struct FactorSums<'a> {
+    /// Σ ΔF.
+    pub form_factor: &'a mut [f32],
+    /// Σ ΔF·cosⁿα; empty where no shot has a lobe.
+    pub lobe_factor: &'a mut [f32],
+}
+
 /// Adds Σ ΔF (and, for a shot with a lobe, Σ ΔF·cosⁿα) of a rendered shot to the patches' sums.
 #[inline(always)]
 pub fn deposit(
@@ -18,8 +26,7 @@ pub fn deposit(
     raster: &Raster,
     table: &DeltaFormFactors,
     shot: &Shot,
-    form_factor: &mut [f32],
-    lobe_factor: &mut [f32],
+    FactorSums { form_factor, lobe_factor }: FactorSums<'_>,
 ) {
     let resolution = table.resolution;
     let width = resolution as usize;
@@ -32,13 +39,13 @@ pub fn deposit(
             continue;
         }
         let grid = Grid::new(Face::ALL[face], resolution, shot);
-        let axis = grid.plane(lobe_axis);
+        let lobe = Lobe { axis: grid.plane(lobe_axis), exponent: shot.exponent };
         for row in 0..Face::ALL[face].rows(resolution) {
             let start = (Face::ALL[face].first_row(resolution) + row) as usize * width;
             let items = &raster.items[start..start + width];
             let delta = &table.values[start..start + width];
             if shot.has_lobe() {
-                lobe_weights(&mut lobe_row, delta, &grid, &axis, row, shot.exponent);
+                lobe_weights(&mut lobe_row, delta, &grid, &lobe, row);
             }
             let mut column = 0;
             while column < width {
@@ -83,16 +90,18 @@ fn run_end(items: &[u32], start: usize) -> usize {
     end
 }
 
+/// A shot's lobe as a face of its hemicube sees it.
+struct Lobe {
+    /// Cosine α to its axis, times the distance to the pixel.
+    axis: PixelPlane,
+    /// n.
+    exponent: f32,
+}
+
 /// ΔF·cosⁿα of every pixel of a row.
 #[inline(always)]
-fn lobe_weights(
-    out: &mut [f32],
-    delta: &[f32],
-    grid: &Grid,
-    axis: &PixelPlane,
-    row: u32,
-    exponent: f32,
-) {
+fn lobe_weights(out: &mut [f32], delta: &[f32], grid: &Grid, lobe: &Lobe, row: u32) {
+    let Lobe { axis, exponent } = lobe;
     let (first_x, step) = grid.x();
     let y = grid.y(row);
     let along = axis.at_row(row);

@@ -5,10 +5,10 @@ use super::raster::Raster;
 use crate::checkpoint::{Reader, Writer};
 use crate::device::{
     DeviceError, Shooting, ShootingSettings, ShotTrace, Substitute, Sums, Tally, VarianceReduction,
-    known_power, sources,
+    Viewpoint, known_power, sources,
 };
 use crate::hemicube::{DeltaFormFactors, FACES, Shot};
-use crate::patches::PatchedScene;
+use crate::patches::{PatchedScene, Patches};
 use crate::radiometry::{LobeAlbedo, Rgb, importance};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -40,10 +40,150 @@ pub struct State {
     pub sums: Sums,
 }
 
+impl State {
+    /// Nothing yet, of so many patches, values in rows of glossy ones and shots; `seen` where lobes
+    /// towards a viewer are summed.
+    fn new(patches: usize, row_values: usize, shots: usize, seen: bool) -> Self {
+        Self {
+            iteration: 0,
+            irradiance: vec![Rgb::ZERO; patches],
+            sources: vec![Vec3::ZERO; shots],
+            incoming: vec![Rgb::ZERO; row_values],
+            power: vec![0.0; patches],
+            cumulative: vec![0.0; patches],
+            shooters: Vec::new(),
+            sums: Sums {
+                iterations: 0,
+                irradiance: vec![Rgb::ZERO; patches],
+                glossy: vec![Rgb::ZERO; if seen { patches } else { 0 }],
+            },
+        }
+    }
+
+    /// Cuts what an iteration changes into stretches of [`CHUNK`] patches.
+    fn stretches(&mut self, glossy_row: &[u32], shot_count: usize) -> Vec<Stretch<'_>> {
+        let seen = !self.sums.glossy.is_empty();
+        // Glossy rows ascend with the patch index, so each stretch of patches owns a range of rows.
+        let mut incoming = self.incoming.as_mut_slice();
+        let mut glossy_sums = self.sums.glossy.as_mut_slice();
+        let by_patch = (self.irradiance.chunks_mut(CHUNK))
+            .zip(self.power.chunks_mut(CHUNK))
+            .zip(self.sums.irradiance.chunks_mut(CHUNK));
+        let mut stretches = Vec::new();
+        for (index, ((irradiance, power), sum)) in by_patch.enumerate() {
+            let start = index * CHUNK;
+            let rows = &glossy_row[start..start + irradiance.len()];
+            let rows = rows.iter().filter(|row| **row != NOT_GLOSSY).count();
+            let (own, rest) = incoming.split_at_mut(rows * shot_count);
+            incoming = rest;
+            let (own_glossy, rest) =
+                glossy_sums.split_at_mut(if seen { irradiance.len() } else { 0 });
+            glossy_sums = rest;
+            let (incoming, glossy_sums) = (own, own_glossy);
+            stretches.push(Stretch { start, irradiance, power, sum, incoming, glossy_sums });
+        }
+        stretches
+    }
+}
+
+/// What an iteration changes of a stretch of patches; see [`State`].
+struct Stretch<'a> {
+    /// The first patch.
+    start: usize,
+    irradiance: &'a mut [Rgb],
+    power: &'a mut [f32],
+    /// Sums of irradiance over all iterations.
+    sum: &'a mut [Rgb],
+    /// Rows of its glossy patches.
+    incoming: &'a mut [Rgb],
+    /// Sums of lobes towards the viewer; empty without one.
+    glossy_sums: &'a mut [Rgb],
+}
+
 /// Per-shot sums over the patches.
 struct ShotSums {
     form_factor: Vec<f32>,
     lobe_factor: Vec<f32>,
+}
+
+/// What the patches get from the shots of one iteration.
+struct Update<'a> {
+    patches: &'a Patches,
+    shots: &'a [Shot],
+    shot_sums: &'a [ShotSums],
+    glossy_row: &'a [u32],
+    source: &'a [Rgb],
+    known_power: &'a [f32],
+    /// The viewer whom glossy patches reflect light to, if it is to be summed.
+    viewpoint: Option<Viewpoint>,
+}
+
+impl Update<'_> {
+    /// Irradiance of a stretch by all shots.
+    fn add_irradiance(&self, stretch: &mut Stretch<'_>) {
+        let (start, areas) = (stretch.start, &self.patches.area);
+        stretch.irradiance.fill(Rgb::ZERO);
+        for (shot, sums) in self.shots.iter().zip(self.shot_sums) {
+            let diffuse = shot.diffuse * (shot.scale * PI);
+            for (offset, total) in stretch.irradiance.iter_mut().enumerate() {
+                let i = start + offset;
+                *total += diffuse * (sums.form_factor[i] / areas[i]);
+            }
+            if shot.has_lobe() {
+                let lobe = shot.lobe * (shot.scale * PI);
+                for (offset, total) in stretch.irradiance.iter_mut().enumerate() {
+                    let i = start + offset;
+                    *total += lobe * (sums.lobe_factor[i] / areas[i]);
+                }
+            }
+        }
+    }
+
+    /// Adds that to the sums, and finds the power that each patch of the stretch would shoot.
+    fn add_up(&self, stretch: Stretch<'_>) {
+        let Stretch { start, irradiance, power, sum, incoming, glossy_sums } = stretch;
+        let patches = self.patches;
+        let mut rows = incoming.chunks_mut(self.shots.len());
+        for offset in 0..irradiance.len() {
+            let i = start + offset;
+            let mut reflected = patches.diffuse[i] * irradiance[offset];
+            if self.glossy_row[i] != NOT_GLOSSY {
+                let row = rows.next().expect("one row a glossy patch");
+                self.reflect(i, row, &mut reflected, glossy_sums.get_mut(offset));
+            }
+            sum[offset] += irradiance[offset];
+            let known = self.known_power.get(i).copied().unwrap_or(0.0);
+            power[offset] = importance(patches.area[i] * (PI * self.source[i] + reflected)) + known;
+        }
+    }
+
+    /// Of the glossy patch i, the irradiance by each shot, what its lobe reflects of them, and what
+    /// of that goes towards the viewer.
+    #[inline]
+    fn reflect(&self, i: usize, row: &mut [Rgb], reflected: &mut Rgb, mut seen: Option<&mut Rgb>) {
+        let patches = self.patches;
+        row.fill(Rgb::ZERO);
+        for ((shot, sums), e) in self.shots.iter().zip(self.shot_sums).zip(row) {
+            let share = PI * shot.scale / patches.area[i];
+            let mut radiance = (shot.diffuse + shot.known) * sums.form_factor[i];
+            if shot.has_lobe() {
+                radiance += shot.lobe * sums.lobe_factor[i];
+            }
+            *e = radiance * share;
+            if *e == Rgb::ZERO {
+                continue;
+            }
+            let to_source = (shot.position - patches.centroid[i]).normalize_or_zero();
+            let cosine = patches.normal[i].dot(to_source);
+            let albedo = LobeAlbedo::shared().at(patches.exponent[i], cosine);
+            *reflected += patches.specular[i] * *e * albedo;
+            if let (Some(seen), Some(viewpoint)) = (&mut seen, self.viewpoint) {
+                let to_viewer = viewpoint.direction_from(patches.centroid[i]);
+                let (normal, exponent) = (patches.shading_normal[i], patches.exponent[i]);
+                **seen += *e * phong_lobe(normal, to_source, to_viewer, exponent);
+            }
+        }
+    }
 }
 
 /// The device's own threads, or those of the pool that the caller is in.
@@ -127,35 +267,21 @@ impl<'device> CpuShooting<'device> {
         let seen = settings.viewpoint.is_some() && glossy > 0;
         let source = sources(&scene, settings);
         let known_power = known_power(&scene, settings);
+        let rows = glossy * shots;
+        let mut state = State::new(count, rows, shots, seen);
+        for (i, power) in state.power.iter_mut().enumerate() {
+            let known = known_power.get(i).copied().unwrap_or(0.0);
+            *power = importance(PI * patches.area[i] * source[i]) + known;
+        }
+        let raster = || Mutex::new(Raster::new(settings.resolution, &scene));
+        let sums = || ShotSums {
+            form_factor: vec![0.0; count],
+            lobe_factor: vec![0.0; if glossy > 0 { count } else { 0 }],
+        };
         Self {
-            rasters: (0..threads)
-                .map(|_| Mutex::new(Raster::new(settings.resolution, &scene)))
-                .collect(),
-            shot_sums: (0..tasks)
-                .map(|_| ShotSums {
-                    form_factor: vec![0.0; count],
-                    lobe_factor: vec![0.0; if glossy > 0 { count } else { 0 }],
-                })
-                .collect(),
-            state: State {
-                iteration: 0,
-                irradiance: vec![Rgb::ZERO; count],
-                sources: vec![Vec3::ZERO; shots],
-                incoming: vec![Rgb::ZERO; glossy * shots],
-                power: (0..count)
-                    .map(|i| {
-                        let known = known_power.get(i).copied().unwrap_or(0.0);
-                        importance(PI * patches.area[i] * source[i]) + known
-                    })
-                    .collect(),
-                cumulative: vec![0.0; count],
-                shooters: Vec::new(),
-                sums: Sums {
-                    iterations: 0,
-                    irradiance: vec![Rgb::ZERO; count],
-                    glossy: vec![Rgb::ZERO; if seen { count } else { 0 }],
-                },
-            },
+            rasters: (0..threads).map(|_| raster()).collect(),
+            shot_sums: (0..tasks).map(|_| sums()).collect(),
+            state,
             table: DeltaFormFactors::new(settings.resolution),
             settings: settings.clone(),
             glossy_row,
@@ -222,98 +348,25 @@ impl<'device> CpuShooting<'device> {
     /// Turns the shots' sums into incoming light, next powers and running sums.
     fn update(&mut self, shots: &[Shot]) {
         let Self { scene, settings, shot_sums, glossy_row, source, known_power, state, .. } = self;
-        let (patches, shot_count) = (&scene.patches, settings.shots_per_iteration as usize);
-        let viewpoint = settings.viewpoint;
         for (source, shot) in state.sources.iter_mut().zip(shots) {
             *source = shot.position;
         }
         state.shooters.clear();
         state.shooters.extend(shots.iter().map(|shot| shot.patch));
-        let seen = !state.sums.glossy.is_empty();
-        // Glossy rows ascend with the patch index, so each chunk of patches owns a range of rows.
-        let mut incoming = state.incoming.as_mut_slice();
-        let mut glossy_sums = state.sums.glossy.as_mut_slice();
-        let mut chunks = Vec::new();
-        for (index, ((irradiance, power), sum)) in state
-            .irradiance
-            .chunks_mut(CHUNK)
-            .zip(state.power.chunks_mut(CHUNK))
-            .zip(state.sums.irradiance.chunks_mut(CHUNK))
-            .enumerate()
-        {
-            let start = index * CHUNK;
-            let rows = glossy_row[start..start + irradiance.len()]
-                .iter()
-                .filter(|row| **row != NOT_GLOSSY)
-                .count();
-            let (own, rest) = incoming.split_at_mut(rows * shot_count);
-            incoming = rest;
-            let (own_glossy, rest) =
-                glossy_sums.split_at_mut(if seen { irradiance.len() } else { 0 });
-            glossy_sums = rest;
-            chunks.push((start, irradiance, power, sum, own, own_glossy));
-        }
-        let shot_sums = &*shot_sums;
-        chunks.into_par_iter().for_each(
-            |(start, irradiance, power, sum, incoming, glossy_sums)| {
-                irradiance.fill(Rgb::ZERO);
-                for (shot, sums) in shots.iter().zip(shot_sums) {
-                    let diffuse = shot.diffuse * (shot.scale * PI);
-                    for (offset, total) in irradiance.iter_mut().enumerate() {
-                        let i = start + offset;
-                        *total += diffuse * (sums.form_factor[i] / patches.area[i]);
-                    }
-                    if shot.has_lobe() {
-                        let lobe = shot.lobe * (shot.scale * PI);
-                        for (offset, total) in irradiance.iter_mut().enumerate() {
-                            let i = start + offset;
-                            *total += lobe * (sums.lobe_factor[i] / patches.area[i]);
-                        }
-                    }
-                }
-                let mut rows = incoming.chunks_mut(shot_count);
-                for offset in 0..irradiance.len() {
-                    let i = start + offset;
-                    let mut reflected = patches.diffuse[i] * irradiance[offset];
-                    if glossy_row[i] != NOT_GLOSSY {
-                        let row = rows.next().expect("one row a glossy patch");
-                        row.fill(Rgb::ZERO);
-                        for ((k, shot), e) in shots.iter().enumerate().zip(row) {
-                            let share = PI * shot.scale / patches.area[i];
-                            let mut radiance =
-                                (shot.diffuse + shot.known) * shot_sums[k].form_factor[i];
-                            if shot.has_lobe() {
-                                radiance += shot.lobe * shot_sums[k].lobe_factor[i];
-                            }
-                            *e = radiance * share;
-                            if *e == Rgb::ZERO {
-                                continue;
-                            }
-                            let to_source =
-                                (shot.position - patches.centroid[i]).normalize_or_zero();
-                            let cosine = patches.normal[i].dot(to_source);
-                            reflected += patches.specular[i]
-                                * *e
-                                * LobeAlbedo::shared().at(patches.exponent[i], cosine);
-                            if let (true, Some(viewpoint)) = (seen, viewpoint) {
-                                let to_viewer = viewpoint.direction_from(patches.centroid[i]);
-                                glossy_sums[offset] += *e
-                                    * phong_lobe(
-                                        patches.shading_normal[i],
-                                        to_source,
-                                        to_viewer,
-                                        patches.exponent[i],
-                                    );
-                            }
-                        }
-                    }
-                    sum[offset] += irradiance[offset];
-                    let known = known_power.get(i).copied().unwrap_or(0.0);
-                    power[offset] =
-                        importance(patches.area[i] * (PI * source[i] + reflected)) + known;
-                }
-            },
-        );
+        let update = Update {
+            patches: &scene.patches,
+            shots,
+            shot_sums,
+            glossy_row,
+            source,
+            known_power,
+            viewpoint: settings.viewpoint.filter(|_| !state.sums.glossy.is_empty()),
+        };
+        let stretches = state.stretches(glossy_row, settings.shots_per_iteration as usize);
+        stretches.into_par_iter().for_each(|mut stretch| {
+            update.add_irradiance(&mut stretch);
+            update.add_up(stretch);
+        });
         state.iteration += 1;
         state.sums.iterations += 1;
     }

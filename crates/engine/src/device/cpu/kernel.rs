@@ -1,7 +1,7 @@
 //! Renders one shot and deposits it, compiled for the vectors that the processor has. The same
 //! operations in the same order everywhere, so the bits are the same too.
 
-use super::deposit::deposit;
+use super::deposit::{FactorSums, deposit};
 use super::raster::Raster;
 use crate::hemicube::{DeltaFormFactors, Shot};
 use crate::patches::PatchedScene;
@@ -19,7 +19,8 @@ pub struct Job<'a> {
 #[inline(always)]
 fn run_generic(job: Job<'_>) {
     job.raster.render(job.scene, job.shot);
-    deposit(job.scene, job.raster, job.table, job.shot, job.form_factor, job.lobe_factor);
+    let sums = FactorSums { form_factor: job.form_factor, lobe_factor: job.lobe_factor };
+    deposit(job.scene, job.raster, job.table, job.shot, sums);
 }
 
 #[cfg(target_arch = "x86_64")]
