@@ -67,48 +67,40 @@ pub struct PictureParts<'a> {
 
 /// The picture with its estimated error; `None` of a black picture.
 pub fn measure(known: &PictureParts<'_>) -> (Picture, Option<Errors>) {
-    let PictureParts { seen, lights, coarse, bounced, direct: light, options, .. } = *known;
+    let PictureParts { seen, options, .. } = *known;
     let mut gloss = Vec::new();
     if known.gloss.len() > 0 {
         gloss = known.gloss.of_fragments(seen, options.lobe_filter);
     }
     let coverage = COVERAGE * (options.samples as f32).powf(-1.5);
-    let pixel = |pixel: usize| {
+    let count = seen.shine.len();
+    let measured: Vec<Measured> = (0..count)
+        .into_par_iter()
+        .with_min_len(1024)
+        .map(|pixel| known.pixel(&gloss, coverage, pixel))
+        .collect();
+    let errors = errors(&measured, &seen.shine);
+    let pixels = measured.iter().map(|measured| measured.radiance).collect();
+    (Picture { width: seen.width, height: seen.height, pixels }, errors)
+}
+
+impl PictureParts<'_> {
+    /// What a pixel shows, and its variance by cause; `gloss` is mean and variance of the lobes of
+    /// every fragment, or empty, `coverage` the variance of a surface's share.
+    fn pixel(&self, gloss: &[(Rgb, Rgb)], coverage: f32, pixel: usize) -> Measured {
+        let seen = self.seen;
         let mut radiance = seen.shine[pixel];
         let mut variance = [0.0; 5];
         let (mut least, mut most, mut all) = (Rgb::INFINITY, Rgb::ZERO, 0.0);
         for index in seen.start[pixel] as usize..seen.start[pixel + 1] as usize {
-            let fragment = &seen.fragments[index];
-            let (direct, direct_variance) = if options.light {
-                light.irradiance(lights, seen, index, options.shadow_filter)
-            } else {
-                let (facet, back, at) = seen.place_on_facet(fragment);
-                (coarse.direct(facet, back, at), Rgb::ZERO)
-            };
-            let bounced = bounced[index].unwrap_or_else(|| {
-                let (facet, back, at) = seen.place_on_facet(fragment);
-                let irradiance = coarse.bounced(facet, back, at);
-                Bounced { irradiance, noise: irradiance * COARSE, bent: Rgb::ZERO }
-            });
-            let factor = fragment.diffuse / PI;
-            let mut own = factor * (direct + bounced.irradiance).max(Rgb::ZERO);
-            let square = factor * factor;
-            let mut own_variance = [
-                square * bounced.noise * bounced.noise,
-                square * bounced.bent,
-                square * direct_variance,
-                Rgb::ZERO,
-            ];
-            if let Some((mean, variance)) = gloss.get(index) {
-                own += *mean;
-                own_variance[3] = *variance;
-            }
-            radiance += own * fragment.share;
+            let share = seen.fragments[index].share;
+            let (own, own_variance) = self.fragment(gloss, index);
+            radiance += own * share;
             for (sum, own) in variance.iter_mut().zip(own_variance) {
-                *sum += own.element_sum() * (fragment.share * fragment.share);
+                *sum += own.element_sum() * (share * share);
             }
             (least, most) = (least.min(own), most.max(own));
-            all += fragment.share;
+            all += share;
         }
         if all > 0.0 {
             // Beside what the camera sees may be nothing, which is black.
@@ -118,12 +110,44 @@ pub fn measure(known: &PictureParts<'_>) -> (Picture, Option<Errors>) {
             variance[4] = ((most - least) * (most - least) * coverage).element_sum();
         }
         Measured { radiance, variance }
-    };
-    let count = seen.shine.len();
-    let measured: Vec<Measured> =
-        (0..count).into_par_iter().with_min_len(1024).map(pixel).collect();
+    }
+
+    /// Radiance that a fragment reflects, and its variance by all causes but edges.
+    fn fragment(&self, gloss: &[(Rgb, Rgb)], index: usize) -> (Rgb, [Rgb; 4]) {
+        let PictureParts { seen, coarse, options, .. } = *self;
+        let fragment = &seen.fragments[index];
+        let (direct, direct_variance) = if options.light {
+            self.direct.irradiance(self.lights, seen, index, options.shadow_filter)
+        } else {
+            let (facet, back, at) = seen.place_on_facet(fragment);
+            (coarse.direct(facet, back, at), Rgb::ZERO)
+        };
+        let bounced = self.bounced[index].unwrap_or_else(|| {
+            let (facet, back, at) = seen.place_on_facet(fragment);
+            let irradiance = coarse.bounced(facet, back, at);
+            Bounced { irradiance, noise: irradiance * COARSE, bent: Rgb::ZERO }
+        });
+        let factor = fragment.diffuse / PI;
+        let mut radiance = factor * (direct + bounced.irradiance).max(Rgb::ZERO);
+        let square = factor * factor;
+        let mut variance = [
+            square * bounced.noise * bounced.noise,
+            square * bounced.bent,
+            square * direct_variance,
+            Rgb::ZERO,
+        ];
+        if let Some((mean, own)) = gloss.get(index) {
+            radiance += *mean;
+            variance[3] = *own;
+        }
+        (radiance, variance)
+    }
+}
+
+/// Relative errors over the pixels that see no emitter; `None` where these are black.
+fn errors(measured: &[Measured], shine: &[Rgb]) -> Option<Errors> {
     let (mut sum, mut variance, mut pixels) = (0.0, [0.0; 5], 0.0);
-    for (measured, shine) in measured.iter().zip(&seen.shine) {
+    for (measured, shine) in measured.iter().zip(shine) {
         if *shine == Rgb::ZERO {
             sum += f64::from(measured.radiance.element_sum());
             for (all, own) in variance.iter_mut().zip(measured.variance) {
@@ -132,14 +156,11 @@ pub fn measure(known: &PictureParts<'_>) -> (Picture, Option<Errors>) {
             pixels += 3.0;
         }
     }
-    let pixels_out = measured.iter().map(|measured| measured.radiance).collect();
-    let picture = Picture { width: seen.width, height: seen.height, pixels: pixels_out };
-    let errors = (sum > 0.0).then(|| {
+    (sum > 0.0).then(|| {
         let mean = sum / pixels;
         let square = |k: usize| FOUND[k] * variance[k] / pixels / (mean * mean);
         let squares: [f64; 5] = std::array::from_fn(square);
         let all = (squares.iter().sum::<f64>() + ALLOWANCE * ALLOWANCE).sqrt();
         Errors { parts: squares.map(f64::sqrt), all }
-    });
-    (picture, errors)
+    })
 }

@@ -61,6 +61,16 @@ struct Placed {
     inset: f32,
 }
 
+/// Sums over the samples of a pixel on one facet.
+struct SampleSums {
+    /// Of their places in the pixel.
+    offset: Vec2,
+    /// Of base colours.
+    color: Rgb,
+    /// Of emitted radiance.
+    emission: Rgb,
+}
+
 /// What a camera sees.
 pub struct Seen {
     /// Columns.
@@ -268,70 +278,88 @@ impl Seen {
     /// Appends the fragments and lobes of a pixel; returns what it emits.
     fn collect(&self, world: &World, pixel: u32, groups: &[Group], band: &mut Band) -> Rgb {
         let Band { fragments, lobes, .. } = band;
-        let each = 1.0 / self.samples.len() as f32;
         let mut shine = Rgb::ZERO;
         let first = fragments.len();
         for group in groups {
-            let Some((facet, back)) = item::decode(group.code) else { continue };
-            let source = self.scene.facets[facet as usize].source;
-            let finish = world.finish(source);
-            let share = group.mask.count_ones() as f32 * each;
-            let mut middle = Vec2::ZERO;
-            let (mut color, mut emission) = (Rgb::ZERO, Rgb::ZERO);
-            let mut mask = group.mask;
-            while mask != 0 {
-                let offset = self.samples[mask.trailing_zeros() as usize];
-                mask &= mask - 1;
-                middle += offset;
-                if finish.varies {
-                    let at = self.barycentric(facet, pixel, offset);
-                    let at = self.scene.facets[facet as usize].to_source(at.x, at.y);
-                    let (own_color, own_emission) = world.colors_at(source, at.x, at.y);
-                    color += own_color;
-                    emission += own_emission;
-                }
-            }
-            let count = group.mask.count_ones() as f32;
-            let at = self.barycentric(facet, pixel, middle / count);
-            let point = self.spot(facet, back, at).0;
-            let mut diffuse = finish.reflectance.diffuse;
-            if finish.varies {
-                // Of the mean colour, as what is diffuse is proportional to the colour, but for
-                // surfaces that are in part metal.
-                diffuse = world.material(source).reflectance(color / count).diffuse;
-                shine += emission * each;
-            } else {
-                shine += finish.emission * share;
-            }
-            let glossy = finish.reflectance.is_glossy();
-            if diffuse == Rgb::ZERO && !glossy {
+            let Some((one, own)) = self.look_at(world, pixel, group) else { continue };
+            shine += own;
+            if one.diffuse == Rgb::ZERO && !one.glossy {
                 continue;
             }
-            let placed = &self.placed[facet as usize];
-            let normal = if back { -placed.normal } else { placed.normal };
-            let (code, mask) = (group.code, group.mask);
-            let one = Fragment { pixel, code, mask, share, point, normal, diffuse, glossy };
             // Neighbours of a smooth surface go together.
-            let reach = 3.0 * self.frame.footprint(point, self.height);
+            let reach = 3.0 * self.frame.footprint(one.point, self.height);
             let near = fragments[first..].iter().position(|other| {
-                other.glossy == glossy
-                    && other.normal.dot(normal) > SMOOTH
-                    && other.normal.dot(other.point - point).abs() < reach
-                    && (other.diffuse - diffuse).abs().max_element() < 0.02
+                other.glossy == one.glossy
+                    && other.normal.dot(one.normal) > SMOOTH
+                    && other.normal.dot(other.point - one.point).abs() < reach
+                    && (other.diffuse - one.diffuse).abs().max_element() < 0.02
             });
             let fragment = near.map_or(fragments.len(), |near| first + near);
             match fragments.get_mut(fragment) {
                 Some(other) => other.join(&one),
                 None => fragments.push(one),
             }
-            if glossy {
-                lobes.push(Lobe { fragment: fragment as u32, code, mask });
+            if one.glossy {
+                lobes.push(Lobe { fragment: fragment as u32, code: group.code, mask: group.mask });
             }
         }
         for fragment in &mut fragments[first..] {
             fragment.normal = fragment.normal.normalize_or(Vec3::Z);
         }
         shine
+    }
+
+    /// A group of samples as a fragment, and the radiance that it adds to the pixel by itself.
+    fn look_at(&self, world: &World, pixel: u32, group: &Group) -> Option<(Fragment, Rgb)> {
+        let &Group { code, mask } = group;
+        let (facet, back) = item::decode(code)?;
+        let source = self.scene.facets[facet as usize].source;
+        let finish = world.finish(source);
+        let each = 1.0 / self.samples.len() as f32;
+        let count = mask.count_ones() as f32;
+        let share = count * each;
+        let sums = self.sums(world, pixel, facet, mask, finish.varies);
+        let at = self.barycentric(facet, pixel, sums.offset / count);
+        let point = self.spot(facet, back, at).0;
+        let (diffuse, shine) = if finish.varies {
+            // Of the mean colour, as what is diffuse is proportional to the colour, but for
+            // surfaces that are in part metal.
+            let mean = world.material(source).reflectance(sums.color / count);
+            (mean.diffuse, sums.emission * each)
+        } else {
+            (finish.reflectance.diffuse, finish.emission * share)
+        };
+        let glossy = finish.reflectance.is_glossy();
+        let placed = &self.placed[facet as usize];
+        let normal = if back { -placed.normal } else { placed.normal };
+        let fragment = Fragment { pixel, code, mask, share, point, normal, diffuse, glossy };
+        Some((fragment, shine))
+    }
+
+    /// Sums over some samples of a facet: of their offsets and, where these vary, of colours.
+    fn sums(
+        &self,
+        world: &World,
+        pixel: u32,
+        facet: u32,
+        mut mask: u64,
+        varies: bool,
+    ) -> SampleSums {
+        let facet_of = &self.scene.facets[facet as usize];
+        let mut sums = SampleSums { offset: Vec2::ZERO, color: Rgb::ZERO, emission: Rgb::ZERO };
+        while mask != 0 {
+            let offset = self.samples[mask.trailing_zeros() as usize];
+            mask &= mask - 1;
+            sums.offset += offset;
+            if varies {
+                let at = self.barycentric(facet, pixel, offset);
+                let at = facet_of.to_source(at.x, at.y);
+                let (color, emission) = world.colors_at(facet_of.source, at.x, at.y);
+                sums.color += color;
+                sums.emission += emission;
+            }
+        }
+        sums
     }
 }
 

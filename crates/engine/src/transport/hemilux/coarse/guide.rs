@@ -46,48 +46,12 @@ impl Guide {
         links: &Links,
         radiosity: &[f32],
     ) -> Option<Self> {
-        let area = &elements.area;
-        let all: f32 = area.iter().sum();
-        let power: f32 = area.iter().zip(radiosity).map(|(area, own)| area * own).sum();
-        let limit = BRIGHT * power / all;
-        let bright = |element: &usize| radiosity[*element] > limit;
-        let mut elements_aimed_at: Vec<usize> = (0..area.len()).filter(bright).collect();
-        let own = |element: &usize| area[*element] * radiosity[*element];
-        if elements_aimed_at.iter().map(own).sum::<f32>() <= WORTH * power {
-            return None;
-        }
-        // What others get of it, by the links: the gap between a lamp and the ceiling may be as
-        // bright as it will, and what is near is met without being aimed at.
-        let mut received = vec![0.0; area.len()];
-        let middle = |element: usize| elements.points(world, scene, element, 0.5).ball().0;
-        for element in 0..area.len() {
-            let met = links.of(element).map(|link| link as usize);
-            let met = met.filter(|link| radiosity.get(*link) > Some(&limit));
-            let met: Vec<usize> = met.collect();
-            if met.is_empty() || elements.albedo[element] == Rgb::ZERO {
-                continue;
-            }
-            let each = area[element] / links.of(element).count() as f32;
-            let from = middle(element);
-            for link in met {
-                if from.distance(middle(link))
-                    > APART * area[link].sqrt() * world.rays.scale() as f32
-                {
-                    received[link] += each * radiosity[link];
-                }
-            }
-        }
-        elements_aimed_at.retain(|element| received[*element] > 0.0);
-        let useful = |element: &usize| received[*element].min(own(element));
-        let theirs: f32 = elements_aimed_at.iter().map(useful).sum();
-        if theirs.is_nan() || theirs <= WORTH * power {
-            return None;
-        }
+        let bright = worth_aiming_at(world, scene, elements, links, radiosity)?;
         let (mut patches, mut powers) = (Vec::new(), Vec::new());
-        for element in &elements_aimed_at {
-            for patch in elements.members(*element) {
+        for (element, power) in bright {
+            for patch in elements.members(element) {
                 patches.push(*patch);
-                powers.push(useful(element) / area[*element] * scene.patches.area[*patch as usize]);
+                powers.push(power / elements.area[element] * scene.patches.area[*patch as usize]);
             }
         }
         let points: Vec<PatchPoints> =
@@ -131,6 +95,66 @@ impl Guide {
         let probability = self.tree.probability(number, point, normal);
         probability * distance * distance * self.per_area[number] / cosine.abs().max(1e-6)
     }
+}
+
+/// Bright elements that others are lit by without meeting them by chance, each with what it sends
+/// them; `None` where that is too little.
+fn worth_aiming_at(
+    world: &World,
+    scene: &PatchedScene,
+    elements: &Elements,
+    links: &Links,
+    radiosity: &[f32],
+) -> Option<Vec<(usize, f32)>> {
+    let area = &elements.area;
+    let all: f32 = area.iter().sum();
+    let power: f32 = area.iter().zip(radiosity).map(|(area, own)| area * own).sum();
+    let limit = BRIGHT * power / all;
+    let mut bright: Vec<usize> = (0..area.len()).filter(|e| radiosity[*e] > limit).collect();
+    let own = |element: &usize| area[*element] * radiosity[*element];
+    if bright.iter().map(own).sum::<f32>() <= WORTH * power {
+        return None;
+    }
+    let received = received(world, scene, elements, links, |link| {
+        radiosity.get(link).copied().filter(|own| *own > limit)
+    });
+    bright.retain(|element| received[*element] > 0.0);
+    let useful = |element: &usize| received[*element].min(own(element));
+    let theirs: f32 = bright.iter().map(useful).sum();
+    if theirs.is_nan() || theirs <= WORTH * power {
+        return None;
+    }
+    Some(bright.iter().map(|element| (*element, useful(element))).collect())
+}
+
+/// What others get of each element by the links, as far as it is not near them: the gap between a
+/// lamp and the ceiling may be as bright as it will, and what is near is met without being aimed
+/// at. `bright` gives the radiosity of an element that counts.
+fn received(
+    world: &World,
+    scene: &PatchedScene,
+    elements: &Elements,
+    links: &Links,
+    bright: impl Fn(usize) -> Option<f32>,
+) -> Vec<f32> {
+    let area = &elements.area;
+    let mut received = vec![0.0; area.len()];
+    let middle = |element: usize| elements.points(world, scene, element, 0.5).ball().0;
+    for element in 0..area.len() {
+        let met = links.of(element).map(|link| link as usize);
+        let met: Vec<(usize, f32)> = met.filter_map(|link| Some((link, bright(link)?))).collect();
+        if met.is_empty() || elements.albedo[element] == Rgb::ZERO {
+            continue;
+        }
+        let each = area[element] / links.of(element).count() as f32;
+        let from = middle(element);
+        for (link, radiosity) in met {
+            if from.distance(middle(link)) > APART * area[link].sqrt() * world.rays.scale() as f32 {
+                received[link] += each * radiosity;
+            }
+        }
+    }
+    received
 }
 
 #[cfg(test)]

@@ -85,6 +85,18 @@ pub struct FirstLook<'a> {
     pub direct: &'a dyn Fn(usize) -> Rgb,
 }
 
+/// What new records are made with.
+struct Making<'a> {
+    world: &'a World,
+    coarse: &'a Coarse,
+    seen: &'a Seen,
+    gathering: Gathering,
+    /// How tight they have to be, per fragment; empty where nothing is known of that.
+    tight: &'a [f32],
+    /// Times the footprint of a pixel.
+    scaling: f32,
+}
+
 /// What the radii of records follow.
 #[derive(Clone, Copy)]
 pub struct Spacing {
@@ -154,71 +166,84 @@ impl Cache {
         let most = gathering.new_rays;
         let first_rays = if look.is_some() { LOOK_RAYS.min(most) } else { most };
         let mut rays = first_rays;
-        let mut all_direct = Rgb::ZERO;
         let tight = self.tighten(seen);
         for record in &mut self.records {
             record.radius = radius(record, gathering.spacing);
         }
         self.coverage = vec![0.0; seen.fragments.len()];
         self.cover(seen, 0);
-        let scaling = scaling(seen);
+        let making =
+            Making { world, coarse, seen, gathering, tight: &tight, scaling: scaling(seen) };
         for spacing in SPACINGS {
-            let least = if spacing == 1 { NEARLY_NOTHING } else { COVERED };
-            let double = 2 * spacing;
-            let phases: &[[u32; 2]] = if spacing == SPACINGS[0] {
-                &[[0, 0], [1, 1], [0, 1], [1, 0]]
-            } else {
-                &[[1, 1], [0, 1], [1, 0]]
-            };
-            for [across, down] in phases {
-                let mut wanted = Vec::new();
-                for row in (down * spacing..seen.height).step_by(double as usize) {
-                    for column in (across * spacing..seen.width).step_by(double as usize) {
-                        let pixel = (row * seen.width + column) as usize;
-                        let range = seen.start[pixel]..seen.start[pixel + 1];
-                        wanted.extend(range.filter(|f| self.coverage[*f as usize] < least));
-                    }
+            let look = look.filter(|_| spacing == SPACINGS[0]);
+            let mut direct = Rgb::ZERO;
+            for phase in phases(spacing) {
+                let wanted = thinned(self.wanted(seen, spacing, *phase));
+                if let Some(look) = look {
+                    direct +=
+                        wanted.iter().map(|place| (look.direct)(*place as usize)).sum::<Rgb>();
                 }
-                let wanted = thinned(wanted);
-                if let (Some(look), true) = (look, spacing == SPACINGS[0]) {
-                    let direct = wanted.iter().map(|place| (look.direct)(*place as usize));
-                    all_direct += direct.sum::<Rgb>();
-                }
-                let first = self.records.len();
-                let sequences = self.sequences;
-                let new: Vec<Record> = wanted
-                    .into_par_iter()
-                    .enumerate()
-                    .with_max_len(16)
-                    .map(|(index, place)| {
-                        let fragment = &seen.fragments[place as usize];
-                        let footprint = scaling * seen.frame.footprint(fragment.point, seen.height);
-                        let number = sequences.wrapping_add(index as u32);
-                        let point = seen.middle_point(fragment);
-                        let mut record = Record::new(point, fragment.normal, footprint, number);
-                        record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
-                        record.tight = tight.get(place as usize).copied().unwrap_or(1.0);
-                        record.radius = radius(&record, gathering.spacing);
-                        record
-                    })
-                    .collect();
-                self.sequences = sequences.wrapping_add(new.len() as u32);
-                self.records.extend(new);
-                self.cover(seen, first);
+                self.make(&making, wanted, rays);
             }
-            if let (Some(look), true) = (look, spacing == SPACINGS[0]) {
+            if let Some(look) = look {
                 let allowed = NOISE[usize::from(look.hasty)];
-                rays = self.worth(all_direct, allowed).clamp(first_rays, most);
-                let more = rays - first_rays;
-                self.records.par_iter_mut().with_max_len(16).for_each(|record| {
-                    record.gather(world, coarse, gathering.seed, more, gathering.afresh);
-                    record.radius = radius(record, gathering.spacing);
-                });
-                self.coverage.fill(0.0);
-                self.cover(seen, 0);
+                rays = self.worth(direct, allowed).clamp(first_rays, most);
+                self.gather_more(&making, rays - first_rays);
             }
         }
         rays
+    }
+
+    /// Fragments in the pixels of a grid that are covered too little.
+    fn wanted(&self, seen: &Seen, spacing: u32, [across, down]: [u32; 2]) -> Vec<u32> {
+        let least = if spacing == 1 { NEARLY_NOTHING } else { COVERED };
+        let double = 2 * spacing as usize;
+        let mut wanted = Vec::new();
+        for row in (down * spacing..seen.height).step_by(double) {
+            for column in (across * spacing..seen.width).step_by(double) {
+                let pixel = (row * seen.width + column) as usize;
+                let range = seen.start[pixel]..seen.start[pixel + 1];
+                wanted.extend(range.filter(|f| self.coverage[*f as usize] < least));
+            }
+        }
+        wanted
+    }
+
+    /// Adds records on these fragments, each with so many rays.
+    fn make(&mut self, making: &Making<'_>, wanted: Vec<u32>, rays: u32) {
+        let Making { world, coarse, seen, gathering, tight, scaling } = *making;
+        let first = self.records.len();
+        let sequences = self.sequences;
+        let new: Vec<Record> = wanted
+            .into_par_iter()
+            .enumerate()
+            .with_max_len(16)
+            .map(|(index, place)| {
+                let fragment = &seen.fragments[place as usize];
+                let footprint = scaling * seen.frame.footprint(fragment.point, seen.height);
+                let number = sequences.wrapping_add(index as u32);
+                let point = seen.middle_point(fragment);
+                let mut record = Record::new(point, fragment.normal, footprint, number);
+                record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
+                record.tight = tight.get(place as usize).copied().unwrap_or(1.0);
+                record.radius = radius(&record, gathering.spacing);
+                record
+            })
+            .collect();
+        self.sequences = sequences.wrapping_add(new.len() as u32);
+        self.records.extend(new);
+        self.cover(seen, first);
+    }
+
+    /// Traces more rays of all records, whose radii then follow what these found.
+    fn gather_more(&mut self, making: &Making<'_>, rays: u32) {
+        let Making { world, coarse, seen, gathering, .. } = *making;
+        self.records.par_iter_mut().with_max_len(16).for_each(|record| {
+            record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
+            record.radius = radius(record, gathering.spacing);
+        });
+        self.coverage.fill(0.0);
+        self.cover(seen, 0);
     }
 
     /// Rays of a record with which noise is as large as `allowed` beside all light, of which
@@ -358,6 +383,16 @@ impl Cache {
             (weight > 0.0).then(|| Bounced { irradiance: mean(0), noise: mean(3), bent: mean(6) })
         };
         splat(seen, &self.records, said, mean)
+    }
+}
+
+/// Where the pixels of a grid lie within cells of twice its spacing: those of the grid before need
+/// no second look.
+fn phases(spacing: u32) -> &'static [[u32; 2]] {
+    if spacing == SPACINGS[0] {
+        &[[0, 0], [1, 1], [0, 1], [1, 0]]
+    } else {
+        &[[1, 1], [0, 1], [1, 0]]
     }
 }
 
