@@ -47,13 +47,22 @@ impl Reflectance {
         self.is_glossy() && self.exponent > SHARP_EXPONENT
     }
 
-    /// Albedo a(θ) for light arriving at the angle θ whose cosine is given: kd + ks·I_n(θ).
+    /// Directional albedo a(θ) for light arriving at the angle θ whose cosine is given:
+    /// kd + ks·I_n(θ).
     pub fn albedo(&self, cos_incidence: f32) -> Rgb {
         if self.is_glossy() {
             self.diffuse + self.specular * LobeAlbedo::shared().at(self.exponent, cos_incidence)
         } else {
             self.diffuse
         }
+    }
+
+    /// Mean albedo under uniform light from all around: kd + ks·2 ∫ I_n cosθ dcosθ.
+    pub fn mean_albedo(&self) -> Rgb {
+        if !self.is_glossy() {
+            return self.diffuse;
+        }
+        self.diffuse + self.specular * LobeAlbedo::shared().mean(self.exponent)
     }
 }
 

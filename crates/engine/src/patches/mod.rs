@@ -10,7 +10,7 @@ mod facet;
 mod seams;
 mod split;
 
-use crate::radiometry::{Rgb, importance};
+use crate::radiometry::{Reflectance, Rgb, importance};
 use crate::scene::{Scene, Warning};
 use facet::facet_area;
 use foldhash::{HashMap, HashMapExt};
@@ -65,6 +65,15 @@ impl Patches {
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
         self.area.is_empty()
+    }
+
+    /// How the patch reflects.
+    pub fn reflectance(&self, patch: usize) -> Reflectance {
+        Reflectance {
+            diffuse: self.diffuse[patch],
+            specular: self.specular[patch],
+            exponent: self.exponent[patch],
+        }
     }
 
     /// Whether the patch reflects a Phong lobe.

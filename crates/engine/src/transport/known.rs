@@ -5,7 +5,7 @@ use crate::device::cpu::visible_share;
 use crate::device::{Device, DeviceError, KnownLight, ShootingSettings};
 use crate::hemicube::Shot;
 use crate::patches::PatchedScene;
-use crate::radiometry::{LobeAlbedo, Rgb, importance};
+use crate::radiometry::{Rgb, importance};
 use crate::random::{Stream, uniform};
 use crate::sampling::frame;
 use glam::Vec2;
@@ -77,13 +77,7 @@ pub fn known_light(
 
 /// Albedo of a patch under uniform light.
 pub(super) fn albedo(scene: &PatchedScene, patch: usize) -> Rgb {
-    let patches = &scene.patches;
-    let diffuse = patches.diffuse[patch];
-    if patches.is_glossy(patch) {
-        let lobe = LobeAlbedo::shared().mean(patches.exponent[patch]);
-        return diffuse + patches.specular[patch] * lobe;
-    }
-    diffuse
+    scene.patches.reflectance(patch).mean_albedo()
 }
 
 /// L̄, the radiance at which all patches together absorb what they send by themselves:

@@ -17,7 +17,7 @@ use crate::device::{
 use crate::image::Picture;
 use crate::measurement::{Measurement, Solution, VertexWeights, viewpoint};
 use crate::patches::PatchedScene;
-use crate::radiometry::{Rgb, SHARP_EXPONENT};
+use crate::radiometry::Rgb;
 use crate::render::{RenderError, StopReason};
 use crate::scene::Warning;
 use settings::{ExpectedShots, StochasticSettings};
@@ -166,7 +166,7 @@ fn strains(scene: &PatchedScene) -> Vec<Warning> {
         ));
     }
     let sharp = (0..patches.len())
-        .filter(|p| patches.is_glossy(*p) && patches.exponent[*p] > SHARP_EXPONENT)
+        .filter(|p| patches.reflectance(*p).is_sharp())
         .map(|p| scene.facets[patches.facet[p] as usize].source as usize)
         .map(|source| scene.scene.triangles[source].material)
         .collect::<std::collections::BTreeSet<_>>();
