@@ -4,6 +4,7 @@
 //! Walks carry radiance over n², which refraction does not change, so that walks from the camera
 //! and from the light weigh alike.
 
+use super::side::Side;
 use crate::radiometry::Rgb;
 use crate::scene::{Material, Volume};
 use glam::Vec3;
@@ -27,17 +28,6 @@ pub struct Clear {
 /// The inside of a clear body: its absorption coefficient, per ray unit.
 #[derive(Clone, Copy, Debug)]
 pub struct Inside(Rgb);
-
-/// How the side of a surface lies that light meets.
-#[derive(Clone, Copy)]
-pub struct Side {
-    /// Unit geometric normal of that side.
-    pub normal: Vec3,
-    /// Unit shading normal of that side.
-    pub shading_normal: Vec3,
-    /// Whether it is the back.
-    pub back: bool,
-}
 
 /// A direction in which light goes on.
 pub struct Passed {

@@ -1,9 +1,21 @@
 //! Surfaces as rays meet them: where, what they reflect and emit, and what they let through.
 
+mod side;
+
+mod reflection;
+
+mod phong;
+
 mod dielectric;
+
 mod point;
+
 mod world;
 
+#[cfg(test)]
+mod laws;
+
 pub use dielectric::Inside;
-pub use point::{Parts, Surface};
+pub use point::Surface;
+pub use reflection::{Parts, Reflection};
 pub use world::World;

@@ -14,7 +14,7 @@ use crate::random::{Numbers, Stream};
 use crate::rays::Eye;
 use crate::sampling::Discrete;
 use crate::sampling::frame;
-use crate::surface::{Surface, World};
+use crate::surface::{Reflection, Surface, World};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::{PI, TAU};
@@ -159,7 +159,7 @@ impl LightRays<'_> {
 
     /// What light brings to a surface that it is joined with, if that makes caustics.
     fn join(&self, light: &Emitted, surface: Surface, walk: &mut Walk) -> Option<(Surface, Vec3)> {
-        if !(surface.clear.is_some() || surface.reflectance.is_sharp())
+        if !(surface.clear.is_some() || surface.reflection().is_sharp())
             || surface.triangle == light.triangle
         {
             return None;
@@ -197,7 +197,7 @@ impl LightRays<'_> {
             if !walk.power.is_finite() {
                 return;
             }
-            if bounce > 0 && surface.reflectance.diffuse != Rgb::ZERO {
+            if bounce > 0 && surface.reflection().diffuse() != Rgb::ZERO {
                 let Surface { triangle, back, at, .. } = surface;
                 landings.push(Landing { triangle, back, at, power: walk.power });
             }
@@ -217,11 +217,10 @@ impl LightRays<'_> {
                 } else {
                     origin = surface.start();
                 }
-            } else if surface.reflectance.is_sharp() {
+            } else if surface.reflection().is_sharp() {
                 let xi = [walk.numbers.uniform(), walk.numbers.uniform()];
-                let Some(scattered) = surface.lobe_only().scatter(source, 0.0, false, xi) else {
-                    return;
-                };
+                let lobe = surface.lobe_only().reflection();
+                let Some(scattered) = lobe.sample(source, 0.0, false, xi) else { return };
                 walk.power *= scattered.factor.lobe;
                 (origin, direction) = (surface.start(), scattered.direction);
             } else {

@@ -3,7 +3,7 @@
 //! from the camera that reads them. It shows the caustics that patches miss.
 //!
 //! What is in the map is light that came from an emitter by one or more sharp lobes
-//! ([`crate::radiometry::Reflectance::is_sharp`]) or clear surfaces, and nothing else; walks from
+//! ([`crate::surface::Reflection::is_sharp`]) or clear surfaces, and nothing else; walks from
 //! the camera leave out exactly that after a diffuse reflection, and bring all other light
 //! themselves. So nothing counts twice, and nothing is missing.
 //!

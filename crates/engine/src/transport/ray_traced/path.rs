@@ -9,7 +9,7 @@ use crate::radiometry::Rgb;
 use crate::random::Numbers;
 use crate::rays::Eye;
 use crate::sampling::{CHOICES, Turn, power_heuristic};
-use crate::surface::{Inside, Parts, Surface, World};
+use crate::surface::{Inside, Parts, Reflection, Surface, World};
 use glam::Vec3;
 use std::f32::consts::PI;
 
@@ -21,8 +21,7 @@ const MOST_SURVIVAL: f32 = 0.97;
 const SURE_CROSSINGS: u32 = 8;
 
 /// Caustics that were found from the lights: the irradiance that came from emitters by one or
-/// more sharp lobes ([`crate::radiometry::Reflectance::is_sharp`]) or clear surfaces, and nothing
-/// else.
+/// more sharp lobes ([`Reflection::is_sharp`]) or clear surfaces, and nothing else.
 pub trait Caustics: Sync {
     /// At a point of a surface.
     fn irradiance(&self, surface: &Surface) -> Mapped;
@@ -142,7 +141,7 @@ impl Carried {
         if !has_map {
             return Self { all, ..Self::START };
         }
-        let sharp = surface.reflectance.is_sharp();
+        let sharp = surface.reflection().is_sharp();
         let mapped = if sharp { self.since_diffuse * factor.lobe } else { Rgb::ZERO };
         Self { all, since_diffuse: self.all * factor.diffuse + mapped, mapped }
     }
@@ -254,11 +253,11 @@ impl Tracer<'_> {
     /// part and the lobe reflect, or at random with N = 1.
     fn reflected(&self, stop: &Stop, walk: &mut Walk) -> Rgb {
         let Stop { surface, viewer, .. } = stop;
-        if !surface.reflects() {
+        if !surface.reflection().reflects() {
             return Rgb::ZERO;
         }
         let count = self.rays_per_pixel;
-        let mut share = surface.diffuse_share(*viewer);
+        let mut share = surface.reflection().diffuse_share(*viewer);
         let mut diffuse_count = 0;
         if count > 1 {
             // Each part that reflects gets a ray, and the share is what it then is.
@@ -287,7 +286,8 @@ impl Tracer<'_> {
         loop {
             let Stop { surface, viewer, .. } = stop;
             let xi = walk.pair(Choice::Direction, reflections - 1);
-            let Some(scattered) = surface.scatter(viewer, share, diffusely, xi) else { break };
+            let scattered = surface.reflection().sample(viewer, share, diffusely, xi);
+            let Some(scattered) = scattered else { break };
             let has_map = self.caustics.is_some();
             let mut carried = stop.carried.reflected(&surface, scattered.factor, has_map);
             if reflections > SURE_REFLECTIONS {
@@ -301,19 +301,19 @@ impl Tracer<'_> {
                 eye: Eye::Light,
                 origin: surface.start(),
                 direction: scattered.direction,
-                density: scattered.density,
+                density: scattered.pdf,
                 carried,
                 inside: stop.inside,
             };
             let (met, next) = self.follow(flight, walk);
             radiance += met;
             let Some(next) = next else { break };
-            if reflections == self.reflections || !next.surface.reflects() {
+            if reflections == self.reflections || !next.surface.reflection().reflects() {
                 break;
             }
             reflections += 1;
             stop = next;
-            share = stop.surface.diffuse_share(stop.viewer);
+            share = stop.surface.reflection().diffuse_share(stop.viewer);
             let number = reflections - 1;
             radiance += self.direct((&stop, number), share, 1, walk) + self.caustics(&stop, walk);
             diffusely = walk.chooses_diffuse(share, number);
@@ -323,7 +323,7 @@ impl Tracer<'_> {
 
     /// What the diffuse part reflects of the caustics in the map.
     fn caustics(&self, stop: &Stop, walk: &mut Walk) -> Rgb {
-        let diffuse = stop.surface.reflectance.diffuse;
+        let diffuse = stop.surface.reflection().diffuse();
         match self.caustics {
             Some(caustics) if diffuse != Rgb::ZERO => {
                 let weight = stop.carried.all * diffuse / PI;
@@ -360,7 +360,7 @@ impl Tracer<'_> {
             let xi = walk.pair(Choice::LightPoint, number);
             let Some(light) = self.lights.sample(self.world, surface, pick, xi) else { continue };
             let LightSample { end, direction, radiance: emitted, density } = light;
-            let (parts, other) = surface.evaluate(*viewer, direction, share);
+            let (parts, other) = surface.reflection().evaluate_with_pdf(*viewer, direction, share);
             let value = carried.reflected(surface, parts, has_map).unmapped();
             let cosine = surface.normal.dot(direction);
             let mut arriving =
@@ -392,8 +392,8 @@ impl Tracer<'_> {
     ) -> Rgb {
         let Stop { surface, viewer, carried, .. } = stop;
         let has_map = self.caustics.is_some();
-        let reflectance = &surface.reflectance;
-        let exponent = if reflectance.is_glossy() { reflectance.exponent } else { 1.0 };
+        let reflection = surface.reflection();
+        let exponent = if reflection.is_glossy() { reflection.exponent() } else { 1.0 };
         let from = surface.start();
         let mut radiance = Rgb::ZERO;
         // Systematic picks: those of one disk follow each other and share its centre ray.
@@ -424,7 +424,7 @@ impl Tracer<'_> {
                 if self.world.rays.blocked(from, end, own) {
                     return (Rgb::ZERO, cosine);
                 }
-                let (parts, _) = surface.evaluate(*viewer, direction, 1.0);
+                let parts = reflection.evaluate(*viewer, direction);
                 let value = carried.reflected(surface, parts, has_map).unmapped();
                 (value * light * cosine, cosine)
             };

@@ -11,7 +11,7 @@ use crate::emitters::PolygonLights;
 use crate::radiometry::{Rgb, importance};
 use crate::rays::{Eye, Hit};
 use crate::sampling::{Afresh, Next, Seed, cosine_direction};
-use crate::surface::{Surface, World};
+use crate::surface::{Reflection, Surface, World};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::PI;
@@ -174,13 +174,13 @@ impl Coarse {
     /// near that its mean will not do, what has bounced by one more.
     pub fn reflected_as_diffuse(&self, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
         let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
-        self.by_albedo(&surface, surface.albedo(), hit, afresh)
+        self.by_albedo(&surface, surface.reflection().mean_albedo(), hit, afresh)
     }
 
     /// The same of the diffuse part alone.
     pub fn reflected_diffusely(&self, hit: &Hit, numbers: Afresh) -> Rgb {
         let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
-        self.by_albedo(&surface, surface.reflectance.diffuse, hit, Some(numbers))
+        self.by_albedo(&surface, surface.reflection().diffuse(), hit, Some(numbers))
     }
 
     /// The same of a surface with that albedo.

@@ -6,7 +6,7 @@ use crate::emitters::Axis;
 use crate::radiometry::Rgb;
 use crate::rays::{Eye, Hit};
 use crate::sampling::{Afresh, power_heuristic};
-use crate::surface::Surface;
+use crate::surface::{Reflection, Surface};
 use crate::transport::hemilux::coarse::Coarse;
 use glam::Vec3;
 
@@ -45,18 +45,18 @@ pub fn reflected(
     let (mut sum, mut carried, mut nearness) = (Rgb::ZERO, Rgb::ONE, 0.0);
     for lobe in 1.. {
         let start = surface.start();
-        let exponent = surface.reflectance.exponent;
-        let axis = Axis { direction: surface.mirrored(viewer), exponent };
+        let reflection = surface.reflection();
+        let axis = Axis { direction: surface.mirrored(viewer), exponent: reflection.exponent() };
         let unoccluded = lights.toward(start, surface.normal, axis);
         if let Some(light) = lights.sample(&unoccluded, start, surface.normal, numbers.light) {
             let direction = (light.end - start).normalize_or_zero();
-            let (parts, density) = surface.evaluate(viewer, direction, 0.0);
+            let (parts, density) = reflection.evaluate_with_pdf(viewer, direction, 0.0);
             let value = parts.both();
             if value != Rgb::ZERO && !world.rays.blocked(start, light.end, |_| false) {
                 sum += carried * value * light.irradiance * power_heuristic(light.density, density);
             }
         }
-        let Some(scattered) = surface.scatter(viewer, 0.0, false, xi) else { break };
+        let Some(scattered) = reflection.sample(viewer, 0.0, false, xi) else { break };
         let direction = scattered.direction;
         let Some(hit) = world.rays.closest(Eye::Light, start, direction) else { break };
         if lobe == 1 {
@@ -67,9 +67,9 @@ pub fn reflected(
         carried *= scattered.factor.both();
         if met.emission != Rgb::ZERO {
             let other = lights.density(&unoccluded, place, &hit, met.normal, direction);
-            sum += carried * met.emission * power_heuristic(scattered.density, other);
+            sum += carried * met.emission * power_heuristic(scattered.pdf, other);
         }
-        let worth = (carried * met.reflectance.specular).max_element();
+        let worth = (carried * met.reflection().specular()).max_element();
         let Some(next) = numbers.next.filter(|_| worth > FAINT && lobe < most) else {
             sum += carried * coarse.reflected_as_diffuse(&hit, Some(numbers));
             break;
@@ -88,12 +88,13 @@ pub fn reflected(
 /// bounced by one more.
 pub fn reflected_at(coarse: &Coarse, hit: &Hit, direction: Vec3, afresh: Option<Afresh>) -> Rgb {
     let Some(surface) = coarse.world.surface(hit) else { return Rgb::ZERO };
-    let numbers = afresh.filter(|_| surface.reflectance.is_glossy());
+    let numbers = afresh.filter(|_| surface.reflection().is_glossy());
     let Some((numbers, next)) = numbers.and_then(|numbers| Some((numbers, numbers.next?))) else {
-        return coarse.by_albedo(&surface, surface.albedo(), hit, afresh);
+        return coarse.by_albedo(&surface, surface.reflection().mean_albedo(), hit, afresh);
     };
-    let diffuse = coarse.by_albedo(&surface, surface.reflectance.diffuse, hit, Some(numbers));
-    let probability = (LOBES * (1.0 - surface.diffuse_share(-direction))).clamp(LEAST_LOBES, 1.0);
+    let diffuse = coarse.by_albedo(&surface, surface.reflection().diffuse(), hit, Some(numbers));
+    let probability =
+        (LOBES * (1.0 - surface.reflection().diffuse_share(-direction))).clamp(LEAST_LOBES, 1.0);
     if next.number() >= probability {
         return diffuse;
     }

@@ -7,7 +7,7 @@ use crate::filter::Plane;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::sampling::{BAYER, Seed, Shifted};
-use crate::surface::World;
+use crate::surface::{Reflection, World};
 use crate::transport::hemilux::coarse::Coarse;
 use crate::transport::hemilux::fragments::{Lobe, Seen};
 use bytemuck::{Pod, Zeroable};
@@ -99,7 +99,7 @@ impl Gloss {
             Mirror {
                 point: surface.spot.point,
                 direction: surface.mirrored(viewer),
-                exponent: surface.reflectance.exponent,
+                exponent: surface.reflection().exponent(),
             }
         };
         let lobes: Vec<Mirror> = seen.lobes.par_iter().with_min_len(1024).map(mirror).collect();
