@@ -1,7 +1,8 @@
 //! What neighbouring pixels say together.
 
+use super::moments::Moments;
 use crate::radiometry::Rgb;
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec2};
 
 /// What makes planes through few neighbours flat, in squared pixels.
 const RIDGE: f32 = 0.05;
@@ -9,8 +10,8 @@ const RIDGE: f32 = 0.05;
 /// Least-squares plane over pixels: beside an edge, where neighbours are on one side only, their
 /// mean would be off by as much as light changes towards them.
 pub struct Plane {
-    /// Σ w (1, x, y)ᵀ(1, x, y).
-    matrix: Mat3,
+    /// Of the pixels.
+    moments: Moments,
     /// Σ w (1, x, y)ᵀ value, per channel.
     right: Mat3,
     /// Least and largest value.
@@ -24,15 +25,13 @@ pub struct Plane {
 impl Plane {
     /// Of nothing. (A matrix is one by default.)
     pub fn new() -> Self {
-        let (matrix, right, energy) = (Mat3::ZERO, Mat3::ZERO, Rgb::ZERO);
-        Self { matrix, right, range: None, energy, squares: 0.0 }
+        let (moments, right, energy) = (Moments::NONE, Mat3::ZERO, Rgb::ZERO);
+        Self { moments, right, range: None, energy, squares: 0.0 }
     }
 
     /// Adds what a pixel says, `across` to the right and `down`.
     pub fn add(&mut self, across: i32, down: i32, value: Rgb, weight: f32) {
-        let at = Vec3::new(1.0, across as f32, down as f32);
-        let weighted = at * weight;
-        self.matrix += Mat3::from_cols(weighted, weighted * at.y, weighted * at.z);
+        let weighted = self.moments.add(Vec2::new(across as f32, down as f32), weight);
         self.right += Mat3::from_cols(weighted * value.x, weighted * value.y, weighted * value.z);
         let (least, most) = self.range.unwrap_or((value, value));
         self.range = Some((least.min(value), most.max(value)));
@@ -42,14 +41,10 @@ impl Plane {
 
     /// Its value in the middle, at least and at most what was heard, and the variance of that by
     /// how far the values are off the plane; `None` where they are too few to tell.
-    pub fn center(mut self) -> (Rgb, Option<Rgb>) {
+    pub fn center(self) -> (Rgb, Option<Rgb>) {
         let Some((least, most)) = self.range else { return (Rgb::ZERO, None) };
-        let total = self.matrix.x_axis.x;
-        let ridge = RIDGE * total;
-        self.matrix.y_axis.y += ridge;
-        self.matrix.z_axis.z += ridge;
-        let inverse = self.matrix.inverse();
-        let solved = inverse * self.right;
+        let total = self.moments.total;
+        let solved = self.moments.inverse(RIDGE) * self.right;
         let channels = [solved.x_axis, solved.y_axis, solved.z_axis];
         let value = Rgb::from_array(channels.map(|channel| channel.x)).clamp(least, most);
         // Effective number of values; the plane takes three of them.

@@ -5,6 +5,7 @@
 //! meshes show no facets and creases stay sharp. The fit is linear in the patch values: its
 //! coefficients are found once.
 
+use crate::filter::middle_coefficients;
 use crate::patches::{Facet, PatchedScene, cell_index, cells};
 use crate::radiometry::Rgb;
 use foldhash::{HashMap, HashMapExt};
@@ -278,38 +279,7 @@ impl Reconstruction {
             .iter()
             .map(|o| (-o.length_squared() / (6.0 * nearest)).exp().max(1e-6))
             .collect();
-        let total: f32 = weights.iter().sum();
-        let spread = weights
-            .iter()
-            .zip(&offsets)
-            .map(|(w, o)| w * o.length_squared())
-            .sum::<f32>()
-            .max(f32::MIN_POSITIVE);
-        let scale = (total / spread).sqrt();
-        // Normal equations of a + b·x + c·y in scaled offsets.
-        let (mut mx, mut my, mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for (weight, offset) in weights.iter().zip(&offsets) {
-            let o = *offset * scale;
-            mx += weight * o.x;
-            my += weight * o.y;
-            xx += weight * o.x * o.x;
-            xy += weight * o.x * o.y;
-            yy += weight * o.y * o.y;
-        }
-        let matrix = glam::Mat3::from_cols(
-            Vec3::new(total, mx, my),
-            Vec3::new(mx, xx + ridge * total, xy),
-            Vec3::new(my, xy, yy + ridge * total),
-        );
-        let solved = matrix.inverse() * Vec3::X;
-        if !solved.is_finite() {
-            return weights.iter().map(|w| w / total).collect();
-        }
-        weights
-            .iter()
-            .zip(&offsets)
-            .map(|(w, o)| w * (solved.x + scale * (solved.y * o.x + solved.z * o.y)))
-            .collect()
+        middle_coefficients(&offsets, &weights, ridge)
     }
 }
 
