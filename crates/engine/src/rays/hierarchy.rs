@@ -56,8 +56,10 @@ impl Hierarchy {
 
     fn widened(boxes: &mut [Boxed], halve_below: usize) -> Self {
         let mut binary = vec![Binary::default(); 2 * boxes.len() - 1];
-        let (root, rest) = binary.split_at_mut(1);
-        build(boxes, 0, &mut root[0], rest, 1, halve_below);
+        let (root, below) = binary.split_at_mut(1);
+        let (boxes, below) =
+            (Stretch { first: 0, items: boxes }, Stretch { first: 1, items: below });
+        build(boxes, &mut root[0], below, halve_below);
         let mut tree = Self::default();
         tree.nodes.push(Node::EMPTY);
         let mut open = vec![(0usize, 0usize)];
@@ -231,37 +233,47 @@ impl Bounds {
     }
 }
 
-/// Builds the tree over `boxes` into `node` and `below`, which holds exactly the nodes below it
-/// and starts at index `first_below` of the whole.
+/// A stretch of a whole array, in which it starts at an index.
+struct Stretch<'a, T> {
+    first: usize,
+    items: &'a mut [T],
+}
+
+impl<T> Stretch<'_, T> {
+    /// The first so many, and the rest.
+    fn split_at(&mut self, count: usize) -> (Stretch<'_, T>, Stretch<'_, T>) {
+        let (left, right) = self.items.split_at_mut(count);
+        (
+            Stretch { first: self.first, items: left },
+            Stretch { first: self.first + count, items: right },
+        )
+    }
+}
+
+/// Builds the tree over `boxes` into `node` and `below`, which holds exactly the nodes below it.
 fn build(
-    boxes: &mut [Boxed],
-    first_box: usize,
+    mut boxes: Stretch<'_, Boxed>,
     node: &mut Binary,
-    below: &mut [Binary],
-    first_below: usize,
+    mut below: Stretch<'_, Binary>,
     depth_left: usize,
 ) {
     let mut bounds = Bounds::NONE;
-    boxes.iter().for_each(|item| bounds.add(item.low, item.high));
-    let (first, count) = (first_box as u32, boxes.len() as u32);
-    *node = Binary { bounds, first, count, children: first_below as u32 };
-    if boxes.len() == 1 {
+    boxes.items.iter().for_each(|item| bounds.add(item.low, item.high));
+    let (first, count) = (boxes.first as u32, boxes.items.len() as u32);
+    *node = Binary { bounds, first, count, children: below.first as u32 };
+    if count == 1 {
         return;
     }
-    let middle = if depth_left == 0 { None } else { partition(boxes) };
-    let middle = middle.unwrap_or_else(|| halve(boxes));
+    let middle = if depth_left == 0 { None } else { partition(boxes.items) };
+    let middle = middle.unwrap_or_else(|| halve(boxes.items));
     let depth_left = depth_left.saturating_sub(1);
-    let many = boxes.len() >= SIDE_BY_SIDE;
-    let (left_boxes, right_boxes) = boxes.split_at_mut(middle);
-    let (children, below) = below.split_at_mut(2);
-    let (left, right) = children.split_at_mut(1);
-    let (below_left, below_right) = below.split_at_mut(2 * middle - 2);
-    let (first_left, first_right) = (first_below + 2, first_below + 2 * middle);
-    let mut build_left =
-        || build(left_boxes, first_box, &mut left[0], below_left, first_left, depth_left);
-    let mut build_right = || {
-        build(right_boxes, first_box + middle, &mut right[0], below_right, first_right, depth_left);
-    };
+    let many = boxes.items.len() >= SIDE_BY_SIDE;
+    let (left_boxes, right_boxes) = boxes.split_at(middle);
+    let (children, mut below) = below.split_at(2);
+    let (left, right) = children.items.split_at_mut(1);
+    let (below_left, below_right) = below.split_at(2 * middle - 2);
+    let build_left = || build(left_boxes, &mut left[0], below_left, depth_left);
+    let build_right = || build(right_boxes, &mut right[0], below_right, depth_left);
     if many {
         rayon::join(build_left, build_right);
     } else {
