@@ -12,6 +12,7 @@
 
 mod boxes;
 mod hierarchy;
+mod ray;
 mod triangle;
 
 use crate::scene::{Camera, Projection, Scene};
@@ -21,6 +22,7 @@ use hierarchy::{Boxed, Hierarchy};
 use std::ops::Range;
 use triangle::{Crossing, Packet, Sheared};
 
+pub use ray::{Ray, Segment};
 pub use triangle::unit_normal;
 
 /// The scene is scaled to between this and twice this many ray units.
@@ -224,6 +226,15 @@ impl Rays {
         self.closest_by::<Baseline>(eye, origin, direction)
     }
 
+    /// [`Rays::closest`] of many rays, in their order; what `hits` held before goes.
+    ///
+    /// Batches are for callers whose rays do not depend on what those before them meet: what traces
+    /// has them all at once, and each step of the work goes over all of them.
+    pub fn closest_many(&self, eye: Eye, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
+        hits.clear();
+        hits.extend(rays.iter().map(|ray| self.closest(eye, ray.origin, ray.direction)));
+    }
+
     /// Whether any triangle but those that `skip` names lies between two points (ray units).
     pub fn blocked(&self, from: Vec3, to: Vec3, skip: impl Fn(u32) -> bool) -> bool {
         let (between, distance) = (to - from, (to - from).length());
@@ -237,6 +248,20 @@ impl Rays {
             return unsafe { self.blocked_avx2(from, direction, end, skip) };
         }
         self.blocked_by::<Baseline>(from, direction, end, skip)
+    }
+
+    /// [`Rays::blocked`] of many segments, in their order; what `blocked` held before goes. `skip`
+    /// is told the segment's index, too.
+    pub fn blocked_many(
+        &self,
+        segments: &[Segment],
+        skip: impl Fn(usize, u32) -> bool,
+        blocked: &mut Vec<bool>,
+    ) {
+        blocked.clear();
+        blocked.extend(segments.iter().enumerate().map(|(index, segment)| {
+            self.blocked(segment.from, segment.to, |triangle| skip(index, triangle))
+        }));
     }
 
     /// The place that a hit tells.

@@ -297,6 +297,44 @@ fn eights_meet_what_ones_meet() {
     assert!((5_000..19_000).contains(&hits), "{hits}");
 }
 
+/// Batches of any size, into lists that held something else before.
+#[test]
+fn many_meet_what_each_meets() {
+    let rays = Rays::new(&scene(&clutter(300, 0.3), false));
+    let mut numbers = numbers(3);
+    let mut place = || rays.place(3.0 * point(&mut numbers) - 1.0);
+    let segments: Vec<Segment> =
+        (0..2000).map(|_| Segment { from: place(), to: place() }).collect();
+    let towards = |segment: &Segment| Ray {
+        origin: segment.from,
+        direction: (segment.to - segment.from).normalize(),
+    };
+    let batch: Vec<Ray> = segments.iter().map(towards).collect();
+    let (mut hits, mut blocked) = (vec![None; 3], vec![true; 5]);
+    let told = |hit: Option<Hit>| hit.map(|hit| format!("{hit:?}"));
+    // Each segment passes what another one is stopped by.
+    let passes = |segment: usize, triangle: u32| (segment + triangle as usize).is_multiple_of(2);
+    let (mut met, mut passed) = (0, 0);
+    for count in [2000, 1, 0, 7] {
+        for eye in [Eye::Camera, Eye::Light] {
+            rays.closest_many(eye, &batch[..count], &mut hits);
+            assert_eq!(hits.len(), count);
+            for (ray, hit) in batch.iter().zip(&hits) {
+                assert_eq!(told(*hit), told(rays.closest(eye, ray.origin, ray.direction)));
+                met += usize::from(hit.is_some());
+            }
+        }
+        rays.blocked_many(&segments[..count], passes, &mut blocked);
+        assert_eq!(blocked.len(), count);
+        for (index, (Segment { from, to }, blocked)) in segments.iter().zip(&blocked).enumerate() {
+            let skip = |triangle| passes(index, triangle);
+            assert_eq!(*blocked, rays.blocked(*from, *to, skip));
+            passed += usize::from(*blocked != rays.blocked(*from, *to, |_| false));
+        }
+    }
+    assert!(met > 500 && passed > 100, "{met} {passed}");
+}
+
 /// No triangle is dropped that one by one would be met: rays along the middle of slivers, where
 /// edge functions are 0 or rounded to either side of it, at corners, and behind its start.
 #[test]
