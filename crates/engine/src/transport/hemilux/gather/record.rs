@@ -3,9 +3,8 @@
 
 use crate::radiometry::Rgb;
 use crate::random::Stream;
-use crate::rays::Eye;
-use crate::sampling::frame;
-use crate::sampling::{Seed, Shifted, cosine_local};
+use crate::rays::{Eye, Hit, Ray};
+use crate::sampling::{Afresh, Seed, Shifted, cosine_local, frame};
 use crate::surface::World;
 use crate::transport::hemilux::coarse::Coarse;
 use crate::transport::hemilux::fragments::Seen;
@@ -78,6 +77,47 @@ pub struct Record {
     pub radius: f32,
 }
 
+/// A ray of a record.
+struct Probe {
+    /// Its number in the stretch.
+    number: u32,
+    /// The patch that it is aimed at, if any.
+    aim: Option<u32>,
+    /// To find light out afresh with where it ends.
+    numbers: Afresh,
+}
+
+/// Rays that a record traces together.
+struct Stretch {
+    /// Rays of the record before.
+    first: u32,
+    rays: u32,
+    /// Whether some of them are aimed at bright patches.
+    is_guided: bool,
+    /// Shares of those all over the hemisphere and of those that are aimed.
+    of_each: [f32; 2],
+}
+
+impl Stretch {
+    fn new(coarse: &Coarse, first: u32, rays: u32) -> Self {
+        let is_guided = coarse.guide.is_some() && rays >= AIMED;
+        let mut this = Self { first, rays, is_guided, of_each: [1.0, 0.0] };
+        let aimed = this.aimed(first + rays) - this.aimed(first);
+        this.of_each = [rays - aimed, aimed].map(|count| count as f32 / rays as f32);
+        this
+    }
+
+    /// How many of the record's first so many rays are aimed, or would have been.
+    fn aimed(&self, rays: u32) -> u32 {
+        if self.is_guided { rays / AIMED } else { 0 }
+    }
+
+    /// Whether a ray of the stretch is.
+    fn is_aimed(&self, number: u32) -> bool {
+        self.aimed(self.first + number + 1) > self.aimed(self.first + number)
+    }
+}
+
 impl Record {
     /// An empty record.
     pub fn new(point: Vec3, normal: Vec3, footprint: f32, number: u32) -> Self {
@@ -105,66 +145,93 @@ impl Record {
 
     /// Traces more rays.
     pub fn gather(&mut self, world: &World, coarse: &Coarse, seed: Seed, rays: u32, afresh: bool) {
-        let [tangent, bitangent] = self.tangents;
-        let guide = coarse.guide.as_ref().filter(|_| rays >= AIMED);
-        // Rays so far that were aimed, or would have been.
-        let aimed = |rays: u32| if guide.is_some() { rays / AIMED } else { 0 };
-        let so_far = aimed(self.rays);
-        let of_each = [rays - (aimed(self.rays + rays) - so_far), aimed(self.rays + rays) - so_far];
-        let of_each = of_each.map(|count| count as f32 / rays as f32);
-        let sequence = |number: u64, at| Shifted::new(seed, Stream::Gather, number).at(at);
-        let mut all_over = sequence(u64::from(self.number), self.rays - so_far);
-        let mut at_bright = sequence(u64::from(self.number) | 1 << 32, so_far);
-        for ray in 0..rays {
-            let aim = guide.filter(|_| aimed(self.rays + ray + 1) > aimed(self.rays + ray));
-            let (direction, aim, afresh_numbers) = match aim {
-                Some(guide) => {
-                    at_bright.next_pair();
-                    let xi = at_bright.triple();
-                    let Some(aim) = guide.aim(self.point, self.normal, xi) else { continue };
-                    // Other numbers than those that the aim was taken by.
-                    (aim.direction, Some(aim.patch), at_bright.apart())
-                }
-                None => {
-                    let (local, height) = cosine_local(all_over.next_pair());
-                    let direction = tangent * local.x + bitangent * local.y + self.normal * height;
-                    (direction.normalize(), None, all_over.afresh())
-                }
-            };
-            let Some(hit) = world.rays.closest(Eye::Light, self.point, direction) else { continue };
-            let local = Vec2::new(direction.dot(tangent), direction.dot(bitangent));
-            // The balance heuristic (Veach 1997): what either way of picking it makes of a place.
-            let mut weight = 1.0 / of_each[0];
-            if let Some(guide) = guide {
-                let patch = coarse.mesh.patch_at(&hit);
-                if aim.is_some() && aim != patch {
-                    continue;
-                }
-                let cosine = world.rays.spot(&hit).normal.dot(direction);
-                let density = patch.map_or(0.0, |patch| {
-                    guide.density(self.point, self.normal, patch, hit.distance, cosine)
-                });
-                let height = self.normal.dot(direction);
-                weight = height.max(f32::MIN_POSITIVE)
-                    / (of_each[0] * height.max(f32::MIN_POSITIVE) + of_each[1] * PI * density);
+        let stretch = Stretch::new(coarse, self.rays, rays);
+        let (probes, batch) = self.probes(coarse, seed, &stretch);
+        let mut hits = Vec::with_capacity(batch.len());
+        world.rays.closest_many(Eye::Light, &batch, &mut hits);
+        for ((probe, Ray { direction, .. }), hit) in probes.iter().zip(&batch).zip(&hits) {
+            let Some(hit) = hit else { continue };
+            let weight = self.weight(coarse, &stretch, probe, *direction, hit);
+            let Some(weight) = weight else { continue };
+            if probe.aim.is_none() {
+                self.nearness += 1.0 / (stretch.of_each[0] * hit.distance.max(1e-3));
             }
-            if aim.is_none() {
-                self.nearness += 1.0 / (of_each[0] * hit.distance.max(1e-3));
-            }
-            let along = hit.distance * local.length();
-            let nearest = &mut self.horizon[sector(local)];
-            if along < nearest.distance {
-                let normal = world.rays.spot(&hit).normal;
-                let away = normal.dot(direction) * hit.distance;
-                let normal = if away > 0.0 { -normal } else { normal };
-                *nearest = Obstacle { distance: along, normal, offset: away.abs() };
-            }
-            let radiance =
-                weight * reflected_at(coarse, &hit, direction, afresh.then_some(afresh_numbers));
+            self.look(world, *direction, hit);
+            let numbers = afresh.then_some(probe.numbers);
+            let radiance = weight * reflected_at(coarse, hit, *direction, numbers);
             self.sum += radiance;
-            self.split += if 2 * ray < rays { radiance } else { -radiance };
+            self.split += if 2 * probe.number < rays { radiance } else { -radiance };
         }
         self.rays += rays;
+    }
+
+    /// The rays of a stretch, and where they go.
+    fn probes(&self, coarse: &Coarse, seed: Seed, stretch: &Stretch) -> (Vec<Probe>, Vec<Ray>) {
+        let [tangent, bitangent] = self.tangents;
+        let sequence = |number: u64, at| Shifted::new(seed, Stream::Gather, number).at(at);
+        let so_far = stretch.aimed(stretch.first);
+        let mut all_over = sequence(u64::from(self.number), stretch.first - so_far);
+        let mut at_bright = sequence(u64::from(self.number) | 1 << 32, so_far);
+        let count = stretch.rays as usize;
+        let (mut probes, mut batch) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        for number in 0..stretch.rays {
+            let (direction, aim, numbers) = if stretch.is_aimed(number) {
+                at_bright.next_pair();
+                let xi = at_bright.triple();
+                let guide = coarse.guide.as_ref();
+                let aim = guide.and_then(|guide| guide.aim(self.point, self.normal, xi));
+                let Some(aim) = aim else { continue };
+                // Other numbers than those that the aim was taken by.
+                (aim.direction, Some(aim.patch), at_bright.apart())
+            } else {
+                let (local, height) = cosine_local(all_over.next_pair());
+                let direction = tangent * local.x + bitangent * local.y + self.normal * height;
+                (direction.normalize(), None, all_over.afresh())
+            };
+            probes.push(Probe { number, aim, numbers });
+            batch.push(Ray { origin: self.point, direction });
+        }
+        (probes, batch)
+    }
+
+    /// What a ray counts for; `None` of one that was aimed at something else than it met.
+    fn weight(
+        &self,
+        coarse: &Coarse,
+        stretch: &Stretch,
+        probe: &Probe,
+        direction: Vec3,
+        hit: &Hit,
+    ) -> Option<f32> {
+        let [all_over, at_bright] = stretch.of_each;
+        let Some(guide) = coarse.guide.as_ref().filter(|_| stretch.is_guided) else {
+            return Some(1.0 / all_over);
+        };
+        let patch = coarse.mesh.patch_at(hit);
+        if probe.aim.is_some() && probe.aim != patch {
+            return None;
+        }
+        let cosine = coarse.world.rays.spot(hit).normal.dot(direction);
+        let density = patch.map_or(0.0, |patch| {
+            guide.density(self.point, self.normal, patch, hit.distance, cosine)
+        });
+        // The balance heuristic (Veach 1997): what either way of picking it makes of a place.
+        let height = self.normal.dot(direction).max(f32::MIN_POSITIVE);
+        Some(height / (all_over * height + at_bright * PI * density))
+    }
+
+    /// Takes what a ray met into the horizon.
+    fn look(&mut self, world: &World, direction: Vec3, hit: &Hit) {
+        let [tangent, bitangent] = self.tangents;
+        let local = Vec2::new(direction.dot(tangent), direction.dot(bitangent));
+        let along = hit.distance * local.length();
+        let nearest = &mut self.horizon[sector(local)];
+        if along < nearest.distance {
+            let normal = world.rays.spot(hit).normal;
+            let away = normal.dot(direction) * hit.distance;
+            let normal = if away > 0.0 { -normal } else { normal };
+            *nearest = Obstacle { distance: along, normal, offset: away.abs() };
+        }
     }
 
     /// Pixels [x0, x1) × [y0, y1) where it may count for `reach` times its radius.
