@@ -10,7 +10,7 @@ use super::mesh::CoarseMesh;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
 use crate::random::Stream;
-use crate::rays::Eye;
+use crate::rays::{Eye, Ray};
 use crate::sampling::{Seed, Shifted, cosine_direction};
 use crate::surface::World;
 use rayon::prelude::*;
@@ -78,27 +78,15 @@ impl Links {
             return;
         }
         let links = (0..patches).into_par_iter().with_max_len(64).flat_map_iter(|patch| {
-            let alone = mesh.elements.members(patch).len() == 1;
-            let points = mesh.elements.points(world, &mesh.scene, patch, 0.0);
             let done = self.rounds.iter().map(|round| round.of(patch).len() as u32).sum();
-            let mut sequence = Shifted::new(seed, Stream::PatchLight, patch as u64).at(done);
-            (start[patch]..start[patch + 1]).map(move |_| {
-                let xi = sequence.next_pair();
-                let others;
-                let points = if alone {
-                    &points
-                } else {
-                    let x = sequence.triple().x;
-                    others = mesh.elements.points(world, &mesh.scene, patch, x);
-                    &others
-                };
-                let (from, normal) = points.point(sequence.second_pair());
-                let direction = cosine_direction(normal, xi);
-                match world.rays.closest(Eye::Light, from, direction) {
-                    None => DARK,
-                    Some(hit) if hit.back && !world.is_two_sided(hit.triangle) => COVERED,
-                    Some(hit) => mesh.element_at(&hit).unwrap_or(DARK),
-                }
+            let sequence = Shifted::new(seed, Stream::PatchLight, patch as u64).at(done);
+            let batch = link_rays(world, mesh, patch, start[patch + 1] - start[patch], sequence);
+            let mut hits = Vec::with_capacity(batch.len());
+            world.rays.closest_many(Eye::Light, &batch, &mut hits);
+            hits.into_iter().map(|hit| match hit {
+                None => DARK,
+                Some(hit) if hit.back && !world.is_two_sided(hit.triangle) => COVERED,
+                Some(hit) => mesh.element_at(&hit).unwrap_or(DARK),
             })
         });
         let links = links.collect();
@@ -192,6 +180,32 @@ impl Links {
         }
         Ok(Self { rounds, bounced })
     }
+}
+
+/// So many rays from points of an element over its hemisphere.
+fn link_rays(
+    world: &World,
+    mesh: &CoarseMesh,
+    element: usize,
+    count: u32,
+    mut sequence: Shifted,
+) -> Vec<Ray> {
+    let alone = mesh.elements.members(element).len() == 1;
+    let points = mesh.elements.points(world, &mesh.scene, element, 0.0);
+    let ray = |_| {
+        let xi = sequence.next_pair();
+        let others;
+        let points = if alone {
+            &points
+        } else {
+            let x = sequence.triple().x;
+            others = mesh.elements.points(world, &mesh.scene, element, x);
+            &others
+        };
+        let (origin, normal) = points.point(sequence.second_pair());
+        Ray { origin, direction: cosine_direction(normal, xi) }
+    };
+    (0..count).map(ray).collect()
 }
 
 /// Whether two bytes say which element, and the two marks.
