@@ -6,6 +6,7 @@ use crate::emitters::{PolygonLights, TRIES};
 use crate::filter::Plane;
 use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
+use crate::rays::Segment;
 use crate::sampling::{BAYER, Seed, Shifted};
 use crate::surface::World;
 use crate::transport::hemilux::fragments::{Fragment, Seen};
@@ -34,6 +35,8 @@ const ENOUGH_RAYS: u32 = 2048;
 const FEW_RAYS: u32 = 32;
 /// Fragments per task.
 const CHUNK: usize = 1024;
+/// Shadow rays that are traced together, about.
+const BATCH: usize = 512;
 /// How much well-spread points lower the variance where the lights are many.
 const SPREAD: f32 = 0.5;
 /// How much neighbours lower the variance.
@@ -137,19 +140,20 @@ impl Direct {
 
     /// Casts another pass of rays.
     pub fn pass(&mut self, world: &World, lights: &PolygonLights, seen: &Seen, seed: Seed) {
+        let caster = Caster { world, lights, seen, seed };
         if !self.adaptive || !lights.is_exact() {
             let rays = if lights.is_exact() { EVEN_RAYS } else { MANY_RAYS };
             self.lit.iter_mut().for_each(|lit| lit.disputed = true);
-            self.cast(world, lights, seen, seed, |_, _| rays);
+            self.cast(&caster, |_, _| rays);
         } else if self.passes == 0 {
-            self.cast(world, lights, seen, seed, |_, _| FIRST_RAYS);
+            self.cast(&caster, |_, _| FIRST_RAYS);
             self.dispute(seen);
             let more = self.more_rays[0];
-            self.cast(world, lights, seen, seed, |_, lit| if lit.disputed { more } else { 0 });
+            self.cast(&caster, |_, lit| if lit.disputed { more } else { 0 });
         } else {
             self.dispute(seen);
             let (passes, more) = (self.passes, self.more_rays[1]);
-            self.cast(world, lights, seen, seed, |fragment, lit| {
+            self.cast(&caster, |fragment, lit| {
                 let looks = (fragment.pixel + passes).is_multiple_of(SECOND_LOOK);
                 if lit.disputed { more } else { u32::from(looks) }
             });
@@ -157,25 +161,25 @@ impl Direct {
         self.passes += 1;
     }
 
-    fn cast(
-        &mut self,
-        world: &World,
-        lights: &PolygonLights,
-        seen: &Seen,
-        seed: Seed,
-        count: impl Fn(&Fragment, &Lit) -> u32 + Sync,
-    ) {
-        let chunks = self.lit.par_chunks_mut(CHUNK).zip(seen.fragments.par_chunks(CHUNK));
+    /// Casts as many rays from each fragment as `count` says.
+    fn cast(&mut self, caster: &Caster<'_>, count: impl Fn(&Fragment, &Lit) -> u32 + Sync) {
+        let fragments = &caster.seen.fragments;
+        let chunks = self.lit.par_chunks_mut(CHUNK).zip(fragments.par_chunks(CHUNK));
         let rays: u64 = chunks
             .map(|(lit, fragments)| {
-                let mut rays = 0;
-                for (lit, fragment) in lit.iter_mut().zip(fragments) {
-                    let count = count(fragment, lit);
-                    if count > 0 && (!lights.is_exact() || lit.unoccluded != Rgb::ZERO) {
-                        lit.cast(world, lights, seen, fragment, seed, count);
+                let (mut rays, mut batch) = (0, Batch::default());
+                for (index, fragment) in fragments.iter().enumerate() {
+                    let count = count(fragment, &lit[index]);
+                    let dark = caster.lights.is_exact() && lit[index].unoccluded == Rgb::ZERO;
+                    if count > 0 && !dark {
+                        caster.aim(index, &mut lit[index], fragment, count, &mut batch);
                         rays += u64::from(count);
                     }
+                    if batch.segments.len() >= BATCH {
+                        batch.trace(caster, lit);
+                    }
                 }
+                batch.trace(caster, lit);
                 rays
             })
             .sum();
@@ -299,51 +303,85 @@ impl Lit {
         share * (1.0 - share) / self.rays.max(1) as f32
     }
 
-    fn cast(
-        &mut self,
-        world: &World,
-        lights: &PolygonLights,
-        seen: &Seen,
-        fragment: &Fragment,
-        seed: Seed,
-        count: u32,
-    ) {
+    /// Takes what a ray to a point of a light found, which shines as much if nothing is in between.
+    fn take(&mut self, irradiance: Rgb, blocked: bool, exact: bool) {
+        if blocked {
+            self.blocked += 1;
+            return;
+        }
+        self.seen += irradiance;
+        if !exact {
+            self.squares += importance(irradiance).powi(2);
+        }
+    }
+}
+
+/// What shadow rays are cast by.
+struct Caster<'a> {
+    world: &'a World,
+    lights: &'a PolygonLights,
+    seen: &'a Seen,
+    seed: Seed,
+}
+
+/// Shadow rays that are traced together.
+#[derive(Default)]
+struct Batch {
+    segments: Vec<Segment>,
+    /// Of each, whose it is, and what arrives if nothing is in between.
+    ends: Vec<(usize, Rgb)>,
+    blocked: Vec<bool>,
+}
+
+impl Caster<'_> {
+    /// Picks points of the lights for so many more rays of a fragment.
+    fn aim(&self, index: usize, lit: &mut Lit, fragment: &Fragment, count: u32, to: &mut Batch) {
+        let Self { lights, seen, .. } = self;
         let (x, y) = (fragment.pixel % seen.width, fragment.pixel / seen.width);
         let tile = u64::from(y / 4) << 32 | u64::from(x / 4);
         let place = BAYER[(y % 4 * 4 + x % 4) as usize];
-        let sequence = Shifted::new(seed, Stream::Light, tile);
+        let sequence = Shifted::new(self.seed, Stream::Light, tile);
         // Good enough to pick a light by, for all points of the pixel.
         let unoccluded = lights.unoccluded(fragment.point, fragment.normal);
         for _ in 0..count {
-            let point = seen.sample_point(fragment, self.rays);
+            let from = seen.sample_point(fragment, lit.rays);
+            let xi = |number: u32| sequence.at(number * 16 + place).triple();
             if !lights.is_exact() {
-                let xi = sequence.at(self.rays * 16 + place).triple();
-                self.rays += 1;
-                if let Some((end, irradiance)) = lights.one_of_many(point, fragment.normal, xi) {
-                    if world.rays.blocked(point, end, |_| false) {
-                        self.blocked += 1;
-                    } else {
-                        self.seen += irradiance;
-                        self.squares += importance(irradiance).powi(2);
-                    }
+                let xi = xi(lit.rays);
+                lit.rays += 1;
+                if let Some((end, irradiance)) = lights.one_of_many(from, fragment.normal, xi) {
+                    to.add(Segment { from, to: end }, index, irradiance);
                 }
                 continue;
             }
             let sample = |tries: u32| {
-                let xi = sequence.at((self.rays * TRIES + tries) * 16 + place).triple();
-                lights.sample(&unoccluded, point, fragment.normal, xi)
+                let xi = xi(lit.rays * TRIES + tries);
+                lights.sample(&unoccluded, from, fragment.normal, xi)
             };
             // Where the horizon cuts a light, the ratio of seen to cast asks for points above it.
             let light = (0..TRIES).find_map(sample);
-            self.rays += 1;
+            lit.rays += 1;
             let Some(light) = light else { continue };
-            self.cast += light.irradiance;
-            if world.rays.blocked(point, light.end, |_| false) {
-                self.blocked += 1;
-            } else {
-                self.seen += light.irradiance;
-            }
+            lit.cast += light.irradiance;
+            to.add(Segment { from, to: light.end }, index, light.irradiance);
         }
+    }
+}
+
+impl Batch {
+    fn add(&mut self, segment: Segment, index: usize, irradiance: Rgb) {
+        self.segments.push(segment);
+        self.ends.push((index, irradiance));
+    }
+
+    /// Tells those whose rays they are what the rays meet, and is empty then.
+    fn trace(&mut self, caster: &Caster<'_>, lit: &mut [Lit]) {
+        caster.world.rays.blocked_many(&self.segments, |_, _| false, &mut self.blocked);
+        for ((index, irradiance), blocked) in self.ends.iter().zip(&self.blocked) {
+            lit[*index].take(*irradiance, *blocked, caster.lights.is_exact());
+        }
+        self.segments.clear();
+        self.ends.clear();
     }
 }
 
