@@ -32,7 +32,8 @@ pub struct Through {
 
 /// Radiance that a surface's lobe reflects towards the unit vector `viewer`, by one ray, and by one
 /// to the lights from each lobe on its way; and 1 over the distance to what it met first, 0 where
-/// that is nothing.
+/// that is nothing. Ray by ray: many ways that are kept side by side and traced together take 0.5 to
+/// 1.6 % longer.
 pub fn reflected(
     coarse: &Coarse,
     surface: Surface,
