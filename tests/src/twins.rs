@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 use hemilux_engine::device::ShotTrace;
 use hemilux_engine::hemicube::Shot;
-use hemilux_engine::patches::PatchedScene;
+use hemilux_engine::patches::{PatchIndex, PatchedScene};
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::random::{Stream, uniform};
 use hemilux_engine::sampling::frame;
@@ -191,7 +191,7 @@ pub fn random_shots(scene: &PatchedScene, count: u64, seed: u64) -> Vec<Shot> {
             let draw = |stream| uniform(seed, stream, k);
             let patch = (draw(Stream::Shooter) * patches.len() as f32) as usize;
             let position = scene.point_on_patch(
-                patch as u32,
+                PatchIndex(patch as u32),
                 Vec2::new(draw(Stream::PointU), draw(Stream::PointV)),
             );
             let jitter = Vec2::new(draw(Stream::JitterX), draw(Stream::JitterY)) - 0.5;

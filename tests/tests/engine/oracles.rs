@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec2, Vec3};
 use hemilux_engine::device::Device;
 use hemilux_engine::device::cpu::CpuDevice;
-use hemilux_engine::patches::PatchedScene;
+use hemilux_engine::patches::{PatchIndex, PatchedScene};
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::scene::Material;
 use hemilux_tests::oracle::quadrature::Rule;
@@ -211,7 +211,7 @@ fn by_hemicubes(scene: &Arc<PatchedScene>, count: u64) -> f64 {
         let shots: Vec<_> = (0..count)
             .map(|index| {
                 let [a, b, turn, jitter] = sequence.point(index).map(|x| x as f32);
-                let position = scene.point_on_patch(patch as u32, Vec2::new(a, b));
+                let position = scene.point_on_patch(PatchIndex(patch as u32), Vec2::new(a, b));
                 let jitter = Vec2::new(jitter - 0.5, (7.0 * jitter).fract() - 0.5);
                 shot_at(position, scene.patches.normal[patch], turn, jitter)
             })

@@ -6,7 +6,7 @@ use hemilux_engine::device::{
     Device, Faces, KnownLight, Selection, ShootingSettings, Substitute, VarianceReduction,
 };
 use hemilux_engine::hemicube::Shot;
-use hemilux_engine::patches::PatchedScene;
+use hemilux_engine::patches::{PatchIndex, PatchedScene};
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::random::{Stream, uniform};
 use hemilux_tests::iterations::*;
@@ -75,7 +75,7 @@ fn known(scene: &Arc<PatchedScene>, constant: f32) -> Arc<KnownLight> {
             let draw = |stream| uniform(77, stream, counter);
             let at = Vec2::new(draw(Stream::PointU), draw(Stream::PointV));
             let jitter = Vec2::new(draw(Stream::JitterX), draw(Stream::JitterY)) - 0.5;
-            let position = scene.point_on_patch(patch as u32, at);
+            let position = scene.point_on_patch(PatchIndex(patch as u32), at);
             let turn = draw(Stream::Azimuth);
             Shot { patch: patch as u32, ..shot_at(position, patches.normal[patch], turn, jitter) }
         };

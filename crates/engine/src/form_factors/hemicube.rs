@@ -4,7 +4,7 @@ use super::{Polygon, Route, Unsuitable};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, ShootingSettings};
 use crate::hemicube::Shot;
-use crate::patches::PatchedScene;
+use crate::patches::{PatchIndex, PatchedScene};
 use crate::radiometry::Rgb;
 use crate::sampling::frame;
 use crate::scene::{Material, Scene, Triangle, Vertex};
@@ -66,7 +66,7 @@ impl Route for Hemicubes {
                 let xi = (Vec2::new(0.754_877_7, 0.569_840_3) * (k as f32 + 0.5)).fract();
                 let normal = scene.patches.normal[patch];
                 let (tangent, bitangent) = frame(normal, k as f32);
-                let position = scene.point_on_patch(patch as u32, xi);
+                let position = scene.point_on_patch(PatchIndex(patch as u32), xi);
                 Shot { position, tangent, bitangent, normal, ..Shot::default() }
             })
             .collect();

@@ -6,7 +6,7 @@
 //! coefficients are found once.
 
 use crate::filter::middle_coefficients;
-use crate::patches::{Facet, PatchedScene, cell_index, cells};
+use crate::patches::{Facet, PatchIndex, PatchedScene, cell_index, cells};
 use crate::radiometry::Rgb;
 use foldhash::{HashMap, HashMapExt};
 use glam::{Vec2, Vec3};
@@ -246,7 +246,7 @@ impl Reconstruction {
         let mut patches = around[vertex].clone();
         if patches.len() < ENOUGH {
             for patch in around[vertex].clone() {
-                let (facet, back, corners) = scene.cell_of(patch);
+                let (facet, back, corners) = scene.cell_of(PatchIndex(patch));
                 let index = scene.patches.facet[patch as usize] as usize;
                 for neighbour in self.cell_vertices(index, back, facet, corners) {
                     // The hub of a fan has too many to copy to every rim vertex.

@@ -7,6 +7,7 @@
 
 mod bodies;
 mod facet;
+mod index;
 mod seams;
 mod split;
 
@@ -18,6 +19,7 @@ use glam::{Vec2, Vec3};
 use std::sync::Arc;
 
 pub use facet::{Facet, NO_PATCH, cell_index, cells, nth_cell};
+pub use index::{FacetIndex, FacetPlace, PatchIndex};
 
 /// A scene cut into facets and patches.
 pub struct PatchedScene {
@@ -162,16 +164,16 @@ impl PatchedScene {
     }
 
     /// Facet, side, and barycentric corners in the facet of a patch.
-    pub fn cell_of(&self, patch: u32) -> (&Facet, bool, [Vec2; 3]) {
-        let facet = &self.facets[self.patches.facet[patch as usize] as usize];
-        let back = facet.back != NO_PATCH && patch >= facet.back;
+    pub fn cell_of(&self, patch: PatchIndex) -> (&Facet, bool, [Vec2; 3]) {
+        let facet = &self.facets[self.patches.facet[patch.at()] as usize];
+        let back = facet.back != NO_PATCH && patch.0 >= facet.back;
         let first = if back { facet.back } else { facet.front };
-        let corners = nth_cell(facet.divisions, patch - first);
+        let corners = nth_cell(facet.divisions, patch.0 - first);
         (facet, back, corners)
     }
 
     /// The point of a patch for two uniform numbers: uniform over its area.
-    pub fn point_on_patch(&self, patch: u32, xi: Vec2) -> Vec3 {
+    pub fn point_on_patch(&self, patch: PatchIndex, xi: Vec2) -> Vec3 {
         let (facet, _, [a, b, c]) = self.cell_of(patch);
         let root = xi.x.sqrt();
         let at = a * (1.0 - root) + b * (root * (1.0 - xi.y)) + c * (root * xi.y);

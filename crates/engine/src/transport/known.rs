@@ -4,7 +4,7 @@
 use crate::device::cpu::visible_share;
 use crate::device::{Device, DeviceError, KnownLight, ShootingSettings};
 use crate::hemicube::Shot;
-use crate::patches::PatchedScene;
+use crate::patches::{PatchIndex, PatchedScene};
 use crate::radiometry::{Rgb, importance};
 use crate::random::{Stream, uniform};
 use crate::sampling::frame;
@@ -147,7 +147,7 @@ fn first_shots(scene: &PatchedScene, settings: &ShootingSettings) -> Vec<Shot> {
             let probability = (power(i) / total) as f32;
             Shot {
                 patch: i as u32,
-                position: scene.point_on_patch(i as u32, point),
+                position: scene.point_on_patch(PatchIndex(i as u32), point),
                 tangent,
                 bitangent,
                 normal,

@@ -3,6 +3,7 @@
 use super::iterate::{CpuShooting, NOT_GLOSSY};
 use crate::device::{Faces, MIRROR_FACE_PROBABILITY, OTHER_FACE_PROBABILITY, Selection};
 use crate::hemicube::{FACES, Face, Shot};
+use crate::patches::PatchIndex;
 use crate::radiometry::{LobeAlbedo, Rgb, importance};
 use crate::random::{Stream, uniform};
 use crate::sampling::frame;
@@ -96,7 +97,7 @@ impl CpuShooting<'_> {
         };
         let position = if settings.random_point {
             let xi = Vec2::new(draw(Stream::PointU), draw(Stream::PointV));
-            self.scene.point_on_patch(patch, xi)
+            self.scene.point_on_patch(PatchIndex(patch), xi)
         } else {
             patches.centroid[i]
         };

@@ -119,12 +119,10 @@ impl PictureParts<'_> {
         let (direct, direct_variance) = if options.light {
             self.direct.irradiance(self.lights, seen, index, options.shadow_filter)
         } else {
-            let (facet, back, at) = seen.place_on_facet(fragment);
-            (coarse.direct(facet, back, at), Rgb::ZERO)
+            (coarse.direct(seen.place_on_facet(fragment)), Rgb::ZERO)
         };
         let bounced = self.bounced[index].unwrap_or_else(|| {
-            let (facet, back, at) = seen.place_on_facet(fragment);
-            let irradiance = coarse.bounced(facet, back, at);
+            let irradiance = coarse.bounced(seen.place_on_facet(fragment));
             Bounced { irradiance, noise: irradiance * COARSE, bent: Rgb::ZERO }
         });
         let factor = fragment.diffuse / PI;

@@ -3,7 +3,7 @@
 use super::places::Places;
 use crate::hemicube::item;
 use crate::measurement::{Frame, View};
-use crate::patches::PatchedScene;
+use crate::patches::{FacetIndex, FacetPlace, PatchedScene};
 use crate::radiometry::Rgb;
 use crate::raster::{PixelPlane, Target, fill};
 use crate::rays::{Spot, inset, unit_normal};
@@ -176,10 +176,11 @@ impl Seen {
     }
 
     /// Facet, side and barycentric coordinates of a fragment's first sample.
-    pub fn place_on_facet(&self, fragment: &Fragment) -> (usize, bool, Vec2) {
+    pub fn place_on_facet(&self, fragment: &Fragment) -> FacetPlace {
         let (facet, back) = item::decode(fragment.code).unwrap_or((0, false));
         let offset = self.sample(fragment.mask, 0);
-        (facet as usize, back, self.barycentric(facet, fragment.pixel, offset))
+        let at = self.barycentric(facet, fragment.pixel, offset);
+        FacetPlace { facet: FacetIndex(facet), back, at }
     }
 
     /// Share of the pixel's samples that a lobe has.

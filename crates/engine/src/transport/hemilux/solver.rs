@@ -276,9 +276,9 @@ impl Tiers {
         let (seen, coarse, direct, lights) =
             (&self.seen, &self.coarse, &self.direct, &*self.lights);
         let of_fragment = |(index, fragment): (usize, &Fragment)| {
-            let (facet, back, at) = seen.place_on_facet(fragment);
+            let place = seen.place_on_facet(fragment);
             let (direct, _) = direct.irradiance(lights, seen, index, false);
-            let irradiance = direct + coarse.bounced(facet, back, at);
+            let irradiance = direct + coarse.bounced(place);
             (fragment.diffuse * irradiance).element_sum() * fragment.share / PI
         };
         let chunks = seen.fragments.par_chunks(1024).enumerate();

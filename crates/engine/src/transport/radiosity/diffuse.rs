@@ -4,7 +4,7 @@
 use crate::device::{Device, ShootingSettings};
 use crate::hemicube::Shot;
 use crate::measurement::Solution;
-use crate::patches::PatchedScene;
+use crate::patches::{PatchIndex, PatchedScene};
 use crate::radiometry::{Rgb, importance};
 use crate::random::{Stream, uniform};
 use crate::render::RenderError;
@@ -76,14 +76,14 @@ pub fn shot_from(
             // The additive recurrence of the plastic number.
             let xi = (shift + Vec2::new(0.754_877_7, 0.569_840_3) * *number as f32).fract();
             let turn = (*number as f32 * 0.618_034).fract();
-            (scene.point_on_patch(patch as u32, xi), TAU * turn, Vec2::ZERO)
+            (scene.point_on_patch(PatchIndex(patch as u32), xi), TAU * turn, Vec2::ZERO)
         }
         Point::Random(counter) => {
             let xi = Vec2::new(draw(Stream::PointU, *counter), draw(Stream::PointV, *counter));
             let jitter =
                 Vec2::new(draw(Stream::JitterX, *counter), draw(Stream::JitterY, *counter)) - 0.5;
             let azimuth = TAU * draw(Stream::Azimuth, *counter);
-            (scene.point_on_patch(patch as u32, xi), azimuth, jitter)
+            (scene.point_on_patch(PatchIndex(patch as u32), xi), azimuth, jitter)
         }
     };
     let (tangent, bitangent) = frame(normal, azimuth);

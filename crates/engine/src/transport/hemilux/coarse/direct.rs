@@ -1,6 +1,6 @@
 //! Tier 1's direct light: what shines on points of a patch.
 
-use super::elements::Elements;
+use super::elements::{ElementIndex, Elements};
 use crate::emitters::{PolygonLights, ShadowSample};
 use crate::patches::PatchedScene;
 use crate::radiometry::{Rgb, importance};
@@ -65,11 +65,11 @@ pub struct Lighting<'a> {
 
 impl SampledLight {
     /// Looks at more points of an element.
-    pub fn add(&mut self, lit: &Lighting<'_>, element: usize, points: u32, seed: Seed) {
+    pub fn add(&mut self, lit: &Lighting<'_>, element: ElementIndex, points: u32, seed: Seed) {
         let Lighting { world, lights, scene, elements } = *lit;
-        let sequence = Shifted::new(seed, Stream::PatchLight, element as u64);
+        let sequence = Shifted::new(seed, Stream::PatchLight, u64::from(element.0));
         let mut sequence = sequence.at(self.points);
-        let crevice = CREVICE * elements.area[element].sqrt() * world.rays.scale() as f32;
+        let crevice = CREVICE * elements.area[element.at()].sqrt() * world.rays.scale() as f32;
         self.points += points;
         for _ in 0..points {
             let xi = sequence.next_pair();
@@ -135,7 +135,7 @@ mod tests {
             scene: &specimen.scene,
             elements: &specimen.coarse.mesh.elements,
         };
-        for element in 0..specimen.coarse.mesh.elements.len() {
+        for element in specimen.coarse.mesh.elements.all() {
             let mut sampled = SampledLight::default();
             sampled.add(&lit, element, 8, SEED);
             let mean = sampled.mean();

@@ -2,7 +2,7 @@
 //! on it needs patches, all those of a cell of space that face the same way are one.
 
 use super::patch_points::PatchPoints;
-use crate::patches::{NO_PATCH, PatchedScene};
+use crate::patches::{NO_PATCH, PatchIndex, PatchedScene};
 use crate::radiometry::Rgb;
 use crate::surface::World;
 use crate::transport::known::albedo;
@@ -11,6 +11,18 @@ use glam::Vec3;
 
 /// "Of no element": the inside of a closed body, where light never comes.
 const NONE: u32 = u32::MAX;
+
+/// An element by its place in the lists of [`Elements`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ElementIndex(pub u32);
+
+impl ElementIndex {
+    /// The place in a list.
+    #[inline]
+    pub fn at(self) -> usize {
+        self.0 as usize
+    }
+}
 /// With so many times the wanted patches they become elements together.
 const CROWDED: usize = 4;
 
@@ -19,7 +31,7 @@ pub struct Elements {
     of_patch: Vec<u32>,
     /// Patches of element e: `members[start[e]..start[e + 1]]`.
     start: Vec<u32>,
-    members: Vec<u32>,
+    members: Vec<PatchIndex>,
     /// Areas of an element's members, running.
     running: Vec<f32>,
     /// Area, m².
@@ -72,7 +84,7 @@ impl Elements {
             start[element + 1] = start[element] + size;
         }
         let mut next = start.clone();
-        let mut members = vec![0; start[sizes.len()] as usize];
+        let mut members = vec![PatchIndex(0); start[sizes.len()] as usize];
         let mut running = vec![0.0; members.len()];
         let mut area = vec![0.0; sizes.len()];
         let mut reflected = vec![Rgb::ZERO; sizes.len()];
@@ -81,7 +93,7 @@ impl Elements {
             let element = *element as usize;
             area[element] += patches.area[patch];
             let place = next[element] as usize;
-            (members[place], running[place]) = (patch as u32, area[element]);
+            (members[place], running[place]) = (PatchIndex(patch as u32), area[element]);
             next[element] += 1;
             reflected[element] += albedo(scene, patch) * patches.area[patch];
         }
@@ -95,14 +107,21 @@ impl Elements {
         self.area.len()
     }
 
+    /// Every one of them.
+    pub fn all(&self) -> impl Iterator<Item = ElementIndex> + use<> {
+        (0..self.len() as u32).map(ElementIndex)
+    }
+
     /// The element of a patch, if any.
-    pub fn of(&self, patch: u32) -> Option<u32> {
-        Some(self.of_patch[patch as usize]).filter(|element| *element != NONE)
+    pub fn of(&self, patch: PatchIndex) -> Option<ElementIndex> {
+        let element = self.of_patch[patch.at()];
+        (element != NONE).then_some(ElementIndex(element))
     }
 
     /// Patches of an element.
-    pub fn members(&self, element: usize) -> &[u32] {
-        &self.members[self.start[element] as usize..self.start[element + 1] as usize]
+    pub fn members(&self, element: ElementIndex) -> &[PatchIndex] {
+        let [first, end] = [self.start[element.at()], self.start[element.at() + 1]];
+        &self.members[first as usize..end as usize]
     }
 
     /// To pick points of an element: those of one of its patches, by area, for a uniform number.
@@ -110,12 +129,12 @@ impl Elements {
         &self,
         world: &World,
         scene: &PatchedScene,
-        element: usize,
+        element: ElementIndex,
         x: f32,
     ) -> PatchPoints {
         let members = self.members(element);
-        let running = &self.running[self.start[element] as usize..][..members.len()];
-        let pick = running.partition_point(|area| *area <= x * self.area[element]);
+        let running = &self.running[self.start[element.at()] as usize..][..members.len()];
+        let pick = running.partition_point(|area| *area <= x * self.area[element.at()]);
         PatchPoints::new(world, scene, members[pick.min(members.len() - 1)])
     }
 }
@@ -144,12 +163,13 @@ mod tests {
         assert_eq!(alone.len(), patched.patches.len());
         let together = Elements::new(&patched, 1000);
         assert!(together.len() < patched.patches.len() / 2, "{}", together.len());
-        let reached = (0..patched.patches.len()).filter(|p| together.of(*p as u32).is_some());
+        let reached =
+            (0..patched.patches.len()).filter(|p| together.of(PatchIndex(*p as u32)).is_some());
         let area: f32 = reached.map(|patch| patched.patches.area[patch]).sum();
         assert!((together.area.iter().sum::<f32>() / area - 1.0).abs() < 1e-3);
         // Members are picked by their areas.
-        let most = |element: &usize| together.members(*element).len();
-        let element = (0..together.len()).max_by_key(most).unwrap();
+        let most = |element: &ElementIndex| together.members(*element).len();
+        let element = together.all().max_by_key(most).unwrap();
         let members = together.members(element);
         const TRIES: usize = 10_000;
         let scale = world.rays.scale() as f32;
@@ -158,8 +178,8 @@ mod tests {
             together.points(&world, &patched, element, x).area() / (scale * scale)
         };
         let mean = (0..TRIES).map(picked).sum::<f32>() / TRIES as f32;
-        let own = members.iter().map(|patch| patched.patches.area[*patch as usize]);
-        let expected = own.map(|area| area * area).sum::<f32>() / together.area[element];
+        let own = members.iter().map(|patch| patched.patches.area[patch.at()]);
+        let expected = own.map(|area| area * area).sum::<f32>() / together.area[element.at()];
         assert!((mean / expected - 1.0).abs() < 0.01, "{mean} {expected}");
     }
 }

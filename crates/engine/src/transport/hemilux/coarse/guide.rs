@@ -1,11 +1,11 @@
 //! Where gather rays had better go: small patches that reflect much more than most, the inside of
 //! a lampshade say, are met by few rays all over the hemisphere. Some rays are aimed at them.
 
-use super::elements::Elements;
+use super::elements::{ElementIndex, Elements};
 use super::links::Links;
 use super::patch_points::PatchPoints;
 use crate::emitters::{Glow, LightTree};
-use crate::patches::PatchedScene;
+use crate::patches::{PatchIndex, PatchedScene};
 use crate::radiometry::Rgb;
 use crate::surface::World;
 use glam::Vec3;
@@ -21,9 +21,9 @@ const APART: f32 = 3.0;
 /// The bright patches.
 pub struct Guide {
     tree: LightTree,
-    patches: Vec<u32>,
+    patches: Vec<PatchIndex>,
     /// Which of them a patch is.
-    number: HashMap<u32, u32>,
+    number: HashMap<PatchIndex, u32>,
     /// One over their areas, ray units.
     per_area: Vec<f32>,
     points: Vec<PatchPoints>,
@@ -34,7 +34,7 @@ pub struct Aim {
     /// Unit vector.
     pub direction: Vec3,
     /// The patch.
-    pub patch: u32,
+    pub patch: PatchIndex,
 }
 
 impl Guide {
@@ -51,7 +51,7 @@ impl Guide {
         for (element, power) in bright {
             for patch in elements.members(element) {
                 patches.push(*patch);
-                powers.push(power / elements.area[element] * scene.patches.area[*patch as usize]);
+                powers.push(power / elements.area[element.at()] * scene.patches.area[patch.at()]);
             }
         }
         let points: Vec<PatchPoints> =
@@ -86,7 +86,7 @@ impl Guide {
         &self,
         point: Vec3,
         normal: Vec3,
-        patch: u32,
+        patch: PatchIndex,
         distance: f32,
         cosine: f32,
     ) -> f32 {
@@ -105,21 +105,22 @@ fn worth_aiming_at(
     elements: &Elements,
     links: &Links,
     radiosity: &[f32],
-) -> Option<Vec<(usize, f32)>> {
+) -> Option<Vec<(ElementIndex, f32)>> {
     let area = &elements.area;
     let all: f32 = area.iter().sum();
     let power: f32 = area.iter().zip(radiosity).map(|(area, own)| area * own).sum();
     let limit = BRIGHT * power / all;
-    let mut bright: Vec<usize> = (0..area.len()).filter(|e| radiosity[*e] > limit).collect();
-    let own = |element: &usize| area[*element] * radiosity[*element];
+    let mut bright: Vec<ElementIndex> =
+        elements.all().filter(|element| radiosity[element.at()] > limit).collect();
+    let own = |element: &ElementIndex| area[element.at()] * radiosity[element.at()];
     if bright.iter().map(own).sum::<f32>() <= WORTH * power {
         return None;
     }
     let received = received(world, scene, elements, links, |link| {
-        radiosity.get(link).copied().filter(|own| *own > limit)
+        radiosity.get(link.at()).copied().filter(|own| *own > limit)
     });
-    bright.retain(|element| received[*element] > 0.0);
-    let useful = |element: &usize| received[*element].min(own(element));
+    bright.retain(|element| received[element.at()] > 0.0);
+    let useful = |element: &ElementIndex| received[element.at()].min(own(element));
     let theirs: f32 = bright.iter().map(useful).sum();
     if theirs.is_nan() || theirs <= WORTH * power {
         return None;
@@ -135,22 +136,24 @@ fn received(
     scene: &PatchedScene,
     elements: &Elements,
     links: &Links,
-    bright: impl Fn(usize) -> Option<f32>,
+    bright: impl Fn(ElementIndex) -> Option<f32>,
 ) -> Vec<f32> {
     let area = &elements.area;
     let mut received = vec![0.0; area.len()];
-    let middle = |element: usize| elements.points(world, scene, element, 0.5).ball().0;
-    for element in 0..area.len() {
-        let met = links.of(element).map(|link| link as usize);
-        let met: Vec<(usize, f32)> = met.filter_map(|link| Some((link, bright(link)?))).collect();
-        if met.is_empty() || elements.albedo[element] == Rgb::ZERO {
+    let middle = |element: ElementIndex| elements.points(world, scene, element, 0.5).ball().0;
+    for element in elements.all() {
+        let met = links.of(element).filter_map(|link| Some((link, bright(link)?)));
+        let met: Vec<(ElementIndex, f32)> = met.collect();
+        if met.is_empty() || elements.albedo[element.at()] == Rgb::ZERO {
             continue;
         }
-        let each = area[element] / links.of(element).count() as f32;
+        let each = area[element.at()] / links.of(element).count() as f32;
         let from = middle(element);
         for (link, radiosity) in met {
-            if from.distance(middle(link)) > APART * area[link].sqrt() * world.rays.scale() as f32 {
-                received[link] += each * radiosity;
+            if from.distance(middle(link))
+                > APART * area[link.at()].sqrt() * world.rays.scale() as f32
+            {
+                received[link.at()] += each * radiosity;
             }
         }
     }
@@ -159,6 +162,7 @@ fn received(
 
 #[cfg(test)]
 mod tests {
+    use crate::patches::PatchIndex;
     use crate::rays::Eye;
     use crate::scene::made;
     use crate::transport::hemilux::coarse::patch_points::PatchPoints;
@@ -172,14 +176,16 @@ mod tests {
         let guide = specimen.coarse.guide.as_ref().expect("the inside of the shade is bright");
         let (world, mesh) = (&specimen.world, &specimen.coarse.mesh);
         let patches = &mesh.scene.patches;
-        let radiosity = |patch: usize| {
+        let radiosity = |patch: PatchIndex| {
+            let patch = patch.at();
             let reflected = patches.diffuse[patch] * specimen.coarse.irradiances()[patch];
             reflected.max_element()
         };
-        let all = (0..patches.len()).map(|patch| patches.area[patch] * radiosity(patch));
+        let all = (0..patches.len() as u32).map(PatchIndex);
+        let all = all.map(|patch| patches.area[patch.at()] * radiosity(patch));
         let mean = all.sum::<f32>() / patches.area.iter().sum::<f32>();
         let (mut aimed, mut met) = (0, 0);
-        for patch in (0..mesh.scene.patches.len() as u32).step_by(37) {
+        for patch in (0..mesh.scene.patches.len() as u32).step_by(37).map(PatchIndex) {
             let (point, normal) = PatchPoints::new(world, &mesh.scene, patch).point([0.4, 0.6]);
             for k in 0..8 {
                 let xi = Vec3::new(0.123, 0.456, 0.789) * (k + 1) as f32;
@@ -187,7 +193,7 @@ mod tests {
                 aimed += 1;
                 assert!((aim.direction.length() - 1.0).abs() < 1e-4);
                 assert!(normal.dot(aim.direction) > 0.0);
-                assert!(radiosity(aim.patch as usize) > mean, "a dim patch is aimed at");
+                assert!(radiosity(aim.patch) > mean, "a dim patch is aimed at");
                 let Some(hit) = world.rays.closest(Eye::Light, point, aim.direction) else {
                     continue;
                 };

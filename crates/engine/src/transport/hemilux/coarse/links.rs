@@ -6,6 +6,7 @@
 //! away: on the Cornell box 100 times cheaper than shots for the same error of the picture.
 
 use super::direct::DirectLight;
+use super::elements::ElementIndex;
 use super::mesh::CoarseMesh;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
@@ -19,20 +20,20 @@ use rayon::prelude::*;
 const DARK: u32 = u32::MAX;
 /// "Started inside a body."
 const COVERED: u32 = u32::MAX - 1;
-/// Most links of all patches together: 4 bytes each.
+/// Most links of all elements together: 4 bytes each.
 const MOST_LINKS: usize = 48 << 20;
-/// Most links of a round, unless four a patch are more.
+/// Most links of a round, unless four an element are more.
 const MOST_AT_ONCE: usize = 4 << 20;
 /// Sweeps of a solution at most, and the change at which they end, relative to the mean.
 const MOST_SWEEPS: u32 = 400;
 const SETTLED: f32 = 2e-4;
-/// Patches of a task.
+/// Elements of a task.
 const CHUNK: usize = 256;
 
-/// Least rays of a patch in a round, however small it is.
+/// Least rays of an element in a round, however small it is.
 const LEAST_RAYS: f32 = 4.0;
 
-/// The links of all patches.
+/// The links of all elements.
 #[derive(Default)]
 pub struct Links {
     rounds: Vec<Round>,
@@ -40,15 +41,17 @@ pub struct Links {
     pub bounced: Vec<Rgb>,
 }
 
-/// Links that were traced together: those of patch p are `links[start[p]..start[p + 1]]`.
+/// Links that were traced together: those of element e are `links[start[e]..start[e + 1]]`, the
+/// elements that its rays met, or [`DARK`] or [`COVERED`].
 struct Round {
     start: Vec<u32>,
     links: Vec<u32>,
 }
 
 impl Round {
-    fn of(&self, patch: usize) -> &[u32] {
-        &self.links[self.start[patch] as usize..self.start[patch + 1] as usize]
+    fn of(&self, element: ElementIndex) -> &[u32] {
+        let [first, end] = [self.start[element.at()], self.start[element.at() + 1]];
+        &self.links[first as usize..end as usize]
     }
 }
 
@@ -58,16 +61,16 @@ impl Links {
         self.rounds.iter().map(|round| round.links.len()).sum()
     }
 
-    /// Traces `rays` more rays from each patch of ordinary size, fewer from smaller ones, which
+    /// Traces `rays` more rays from each element of ordinary size, fewer from smaller ones, which
     /// fewer rays meet; as long as there is room for them.
     pub fn trace(&mut self, world: &World, mesh: &CoarseMesh, seed: Seed, rays: u32) {
         let area = &mesh.elements.area;
-        let patches = area.len();
-        // Meshes of very many triangles have very many patches; the picture must not wait.
-        let rays = (rays as f32).min(MOST_AT_ONCE as f32 / patches.max(1) as f32);
+        let elements = area.len();
+        // Meshes of very many triangles have very many elements; the picture must not wait.
+        let rays = (rays as f32).min(MOST_AT_ONCE as f32 / elements.max(1) as f32);
         let all: f32 = area.iter().sum();
         let ordinary = area.iter().map(|area| area * (area / all)).sum::<f32>();
-        let mut start = Vec::with_capacity(patches + 1);
+        let mut start = Vec::with_capacity(elements + 1);
         let mut end = 0;
         for area in area {
             start.push(end);
@@ -77,16 +80,18 @@ impl Links {
         if self.count() + end as usize > MOST_LINKS && !self.rounds.is_empty() {
             return;
         }
-        let links = (0..patches).into_par_iter().with_max_len(64).flat_map_iter(|patch| {
-            let done = self.rounds.iter().map(|round| round.of(patch).len() as u32).sum();
-            let sequence = Shifted::new(seed, Stream::PatchLight, patch as u64).at(done);
-            let batch = link_rays(world, mesh, patch, start[patch + 1] - start[patch], sequence);
+        let links = (0..elements).into_par_iter().with_max_len(64).flat_map_iter(|index| {
+            let element = ElementIndex(index as u32);
+            let done = self.rounds.iter().map(|round| round.of(element).len() as u32).sum();
+            let sequence = Shifted::new(seed, Stream::PatchLight, index as u64).at(done);
+            let count = start[index + 1] - start[index];
+            let batch = link_rays(world, mesh, element, count, sequence);
             let mut hits = Vec::with_capacity(batch.len());
             world.rays.closest_many(Eye::Light, &batch, &mut hits);
             hits.into_iter().map(|hit| match hit {
                 None => DARK,
                 Some(hit) if hit.back && !world.is_two_sided(hit.triangle) => COVERED,
-                Some(hit) => mesh.element_at(&hit).unwrap_or(DARK),
+                Some(hit) => mesh.element_at(&hit).map_or(DARK, |element| element.0),
             })
         });
         let links = links.collect();
@@ -95,14 +100,14 @@ impl Links {
 
     /// Solves the balance B = kd (E_direct + Σ B_link/N) over the links so far.
     pub fn solve(&mut self, albedo: &[Rgb], direct: &[DirectLight]) {
-        let patches = direct.len();
-        self.bounced.resize(patches, Rgb::ZERO);
-        let rows: Vec<u32> = (0..patches)
+        let elements = direct.len() as u32;
+        self.bounced.resize(direct.len(), Rgb::ZERO);
+        let rows: Vec<u32> = (0..elements)
             .into_par_iter()
             .with_min_len(CHUNK)
-            .map(|patch| {
-                let links = self.of(patch);
-                links.filter(|link| *link != COVERED).count() as u32
+            .map(|element| {
+                let links = self.of(ElementIndex(element));
+                links.filter(|link| link.0 != COVERED).count() as u32
             })
             .collect();
         let reflected = |bounced: &[Rgb]| -> Vec<Rgb> {
@@ -112,12 +117,13 @@ impl Links {
         };
         for _ in 0..MOST_SWEEPS {
             let radiosity = reflected(&self.bounced);
-            let next: Vec<Rgb> = (0..patches)
+            let next: Vec<Rgb> = (0..elements)
                 .into_par_iter()
                 .with_min_len(CHUNK)
-                .map(|patch| {
-                    let met = self.of(patch).filter_map(|link| radiosity.get(link as usize));
-                    met.sum::<Rgb>() / rows[patch].max(1) as f32
+                .map(|element| {
+                    let links = self.of(ElementIndex(element));
+                    let met = links.filter_map(|link| radiosity.get(link.at()));
+                    met.sum::<Rgb>() / rows[element as usize].max(1) as f32
                 })
                 .collect();
             let change = next.iter().zip(&self.bounced).map(|(a, b)| (*a - *b).abs().element_sum());
@@ -130,9 +136,11 @@ impl Links {
         }
     }
 
-    /// The links of a patch; what is none of a patch met nothing that reflects.
-    pub fn of(&self, patch: usize) -> impl Iterator<Item = u32> {
-        self.rounds.iter().flat_map(move |round| round.of(patch).iter().copied())
+    /// The links of an element: an index that is none of an element stands for a ray that met
+    /// nothing that reflects.
+    pub fn of(&self, element: ElementIndex) -> impl Iterator<Item = ElementIndex> {
+        let all = self.rounds.iter().flat_map(move |round| round.of(element));
+        all.map(|link| ElementIndex(*link))
     }
 
     /// Writes them. They take most of the bytes of a checkpoint: two each where that suffices.
@@ -186,7 +194,7 @@ impl Links {
 fn link_rays(
     world: &World,
     mesh: &CoarseMesh,
-    element: usize,
+    element: ElementIndex,
     count: u32,
     mut sequence: Shifted,
 ) -> Vec<Ray> {
@@ -209,8 +217,8 @@ fn link_rays(
 }
 
 /// Whether two bytes say which element, and the two marks.
-fn is_short(patches: usize) -> bool {
-    patches < usize::from(u16::MAX) - 1
+fn is_short(elements: usize) -> bool {
+    elements < usize::from(u16::MAX) - 1
 }
 
 #[cfg(test)]

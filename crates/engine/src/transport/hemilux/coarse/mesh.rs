@@ -1,8 +1,8 @@
 //! The coarse mesh: what a hit of a ray is on it, and how values of its patches become a function.
 
-use super::elements::Elements;
+use super::elements::{ElementIndex, Elements};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
-use crate::patches::{Facet, PatchedScene, cell_index};
+use crate::patches::{Facet, FacetIndex, FacetPlace, PatchIndex, PatchedScene, cell_index};
 use crate::radiometry::Rgb;
 use crate::rays::{Hit, Rays};
 use glam::Vec2;
@@ -57,8 +57,8 @@ impl CoarseMesh {
     }
 
     /// Whether a hit that far away is so near that the mean of a patch of the facet will not do.
-    pub fn is_near(&self, facet: usize, distance: f32) -> bool {
-        distance < self.near[facet]
+    pub fn is_near(&self, facet: FacetIndex, distance: f32) -> bool {
+        distance < self.near[facet.at()]
     }
 
     /// Values of the patches as a smooth function.
@@ -68,24 +68,27 @@ impl CoarseMesh {
     }
 
     /// The patch at a hit; `None` at a black back.
-    pub fn patch_at(&self, hit: &Hit) -> Option<u32> {
-        let (facet, at) = self.facet_at(hit)?;
-        let piece = &self.scene.facets[facet];
+    pub fn patch_at(&self, hit: &Hit) -> Option<PatchIndex> {
+        let FacetPlace { facet, at, .. } = self.place_of(hit)?;
+        let piece = &self.scene.facets[facet.at()];
         let first = piece.first_patch(hit.back)?;
-        Some(first + cell_index(piece.divisions, at.x, at.y))
+        Some(PatchIndex(first + cell_index(piece.divisions, at.x, at.y)))
     }
 
     /// The element at a hit; `None` at a black back and inside of closed bodies.
-    pub fn element_at(&self, hit: &Hit) -> Option<u32> {
+    pub fn element_at(&self, hit: &Hit) -> Option<ElementIndex> {
         self.elements.of(self.patch_at(hit)?)
     }
 
-    /// Facet of a hit and barycentric coordinates there.
-    pub fn facet_at(&self, hit: &Hit) -> Option<(usize, Vec2)> {
+    /// The place on a facet where a hit is.
+    pub fn place_of(&self, hit: &Hit) -> Option<FacetPlace> {
+        let place = |facet: usize, at| {
+            Some(FacetPlace { facet: FacetIndex(facet as u32), back: hit.back, at })
+        };
         let triangle = hit.triangle as usize;
         let (first, end) = (self.pieces[triangle] as usize, self.pieces[triangle + 1] as usize);
         if end == first + 1 {
-            return Some((first, Vec2::new(hit.u, hit.v)));
+            return place(first, Vec2::new(hit.u, hit.v));
         }
         let mut found = None;
         let mut nearest = f32::NEG_INFINITY;
@@ -93,7 +96,7 @@ impl CoarseMesh {
             let at = in_piece(&self.scene.facets[facet].source_uv, hit.u, hit.v);
             let inside = at.x.min(at.y).min(1.0 - at.x - at.y);
             if inside > nearest {
-                (nearest, found) = (inside, Some((facet, at)));
+                (nearest, found) = (inside, place(facet, at));
             }
             if inside >= 0.0 {
                 break;
@@ -102,11 +105,11 @@ impl CoarseMesh {
         found
     }
 
-    /// Their value at barycentric coordinates of a facet.
-    pub fn value(&self, values: &Values, facet: usize, back: bool, at: Vec2) -> Rgb {
+    /// Their value at a place.
+    pub fn value(&self, values: &Values, FacetPlace { facet, back, at }: FacetPlace) -> Rgb {
         let (u, v) = (at.x.clamp(0.0, 1.0), at.y.clamp(0.0, 1.0 - at.x.clamp(0.0, 1.0)));
-        let piece = &self.scene.facets[facet];
-        let Some(corners) = self.reconstruction.corners(facet, back, piece, u, v) else {
+        let piece = &self.scene.facets[facet.at()];
+        let Some(corners) = self.reconstruction.corners(facet.at(), back, piece, u, v) else {
             return Rgb::ZERO;
         };
         let all = corners.iter();
@@ -118,12 +121,12 @@ impl CoarseMesh {
         smooth.clamp(own / MOST_CHANGE, own * MOST_CHANGE)
     }
 
-    /// The element at barycentric coordinates of a facet, if any.
-    pub fn element_on(&self, facet: usize, back: bool, at: Vec2) -> Option<u32> {
-        let piece = &self.scene.facets[facet];
+    /// The element at a place, if any.
+    pub fn element_on(&self, FacetPlace { facet, back, at }: FacetPlace) -> Option<ElementIndex> {
+        let piece = &self.scene.facets[facet.at()];
         let u = at.x.clamp(0.0, 1.0);
         let cell = cell_index(piece.divisions, u, at.y.clamp(0.0, 1.0 - u));
-        self.elements.of(piece.first_patch(back)? + cell)
+        self.elements.of(PatchIndex(piece.first_patch(back)? + cell))
     }
 }
 
@@ -134,10 +137,10 @@ fn near_distances(rays: &Rays, scene: &PatchedScene, elements: &Elements) -> Vec
         NEAR_FIELD * (b - a).cross(c - a).length().sqrt() / facet.divisions as f32
     };
     let mut near: Vec<f32> = scene.facets.iter().map(near).collect();
-    for element in (0..elements.len()).filter(|element| elements.members(*element).len() > 1) {
-        let area = elements.area[element] * (rays.scale() as f32).powi(2);
+    for element in elements.all().filter(|element| elements.members(*element).len() > 1) {
+        let area = elements.area[element.at()] * (rays.scale() as f32).powi(2);
         for patch in elements.members(element) {
-            let near = &mut near[scene.patches.facet[*patch as usize] as usize];
+            let near = &mut near[scene.patches.facet[patch.at()] as usize];
             *near = near.max(NEAR_FIELD * (2.0 * area).sqrt());
         }
     }
@@ -173,7 +176,7 @@ mod tests {
             let mut found = 0;
             for patch in (0..mesh.scene.patches.len()).step_by(7) {
                 let mut sequence = Shifted::new(SEED, Stream::Gather, patch as u64).at(0);
-                let from = PatchPoints::new(world, &mesh.scene, patch as u32);
+                let from = PatchPoints::new(world, &mesh.scene, PatchIndex(patch as u32));
                 let (start, normal) = from.point(sequence.next_pair());
                 let direction = cosine_direction(normal, sequence.second_pair());
                 let Some(hit) = world.rays.closest(Eye::Light, start, direction) else { continue };
@@ -192,8 +195,9 @@ mod tests {
         let specimen = Specimen::furnace();
         let mesh = &specimen.coarse.mesh;
         let values = mesh.smooth(vec![Rgb::splat(3.0); mesh.scene.patches.len()]);
-        for facet in 0..mesh.scene.facets.len() {
-            let value = mesh.value(&values, facet, false, Vec2::new(0.3, 0.2));
+        for facet in (0..mesh.scene.facets.len() as u32).map(FacetIndex) {
+            let place = FacetPlace { facet, back: false, at: Vec2::new(0.3, 0.2) };
+            let value = mesh.value(&values, place);
             assert!((value - Rgb::splat(3.0)).abs().max_element() < 1e-3, "{value}");
         }
     }

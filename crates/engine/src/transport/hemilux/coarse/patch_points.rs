@@ -1,6 +1,6 @@
 //! Points of a patch.
 
-use crate::patches::{NO_PATCH, PatchedScene, nth_cell};
+use crate::patches::{PatchIndex, PatchedScene};
 use crate::rays::{Spot, inset, unit_normal};
 use crate::surface::World;
 use glam::{Vec2, Vec3};
@@ -17,11 +17,8 @@ pub struct PatchPoints {
 
 impl PatchPoints {
     /// The points of a patch.
-    pub fn new(world: &World, scene: &PatchedScene, patch: u32) -> Self {
-        let facet = &scene.facets[scene.patches.facet[patch as usize] as usize];
-        let back = facet.back != NO_PATCH && patch >= facet.back;
-        let first = if back { facet.back } else { facet.front };
-        let cell = nth_cell(facet.divisions, patch - first);
+    pub fn new(world: &World, scene: &PatchedScene, patch: PatchIndex) -> Self {
+        let (facet, back, cell) = scene.cell_of(patch);
         let corners = facet.corners.map(|c| world.rays.place(scene.positions[c as usize]));
         Self { corners, normal: unit_normal(corners), cell, inset: inset(corners), back }
     }
@@ -74,7 +71,7 @@ mod tests {
         let scale = world.rays.scale() as f32;
         const SIDE: usize = 16;
         for patch in (0..scene.patches.len()).step_by(13) {
-            let points = PatchPoints::new(world, scene, patch as u32);
+            let points = PatchPoints::new(world, scene, PatchIndex(patch as u32));
             let area = points.area() / (scale * scale);
             assert!((area / scene.patches.area[patch] - 1.0).abs() < 1e-3);
             assert!(points.normal().dot(scene.patches.normal[patch]) > 0.999);

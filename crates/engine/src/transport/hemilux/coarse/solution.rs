@@ -3,16 +3,18 @@
 //! only ever seen through gathers.
 
 use super::direct::{DirectLight, Lighting, SampledLight};
+use super::elements::ElementIndex;
 use super::guide::Guide;
 use super::links::Links;
 use super::mesh::{CoarseMesh, Values};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::PolygonLights;
+use crate::patches::{FacetPlace, PatchIndex};
 use crate::radiometry::{Rgb, importance};
 use crate::rays::{Eye, Hit};
 use crate::sampling::{Afresh, Next, Seed, cosine_direction};
 use crate::surface::{Reflection, Surface, World};
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -82,7 +84,7 @@ impl Coarse {
         let CoarseMesh { scene, elements, .. } = &self.mesh;
         let lit = Lighting { world: &self.world, lights: &self.lights, scene, elements };
         self.sampled.par_iter_mut().enumerate().with_max_len(256).for_each(|(element, sampled)| {
-            sampled.add(&lit, element, points, seed);
+            sampled.add(&lit, ElementIndex(element as u32), points, seed);
         });
     }
 
@@ -134,39 +136,37 @@ impl Coarse {
         let mut both = vec![Rgb::ZERO; patches];
         let mut indirect = both.clone();
         for patch in 0..patches {
-            let Some(element) = elements.of(patch as u32) else { continue };
-            let lit = &self.direct[element as usize];
+            let Some(element) = elements.of(PatchIndex(patch as u32)) else { continue };
+            let lit = &self.direct[element.at()];
             if lit.open <= 0.0 {
                 continue;
             }
-            let bounced = self.links.bounced.get(element as usize).copied().unwrap_or_default();
+            let bounced = self.links.bounced.get(element.at()).copied().unwrap_or_default();
             (indirect[patch], both[patch]) = (bounced, bounced + lit.irradiance);
         }
         (self.both, self.indirect) = (self.mesh.smooth(both), self.mesh.smooth(indirect));
-        let all = elements.albedo.iter().enumerate();
-        let radiosity = all.map(|(element, albedo)| {
+        let radiosity = elements.all().zip(&elements.albedo).map(|(element, albedo)| {
             let patch = elements.members(element)[0];
-            importance(*albedo * self.both.patches[patch as usize].max(Rgb::ZERO))
+            importance(*albedo * self.both.patches[patch.at()].max(Rgb::ZERO))
         });
         let radiosity: Vec<f32> = radiosity.collect();
         self.guide = Guide::new(&self.world, scene, elements, &self.links, &radiosity);
     }
 
-    /// Share of the emitters' light that gets to a patch.
-    fn share(&self, facet: usize, back: bool, at: Vec2) -> f32 {
-        let element = self.mesh.element_on(facet, back, at);
-        element.map_or(0.0, |element| self.direct[element as usize].share)
+    /// Share of the emitters' light that gets to the element at a place.
+    fn share(&self, place: FacetPlace) -> f32 {
+        let element = self.mesh.element_on(place);
+        element.map_or(0.0, |element| self.direct[element.at()].share)
     }
 
-    /// Irradiance that has bounced, at barycentric coordinates of a facet of the mesh.
-    pub fn bounced(&self, facet: usize, back: bool, at: Vec2) -> Rgb {
-        self.mesh.value(&self.indirect, facet, back, at)
+    /// Irradiance that has bounced, at a place of the mesh.
+    pub fn bounced(&self, place: FacetPlace) -> Rgb {
+        self.mesh.value(&self.indirect, place)
     }
 
-    /// Irradiance from the emitters, at barycentric coordinates of a facet of the mesh.
-    pub fn direct(&self, facet: usize, back: bool, at: Vec2) -> Rgb {
-        self.mesh.value(&self.both, facet, back, at)
-            - self.mesh.value(&self.indirect, facet, back, at)
+    /// Irradiance from the emitters, at a place of the mesh.
+    pub fn direct(&self, place: FacetPlace) -> Rgb {
+        self.mesh.value(&self.both, place) - self.mesh.value(&self.indirect, place)
     }
 
     /// Radiance that a hit reflects, as if all of it were reflected diffusely. With random numbers
@@ -194,18 +194,18 @@ impl Coarse {
         if albedo == Rgb::ZERO {
             return Rgb::ZERO;
         }
-        let Some((facet, at)) = self.mesh.facet_at(hit) else { return Rgb::ZERO };
+        let Some(place) = self.mesh.place_of(hit) else { return Rgb::ZERO };
         let Some(afresh) = afresh else {
-            return albedo * self.mesh.value(&self.both, facet, hit.back, at) / PI;
+            return albedo * self.mesh.value(&self.both, place) / PI;
         };
         let (start, normal) = (surface.start(), surface.normal);
         let direct = self.lights.once(&self.world.rays, start, normal, afresh.light);
-        let direct = direct.irradiance(self.share(facet, hit.back, at));
+        let direct = direct.irradiance(self.share(place));
         let bounced = match afresh.next {
-            Some(next) if self.mesh.is_near(facet, hit.distance) => {
+            Some(next) if self.mesh.is_near(place.facet, hit.distance) => {
                 self.bounced_by_ray(start, normal, afresh.bounce, next)
             }
-            _ => self.mesh.value(&self.indirect, facet, hit.back, at),
+            _ => self.mesh.value(&self.indirect, place),
         };
         albedo * (bounced + direct) / PI
     }

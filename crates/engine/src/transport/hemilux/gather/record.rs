@@ -1,6 +1,7 @@
 //! Tier 2, gather: rays all over the hemisphere of a point turn the coarse solution into its
 //! indirect irradiance, and tell how far that may be carried to the neighbours.
 
+use crate::patches::PatchIndex;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::rays::{Eye, Hit, Ray};
@@ -82,7 +83,7 @@ struct Probe {
     /// Its number in the stretch.
     number: u32,
     /// The patch that it is aimed at, if any.
-    aim: Option<u32>,
+    aim: Option<PatchIndex>,
     /// To find light out afresh with where it ends.
     numbers: Afresh,
 }
