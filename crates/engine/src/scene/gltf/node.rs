@@ -73,23 +73,35 @@ pub(super) fn place(root: &Root, warnings: &mut Warnings) -> Result<Placed, Scen
     }
     placed.instances.sort_by_key(|instance| instance.node);
     camera_nodes.sort_by_key(|(node, ..)| *node);
+    placed.cameras = cameras(root, &projections, camera_nodes, warnings);
+    Ok(placed)
+}
+
+/// The cameras of `nodes`: the node's index, the camera's, and the transform to the world.
+fn cameras(
+    root: &Root,
+    projections: &[Projection],
+    nodes: Vec<(usize, usize, DMat4)>,
+    warnings: &mut Warnings,
+) -> Vec<Camera> {
+    let mut cameras = Vec::new();
     let mut left_out = 0_usize;
-    for (index, camera, to_world) in camera_nodes {
-        if placed.cameras.len() == MAX_CAMERAS {
+    for (node, camera, to_world) in nodes {
+        if cameras.len() == MAX_CAMERAS {
             left_out += 1;
             continue;
         }
         let Some(to_world) = frame(to_world) else {
             warnings.push(
-                format!("nodes[{index}]"),
+                format!("nodes[{node}]"),
                 "its camera is left out: the node's transform is singular or out of range",
             );
             continue;
         };
-        let name = document::name(&nodes[index].name)
+        let name = document::name(&root.nodes[node].name)
             .or_else(|| document::name(&root.cameras[camera].name));
-        placed.cameras.push(Camera {
-            name: name.unwrap_or_else(|| format!("camera {}", placed.cameras.len())),
+        cameras.push(Camera {
+            name: name.unwrap_or_else(|| format!("camera {}", cameras.len())),
             to_world,
             projection: projections[camera],
         });
@@ -99,7 +111,7 @@ pub(super) fn place(root: &Root, warnings: &mut Warnings) -> Result<Placed, Scen
             format!("only the first {MAX_CAMERAS} cameras are kept; {left_out} are left out");
         warnings.push("nodes", what);
     }
-    Ok(placed)
+    cameras
 }
 
 fn children(node: &json::Node) -> impl DoubleEndedIterator<Item = usize> {
