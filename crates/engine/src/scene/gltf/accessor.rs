@@ -98,64 +98,78 @@ fn accessor<'a>(
         return Err(malformed(format!("{at}.count"), format!("{count} is not in 1…2³²−1")));
     }
     let count = count as usize;
+    let elements = Elements { count, bytes: element_bytes };
     let (mut bytes, mut stride) = (None, element_bytes);
     if let Some(view) = object.buffer_view {
         stride = buffers.view(view).1.unwrap_or(element_bytes);
         let offset = object.byte_offset.unwrap_or_default().0;
-        bytes = Some(elements(&at, buffers, view, offset, count, element_bytes, stride)?);
+        bytes = Some(Span { view, offset, elements, stride }.bytes(&at, buffers)?);
     }
     let sparse = match &object.sparse {
-        Some(sparse) => {
-            Some(read_sparse(sparse, &at, buffers, count, element_bytes, sparse_entries)?)
-        }
+        Some(sparse) => Some(read_sparse(sparse, &at, buffers, elements, sparse_entries)?),
         None => None,
     };
     let normalized = object.normalized;
     Ok(Accessor { at, kind, component, count, normalized, element_bytes, stride, bytes, sparse })
 }
 
-/// The bytes of `count` elements from `offset` on within a view.
-fn elements<'a>(
-    at: &str,
-    buffers: &'a Buffers<'_>,
-    view: Index<View>,
-    offset: u64,
+/// How many elements an accessor has, and how long one is.
+#[derive(Clone, Copy)]
+struct Elements {
     count: usize,
-    element_bytes: usize,
+    bytes: usize,
+}
+
+/// Where elements lie in a buffer view.
+struct Span {
+    view: Index<View>,
+    /// Of the first one in the view, bytes.
+    offset: u64,
+    elements: Elements,
+    /// From one to the next, bytes.
     stride: usize,
-) -> Result<&'a [u8], SceneError> {
-    let (bytes, _) = buffers.view(view);
-    if stride < element_bytes {
-        return Err(malformed(
-            format!("bufferViews[{view}].byteStride"),
-            format!("{stride} is less than the {element_bytes} bytes of an element of {at}"),
-        ));
-    }
-    let needed = (count as u64 - 1)
-        .checked_mul(stride as u64)
-        .and_then(|bytes| bytes.checked_add(element_bytes as u64))
-        .and_then(|bytes| bytes.checked_add(offset));
-    match needed {
-        Some(needed) if needed <= bytes.len() as u64 => Ok(&bytes[offset as usize..]),
-        _ => Err(malformed(
-            at,
-            format!(
-                "{count} elements of {element_bytes} bytes, every {stride} bytes from offset {offset}, \
-                 do not fit buffer view {view} of {} bytes",
-                bytes.len()
-            ),
-        )),
+}
+
+impl Span {
+    /// What lies there, from the first element on; `at` names whose elements they are.
+    fn bytes<'a>(&self, at: &str, buffers: &'a Buffers<'_>) -> Result<&'a [u8], SceneError> {
+        let Self { view, offset, elements: Elements { count, bytes: element_bytes }, stride } =
+            *self;
+        let (bytes, _) = buffers.view(view);
+        if stride < element_bytes {
+            return Err(malformed(
+                format!("bufferViews[{view}].byteStride"),
+                format!("{stride} is less than the {element_bytes} bytes of an element of {at}"),
+            ));
+        }
+        let needed = (count as u64 - 1)
+            .checked_mul(stride as u64)
+            .and_then(|bytes| bytes.checked_add(element_bytes as u64))
+            .and_then(|bytes| bytes.checked_add(offset));
+        match needed {
+            Some(needed) if needed <= bytes.len() as u64 => Ok(&bytes[offset as usize..]),
+            _ => Err(malformed(
+                at,
+                format!(
+                    "{count} elements of {element_bytes} bytes, every {stride} bytes from offset {offset}, \
+                     do not fit buffer view {view} of {} bytes",
+                    bytes.len()
+                ),
+            )),
+        }
     }
 }
 
+/// Checks the values that replace some of an accessor's elements; `entries` counts those of all
+/// accessors.
 fn read_sparse<'a>(
     object: &json::sparse::Sparse,
     at: &str,
     buffers: &'a Buffers<'_>,
-    elements_count: usize,
-    element_bytes: usize,
+    replaced: Elements,
     entries: &mut u64,
 ) -> Result<Sparse<'a>, SceneError> {
+    let elements_count = replaced.count;
     let count = object.count.0;
     let count_at = || format!("{at}.sparse.count");
     if count == 0 || count > elements_count as u64 {
@@ -176,12 +190,13 @@ fn read_sparse<'a>(
     let (places, replacements) = (&object.indices, &object.values);
     let indices_at = format!("{at}.sparse.indices");
     let component = valid(&places.component_type, &indices_at)?.0;
-    let packed =
-        |at: &str, view, offset, bytes| elements(at, buffers, view, offset, count, bytes, bytes);
+    let packed = |at: &str, view, offset, bytes| {
+        Span { view, offset, elements: Elements { count, bytes }, stride: bytes }.bytes(at, buffers)
+    };
     let (view, offset) = (places.buffer_view, places.byte_offset.0);
     let indices = packed(&indices_at, view, offset, component.size())?;
     let (view, offset) = (replacements.buffer_view, replacements.byte_offset.0);
-    let values = packed(&format!("{at}.sparse.values"), view, offset, element_bytes)?;
+    let values = packed(&format!("{at}.sparse.values"), view, offset, replaced.bytes)?;
     let sparse = Sparse { component, indices, values, count };
     let mut previous = None;
     for entry in 0..count {
