@@ -80,74 +80,78 @@ struct LocalVertex {
     color: Rgb,
 }
 
-/// Adds every instance's triangles to the scene.
-pub(super) fn build(
-    root: &Root,
-    accessors: &[Accessor<'_>],
-    instances: &[Instance],
-    limits: &ImportLimits,
-    scene: &mut Scene,
-    warnings: &mut Warnings,
-) -> Result<(), SceneError> {
-    let meshes = root
-        .meshes
-        .iter()
-        .enumerate()
-        .map(|(index, mesh)| primitives(mesh, index, accessors, warnings))
-        .collect::<Result<Vec<_>, _>>()?;
-    // Summed by mesh first: a mesh of many primitives may have many instances.
-    let triangles: Vec<u64> =
-        meshes.iter().map(|mesh| mesh.iter().map(|p| p.triangles as u64).sum()).collect();
-    let total: u64 =
-        instances.iter().fold(0, |sum, instance| sum.saturating_add(triangles[instance.mesh]));
-    let most = (limits.max_triangles as u64).min(u64::from(u32::MAX) / 3);
-    if total > most {
-        return Err(SceneError::too_large(
-            "meshes",
-            format!("{total} triangles with all instances; {most} are allowed"),
-            "simplify the meshes or send fewer instances",
-        ));
-    }
-    let mut by_mesh: Vec<Vec<&Instance>> = meshes.iter().map(|_| Vec::new()).collect();
-    for instance in instances {
-        by_mesh[instance.mesh].push(instance);
-    }
-    let mut default_material = None;
-    for (primitives, instances) in meshes.iter().zip(by_mesh) {
-        if instances.is_empty() {
-            continue;
+/// Meshes of a file, and where they stand.
+pub(super) struct Geometry<'a> {
+    /// The file.
+    pub root: &'a Root,
+    /// Its accessors.
+    pub accessors: &'a [Accessor<'a>],
+    /// Where meshes stand.
+    pub instances: &'a [Instance],
+}
+
+impl Geometry<'_> {
+    /// Adds every instance's triangles to the scene.
+    pub(super) fn build(
+        &self,
+        limits: &ImportLimits,
+        scene: &mut Scene,
+        warnings: &mut Warnings,
+    ) -> Result<(), SceneError> {
+        let meshes = self
+            .root
+            .meshes
+            .iter()
+            .enumerate()
+            .map(|(index, mesh)| primitives(mesh, index, self.accessors, warnings))
+            .collect::<Result<Vec<_>, _>>()?;
+        self.check_size(&meshes, limits)?;
+        let mut by_mesh: Vec<Vec<&Instance>> = meshes.iter().map(|_| Vec::new()).collect();
+        for instance in self.instances {
+            by_mesh[instance.mesh].push(instance);
         }
-        for primitive in primitives.iter().filter(|primitive| primitive.triangles > 0) {
-            let material = primitive.material.unwrap_or_else(|| {
-                *default_material.get_or_insert_with(|| {
-                    scene.materials.push(super::material::default_material());
-                    scene.materials.len() - 1
-                })
-            });
-            let local = read(primitive, accessors, material as u32)?;
-            warn_of_missing_uv(primitive, scene, material, warnings);
-            let mut dropped = 0;
-            let mut turned = 0;
-            for instance in &instances {
-                let counts = emit(&local, instance, scene)?;
-                dropped += counts.0;
-                turned += counts.1;
+        let mut default_material = None;
+        for (primitives, instances) in meshes.iter().zip(by_mesh) {
+            if instances.is_empty() {
+                continue;
             }
-            if dropped > 0 {
-                warnings
-                    .push(&primitive.at, format!("{dropped} triangles without area are left out"));
-            }
-            if turned > 0 && local.has_normals {
-                warnings.push(
-                    format!("{}.attributes.NORMAL", primitive.at),
-                    format!(
-                        "{turned} corners have no usable normal on the front side that the winding gives; the flat normal is used there"
-                    ),
-                );
+            for primitive in primitives.iter().filter(|primitive| primitive.triangles > 0) {
+                let material = primitive.material.unwrap_or_else(|| {
+                    *default_material.get_or_insert_with(|| {
+                        scene.materials.push(super::material::default_material());
+                        scene.materials.len() - 1
+                    })
+                });
+                let local = read(primitive, self.accessors, material as u32)?;
+                warn_of_missing_uv(primitive, scene, material, warnings);
+                emit_all(primitive, &local, &instances, scene, warnings)?;
             }
         }
+        Ok(())
     }
-    Ok(())
+
+    /// Refuses more triangles than are allowed.
+    fn check_size(
+        &self,
+        meshes: &[Vec<Primitive>],
+        limits: &ImportLimits,
+    ) -> Result<(), SceneError> {
+        // Summed by mesh first: a mesh of many primitives may have many instances.
+        let triangles: Vec<u64> =
+            meshes.iter().map(|mesh| mesh.iter().map(|p| p.triangles as u64).sum()).collect();
+        let instances = self.instances.iter();
+        let total: u64 =
+            instances.fold(0, |sum, instance| sum.saturating_add(triangles[instance.mesh]));
+        let most = (limits.max_triangles as u64).min(u64::from(u32::MAX) / 3);
+        if total > most {
+            return Err(SceneError::too_large(
+                "meshes",
+                format!("{total} triangles with all instances; {most} are allowed"),
+                "simplify the meshes or send fewer instances",
+            ));
+        }
+        Ok(())
+    }
 }
 
 fn primitives(
@@ -170,79 +174,24 @@ fn primitive(
     accessors: &[Accessor<'_>],
     warnings: &mut Warnings,
 ) -> Result<Option<Primitive>, SceneError> {
-    let attributes_at = format!("{at}.attributes");
-    let attribute = |semantic: Semantic, kinds: &[Type], components: &[ComponentType]| {
-        let name = semantic.to_string();
-        let Some(index) = object.attributes.get(&Checked::Valid(semantic)) else { return Ok(None) };
-        let accessor = &accessors[index.value()];
-        if !kinds.contains(&accessor.kind) || !components.contains(&accessor.component) {
-            return Err(malformed(
-                format!("{attributes_at}.{name}"),
-                format!("{} is {:?} of {:?}", accessor.at, accessor.kind, accessor.component),
-            ));
-        }
-        Ok(Some(index.value()))
-    };
-    use ComponentType::{F32, I8, I16, U8, U16};
-    const QUANTIZED: &[ComponentType] = &[F32, I8, U8, I16, U16];
-    let position = attribute(Semantic::Positions, &[Type::Vec3], QUANTIZED)?;
-    let normal = attribute(Semantic::Normals, &[Type::Vec3], &[F32, I8, I16])?;
-    let uv = [
-        attribute(Semantic::TexCoords(0), &[Type::Vec2], QUANTIZED)?,
-        attribute(Semantic::TexCoords(1), &[Type::Vec2], QUANTIZED)?,
-    ];
-    let color = attribute(Semantic::Colors(0), &[Type::Vec3, Type::Vec4], &[F32, U8, U16])?;
+    let attributes = Attributes::of(object, &at, accessors)?;
     if object.attributes.contains_key(&Checked::Invalid) {
         warnings.push(
-            &attributes_at,
+            &attributes.at,
             "a name that glTF does not define is ignored; names of your own begin with _",
         );
     }
-    let indices = object.indices.map(|index| index.value());
-    if let Some(accessor) = indices.map(|index| &accessors[index])
-        && !accessor.is_index()
-    {
-        return Err(malformed(
-            format!("{at}.indices"),
-            format!("{} is not a list of unsigned integers", accessor.at),
-        ));
-    }
-    let mode = match valid(&object.mode, format!("{at}.mode"))? {
-        json::mesh::Mode::Triangles => Mode::List,
-        json::mesh::Mode::TriangleStrip => Mode::Strip,
-        json::mesh::Mode::TriangleFan => Mode::Fan,
-        mode => {
-            let what = if mode == json::mesh::Mode::Points { "points" } else { "lines" };
-            warnings.push(format!("{at}.mode"), format!("{what} have no area; they are left out"));
-            return Ok(None);
-        }
-    };
-    let Some(position) = position else {
+    let indices = indices(object, &at, accessors)?;
+    let Some(mode) = mode(object, &at, warnings)? else { return Ok(None) };
+    let Some(position) = attributes.position else {
         let what = "is missing; the primitive is left out";
-        warnings.push(format!("{attributes_at}.POSITION"), what);
+        warnings.push(format!("{}.POSITION", attributes.at), what);
         return Ok(None);
     };
     let vertices = accessors[position].count;
-    for (name, index) in
-        [("NORMAL", normal), ("TEXCOORD_0", uv[0]), ("TEXCOORD_1", uv[1]), ("COLOR_0", color)]
-    {
-        if let Some(count) = index.map(|i| accessors[i].count).filter(|count| *count != vertices) {
-            return Err(malformed(
-                format!("{attributes_at}.{name}"),
-                format!("has {count} elements for {vertices} positions"),
-            ));
-        }
-    }
-    let packed = ["KHR_draco_mesh_compression", "EXT_meshopt_compression"];
-    for name in packed {
-        let is_packed = object.extensions.as_ref().is_some_and(|all| all.others.contains_key(name));
-        if is_packed && !accessors[position].has_data() {
-            return Err(SceneError::malformed(
-                format!("{at}.extensions.{name}"),
-                "the geometry is there in compressed form only",
-                "export the scene without mesh compression",
-            ));
-        }
+    attributes.check_counts(vertices, accessors)?;
+    if !accessors[position].has_data() {
+        check_not_packed(object, &at)?;
     }
     if object.targets.as_ref().is_some_and(|targets| !targets.is_empty()) {
         let what = "morph targets are ignored; the base shape is shown";
@@ -257,7 +206,123 @@ fn primitive(
     }
     let triangles = mode.triangles(count);
     let material = object.material.map(|material| material.value());
+    let Attributes { normal, uv, color, .. } = attributes;
     Ok(Some(Primitive { at, mode, position, normal, uv, color, indices, material, triangles }))
+}
+
+/// Which accessors a primitive's vertices are read from.
+struct Attributes {
+    /// Their place in the file.
+    at: String,
+    position: Option<usize>,
+    normal: Option<usize>,
+    uv: [Option<usize>; 2],
+    color: Option<usize>,
+}
+
+impl Attributes {
+    fn of(
+        object: &json::mesh::Primitive,
+        at: &str,
+        accessors: &[Accessor<'_>],
+    ) -> Result<Self, SceneError> {
+        use ComponentType::{F32, I8, I16, U8, U16};
+        const QUANTIZED: &[ComponentType] = &[F32, I8, U8, I16, U16];
+        let at = format!("{at}.attributes");
+        let attribute = |semantic: Semantic, kinds: &[Type], components: &[ComponentType]| {
+            let name = semantic.to_string();
+            let Some(index) = object.attributes.get(&Checked::Valid(semantic)) else {
+                return Ok(None);
+            };
+            let accessor = &accessors[index.value()];
+            if !kinds.contains(&accessor.kind) || !components.contains(&accessor.component) {
+                return Err(malformed(
+                    format!("{at}.{name}"),
+                    format!("{} is {:?} of {:?}", accessor.at, accessor.kind, accessor.component),
+                ));
+            }
+            Ok(Some(index.value()))
+        };
+        Ok(Self {
+            position: attribute(Semantic::Positions, &[Type::Vec3], QUANTIZED)?,
+            normal: attribute(Semantic::Normals, &[Type::Vec3], &[F32, I8, I16])?,
+            uv: [
+                attribute(Semantic::TexCoords(0), &[Type::Vec2], QUANTIZED)?,
+                attribute(Semantic::TexCoords(1), &[Type::Vec2], QUANTIZED)?,
+            ],
+            color: attribute(Semantic::Colors(0), &[Type::Vec3, Type::Vec4], &[F32, U8, U16])?,
+            at,
+        })
+    }
+
+    /// Refuses attributes that have not one element for each position.
+    fn check_counts(&self, vertices: usize, accessors: &[Accessor<'_>]) -> Result<(), SceneError> {
+        for (name, index) in [
+            ("NORMAL", self.normal),
+            ("TEXCOORD_0", self.uv[0]),
+            ("TEXCOORD_1", self.uv[1]),
+            ("COLOR_0", self.color),
+        ] {
+            let count = index.map(|index| accessors[index].count);
+            if let Some(count) = count.filter(|count| *count != vertices) {
+                return Err(malformed(
+                    format!("{}.{name}", self.at),
+                    format!("has {count} elements for {vertices} positions"),
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The accessor of a primitive's vertex indices.
+fn indices(
+    object: &json::mesh::Primitive,
+    at: &str,
+    accessors: &[Accessor<'_>],
+) -> Result<Option<usize>, SceneError> {
+    let indices = object.indices.map(|index| index.value());
+    if let Some(accessor) = indices.map(|index| &accessors[index])
+        && !accessor.is_index()
+    {
+        return Err(malformed(
+            format!("{at}.indices"),
+            format!("{} is not a list of unsigned integers", accessor.at),
+        ));
+    }
+    Ok(indices)
+}
+
+/// How a primitive's vertices join; `None` where they make no triangles.
+fn mode(
+    object: &json::mesh::Primitive,
+    at: &str,
+    warnings: &mut Warnings,
+) -> Result<Option<Mode>, SceneError> {
+    Ok(match valid(&object.mode, format!("{at}.mode"))? {
+        json::mesh::Mode::Triangles => Some(Mode::List),
+        json::mesh::Mode::TriangleStrip => Some(Mode::Strip),
+        json::mesh::Mode::TriangleFan => Some(Mode::Fan),
+        mode => {
+            let what = if mode == json::mesh::Mode::Points { "points" } else { "lines" };
+            warnings.push(format!("{at}.mode"), format!("{what} have no area; they are left out"));
+            None
+        }
+    })
+}
+
+/// Refuses a primitive whose geometry is there in compressed form only.
+fn check_not_packed(object: &json::mesh::Primitive, at: &str) -> Result<(), SceneError> {
+    for name in ["KHR_draco_mesh_compression", "EXT_meshopt_compression"] {
+        if object.extensions.as_ref().is_some_and(|all| all.others.contains_key(name)) {
+            return Err(SceneError::malformed(
+                format!("{at}.extensions.{name}"),
+                "the geometry is there in compressed form only",
+                "export the scene without mesh compression",
+            ));
+        }
+    }
+    Ok(())
 }
 
 fn warn_of_missing_uv(
@@ -365,6 +430,34 @@ fn vertex(
         if color.is_finite() { color.clamp(Rgb::ZERO, Rgb::ONE) } else { Rgb::ONE }
     });
     Ok(LocalVertex { position: position.as_dvec3(), normal, uv, color })
+}
+
+/// Adds a primitive's instances.
+fn emit_all(
+    primitive: &Primitive,
+    local: &Local,
+    instances: &[&Instance],
+    scene: &mut Scene,
+    warnings: &mut Warnings,
+) -> Result<(), SceneError> {
+    let (mut dropped, mut turned) = (0, 0);
+    for instance in instances {
+        let counts = emit(local, instance, scene)?;
+        dropped += counts.0;
+        turned += counts.1;
+    }
+    if dropped > 0 {
+        warnings.push(&primitive.at, format!("{dropped} triangles without area are left out"));
+    }
+    if turned > 0 && local.has_normals {
+        warnings.push(
+            format!("{}.attributes.NORMAL", primitive.at),
+            format!(
+                "{turned} corners have no usable normal on the front side that the winding gives; the flat normal is used there"
+            ),
+        );
+    }
+    Ok(())
 }
 
 /// Adds one instance; returns how many triangles were dropped and how many corners got the flat

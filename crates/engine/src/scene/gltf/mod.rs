@@ -92,7 +92,9 @@ pub fn import(
     let materials = material::materials(&root, &mut images, &mut warnings)?;
     let mut scene =
         Scene { materials, textures: images.textures, cameras: placed.cameras, ..Scene::default() };
-    geometry::build(&root, &accessors, &placed.instances, limits, &mut scene, &mut warnings)?;
+    let geometry =
+        geometry::Geometry { root: &root, accessors: &accessors, instances: &placed.instances };
+    geometry.build(limits, &mut scene, &mut warnings)?;
     if !root.animations.is_empty() {
         warnings.push("animations", "are ignored; everything is shown at rest");
     }
