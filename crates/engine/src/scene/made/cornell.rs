@@ -80,6 +80,14 @@ fn empty_box(writer: &mut GlbWriter) -> usize {
         ],
         red,
     );
+    ceiling(writer, white, light);
+    let eye = point(0.278, 0.273, -0.8);
+    writer.camera(&Camera::look_at("camera", eye, eye + Vec3::Z, Vec3::Y, YFOV));
+    white
+}
+
+/// The ceiling, with the light in its middle.
+fn ceiling(writer: &mut GlbWriter, white: usize, light: usize) {
     let (xs, zs) = ([0.0, 0.213, 0.343, 0.556], [0.0, 0.227, 0.332, DEPTH]);
     let mut ceiling = Vec::new();
     for x in 0..3 {
@@ -100,9 +108,6 @@ fn empty_box(writer: &mut GlbWriter) -> usize {
         }
     }
     writer.body("ceiling", &Mesh::quads(&ceiling), white);
-    let eye = point(0.278, 0.273, -0.8);
-    writer.camera(&Camera::look_at("camera", eye, eye + Vec3::Z, Vec3::Y, YFOV));
-    white
 }
 
 /// A block without a bottom, its corners (x, z) in clockwise order seen from above.
