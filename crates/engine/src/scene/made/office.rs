@@ -14,6 +14,81 @@ const FLOOR_TILE: f32 = 1.6;
 /// How far bodies stand clear of what carries them, metres.
 const CLEARANCE: f32 = 0.001;
 
+/// Height of the desk top, metres.
+const DESK: f32 = 0.74;
+/// Height of what stands on the desk, metres.
+const ON_DESK: f32 = DESK + CLEARANCE;
+
+/// Profile of the vase, outside and inside, from the axis to the axis: distance from the axis and
+/// height, metres.
+const VASE: &[[f64; 2]] = &[
+    [0.0, 0.0],
+    [0.039, 0.0],
+    [0.045, 0.001],
+    [0.055, 0.012],
+    [0.088, 0.085],
+    [0.092, 0.135],
+    [0.062, 0.205],
+    [0.040, 0.245],
+    [0.044, 0.275],
+    [0.062, 0.300],
+    [0.060, 0.304],
+    [0.055, 0.300],
+    [0.038, 0.275],
+    [0.034, 0.245],
+    [0.056, 0.203],
+    [0.085, 0.135],
+    [0.080, 0.088],
+    [0.048, 0.020],
+    [0.040, 0.0145],
+    [0.0, 0.014],
+];
+
+/// Profile of the cup.
+const CUP: &[[f64; 2]] = &[
+    [0.0, 0.0],
+    [0.026, 0.0],
+    [0.031, 0.001],
+    [0.036, 0.006],
+    [0.040, 0.045],
+    [0.041, 0.090],
+    [0.040, 0.092],
+    [0.038, 0.090],
+    [0.037, 0.045],
+    [0.033, 0.010],
+    [0.028, 0.0072],
+    [0.0, 0.007],
+];
+
+/// Profile of the lamp shade, which is open on both ends.
+const SHADE: &[[f64; 2]] = &[
+    [0.130, 0.30],
+    [0.112, 0.37],
+    [0.080, 0.49],
+    [0.078, 0.493],
+    [0.076, 0.49],
+    [0.108, 0.37],
+    [0.126, 0.30],
+    [0.128, 0.297],
+    [0.130, 0.30],
+];
+
+/// Profile of the bin.
+const BIN: &[[f64; 2]] = &[
+    [0.0, 0.0],
+    [0.105, 0.0],
+    [0.112, 0.001],
+    [0.116, 0.006],
+    [0.130, 0.170],
+    [0.143, 0.330],
+    [0.141, 0.333],
+    [0.139, 0.330],
+    [0.126, 0.170],
+    [0.112, 0.012],
+    [0.105, 0.0082],
+    [0.0, 0.008],
+];
+
 /// A furnished office, 4.8 × 2.7 × 3.6 m, closed: desk, chair, shelves with books, a screen, a
 /// lamp with a shade, a globe, a bin, a textured wooden floor, three emitting ceiling panels and a
 /// smooth glossy vase (ks .25, n 30).
@@ -23,7 +98,11 @@ pub fn office() -> Vec<u8> {
     desk(&mut writer);
     chair(&mut writer);
     shelves(&mut writer);
-    round_things(&mut writer);
+    vase(&mut writer);
+    cup(&mut writer);
+    lamp(&mut writer);
+    globe(&mut writer);
+    bin(&mut writer);
     let (eye, target) = (Vec3::new(4.45, 1.55, 3.3), Vec3::new(1.7, 0.75, 0.9));
     writer.camera(&Camera::look_at("camera", eye, target, Vec3::Y, 0.95));
     let (eye, target) = (Vec3::new(2.75, 1.15, 1.75), Vec3::new(1.95, 0.85, 0.55));
@@ -67,9 +146,6 @@ fn room(writer: &mut GlbWriter) {
         writer.body(name, &mesh, material);
     }
 }
-
-/// Height of the desk top, metres.
-const DESK: f32 = 0.74;
 
 fn desk(writer: &mut GlbWriter) {
     let oak = Material::phong("varnished oak", Rgb::new(0.42, 0.27, 0.15), 0.06, 12.0);
@@ -177,104 +253,42 @@ fn box_faces(low: Vec3, high: Vec3) -> Vec<Quad> {
     boundary([&[low.x, high.x], &[low.y, high.y], &[low.z, high.z]], |_| true)
 }
 
-fn round_things(writer: &mut GlbWriter) {
-    let top = DESK + CLEARANCE;
+fn vase(writer: &mut GlbWriter) {
     let glaze = Material::phong("glazed vase", Rgb::new(0.10, 0.30, 0.42), 0.25, 30.0);
     let glaze = writer.material(&glaze);
-    let wall = spline(
-        &[
-            [0.0, 0.0],
-            [0.039, 0.0],
-            [0.045, 0.001],
-            [0.055, 0.012],
-            [0.088, 0.085],
-            [0.092, 0.135],
-            [0.062, 0.205],
-            [0.040, 0.245],
-            [0.044, 0.275],
-            [0.062, 0.300],
-            [0.060, 0.304],
-            [0.055, 0.300],
-            [0.038, 0.275],
-            [0.034, 0.245],
-            [0.056, 0.203],
-            [0.085, 0.135],
-            [0.080, 0.088],
-            [0.048, 0.020],
-            [0.040, 0.0145],
-            [0.0, 0.014],
-        ],
-        3,
-    );
-    let vase = Mesh::revolved(&wall, 48).at(Vec3::new(2.06, top, 0.45));
+    let vase = Mesh::revolved(&spline(VASE, 3), 48).at(Vec3::new(2.06, ON_DESK, 0.45));
     writer.body("vase", &vase, glaze);
+}
 
+fn cup(writer: &mut GlbWriter) {
     let china = Material::phong("china", Rgb::splat(0.70), 0.05, 40.0);
     let china = writer.material(&china);
-    let cup = spline(
-        &[
-            [0.0, 0.0],
-            [0.026, 0.0],
-            [0.031, 0.001],
-            [0.036, 0.006],
-            [0.040, 0.045],
-            [0.041, 0.090],
-            [0.040, 0.092],
-            [0.038, 0.090],
-            [0.037, 0.045],
-            [0.033, 0.010],
-            [0.028, 0.0072],
-            [0.0, 0.007],
-        ],
-        2,
-    );
-    writer.body("cup", &Mesh::revolved(&cup, 32).at(Vec3::new(1.98, top, 0.70)), china);
+    let cup = Mesh::revolved(&spline(CUP, 2), 32).at(Vec3::new(1.98, ON_DESK, 0.70));
+    writer.body("cup", &cup, china);
+}
 
+fn lamp(writer: &mut GlbWriter) {
+    let place = Vec3::new(2.58, ON_DESK, 0.36);
     let brass = Material::phong("brass", Rgb::new(0.30, 0.21, 0.07), 0.30, 50.0);
     let brass = writer.material(&brass);
     let mut lamp = Mesh::drum(0.08, 0.0, 0.02, 0.006, 32);
     lamp.add(Mesh::capsule(0.009, 0.021, 0.36, 4, 16));
-    writer.body("lamp", &lamp.at(Vec3::new(2.58, top, 0.36)), brass);
-    let shade = diffuse(writer, "lamp shade", 0.68, 0.60, 0.45);
-    let cone = spline(
-        &[
-            [0.130, 0.30],
-            [0.112, 0.37],
-            [0.080, 0.49],
-            [0.078, 0.493],
-            [0.076, 0.49],
-            [0.108, 0.37],
-            [0.126, 0.30],
-            [0.128, 0.297],
-            [0.130, 0.30],
-        ],
-        3,
-    );
-    writer.body("lamp shade", &Mesh::revolved(&cone, 40).at(Vec3::new(2.58, top, 0.36)), shade);
+    writer.body("lamp", &lamp.at(place), brass);
+    let cloth = diffuse(writer, "lamp shade", 0.68, 0.60, 0.45);
+    let shade = Mesh::revolved(&spline(SHADE, 3), 40).at(place);
+    writer.body("lamp shade", &shade, cloth);
+}
 
+fn globe(writer: &mut GlbWriter) {
     let ocean = Material::phong("globe", Rgb::new(0.15, 0.25, 0.40), 0.05, 25.0);
     let ocean = writer.material(&ocean);
     let globe = Mesh::sphere(0.13, 20, 40).at(Vec3::new(0.17, 1.96 + 0.13 + CLEARANCE, 2.35));
     writer.body("globe", &globe, ocean);
+}
 
+fn bin(writer: &mut GlbWriter) {
     let steel = Material::phong("bin", Rgb::splat(0.30), 0.20, 20.0);
     let steel = writer.material(&steel);
-    let bin = spline(
-        &[
-            [0.0, 0.0],
-            [0.105, 0.0],
-            [0.112, 0.001],
-            [0.116, 0.006],
-            [0.130, 0.170],
-            [0.143, 0.330],
-            [0.141, 0.333],
-            [0.139, 0.330],
-            [0.126, 0.170],
-            [0.112, 0.012],
-            [0.105, 0.0082],
-            [0.0, 0.008],
-        ],
-        2,
-    );
-    writer.body("bin", &Mesh::revolved(&bin, 40).at(Vec3::new(3.15, CLEARANCE, 0.45)), steel);
+    let bin = Mesh::revolved(&spline(BIN, 2), 40).at(Vec3::new(3.15, CLEARANCE, 0.45));
+    writer.body("bin", &bin, steel);
 }
