@@ -73,25 +73,6 @@ impl GpuSettings {
         glossy: u32,
         columns: u32,
     ) -> Self {
-        let mut flags = 0;
-        let mut set = |condition: bool, flag: u32| flags |= if condition { flag } else { 0 };
-        set(settings.random_azimuth, flag::RANDOM_AZIMUTH);
-        set(settings.jitter, flag::JITTER);
-        set(settings.selection == Selection::Uniform, flag::UNIFORM_SELECTION);
-        set(settings.stratified, flag::STRATIFIED);
-        set(settings.random_point, flag::RANDOM_POINT);
-        set(glossy > 0, flag::LOBES);
-        let viewer = match settings.viewpoint {
-            Some(Viewpoint::Eye(eye)) => {
-                set(true, flag::VIEWER_IS_POINT);
-                eye
-            }
-            Some(Viewpoint::Direction(direction)) => {
-                set(true, flag::VIEWER_IS_DIRECTION);
-                direction
-            }
-            None => Vec3::ZERO,
-        };
         let (substitute, expected_shots) = match settings.variance_reduction {
             None => (0, None),
             Some(rule) => match rule.substitute {
@@ -99,7 +80,6 @@ impl GpuSettings {
                 Substitute::Mean => (2, rule.shots),
             },
         };
-        set(expected_shots.is_none(), flag::GROWING_SHOTS);
         let mut lobe_albedo = [[0.0; 4]; TABLE];
         let cells = lobe_albedo.as_flattened_mut().iter_mut();
         cells.zip(&LobeAlbedo::shared().table).for_each(|(cell, value)| *cell = *value);
@@ -108,7 +88,7 @@ impl GpuSettings {
         let runs = patches.div_ceil(SPAN);
         Self {
             seed: [settings.seed as u32, (settings.seed >> 32) as u32],
-            flags,
+            flags: flags(settings, glossy > 0),
             resolution: settings.resolution,
             patches,
             facets,
@@ -127,11 +107,32 @@ impl GpuSettings {
             substitute,
             expected_shots: expected_shots.unwrap_or(0) as f32,
             spare: 0,
-            viewer,
+            viewer: match settings.viewpoint {
+                Some(Viewpoint::Eye(viewer) | Viewpoint::Direction(viewer)) => viewer,
+                None => Vec3::ZERO,
+            },
             near: near_value(&scene.positions),
             lobe_albedo,
         }
     }
+}
+
+/// `Settings.flags` of a scene with glossy patches or without.
+fn flags(settings: &ShootingSettings, any_glossy: bool) -> u32 {
+    let viewpoint = settings.viewpoint;
+    let expected_shots = settings.variance_reduction.and_then(|rule| rule.shots);
+    let all = [
+        (settings.random_azimuth, flag::RANDOM_AZIMUTH),
+        (settings.jitter, flag::JITTER),
+        (matches!(viewpoint, Some(Viewpoint::Eye(_))), flag::VIEWER_IS_POINT),
+        (matches!(viewpoint, Some(Viewpoint::Direction(_))), flag::VIEWER_IS_DIRECTION),
+        (any_glossy, flag::LOBES),
+        (settings.selection == Selection::Uniform, flag::UNIFORM_SELECTION),
+        (settings.stratified, flag::STRATIFIED),
+        (settings.random_point, flag::RANDOM_POINT),
+        (expected_shots.is_none(), flag::GROWING_SHOTS),
+    ];
+    all.iter().filter(|(set, _)| *set).fold(0, |flags, (_, flag)| flags | flag)
 }
 
 fn near_value(positions: &[Vec3]) -> f32 {
