@@ -32,6 +32,16 @@ pub struct WgpuShooting<'device> {
     summed: u64,
 }
 
+/// What traced shots leave on the adapter.
+struct Traced {
+    /// Item codes of all their hemicubes.
+    atlas: Vec<u32>,
+    /// Words of a row of them.
+    row_words: usize,
+    /// Form-factor sums, fixed-point.
+    sums: Vec<u32>,
+}
+
 impl<'device> WgpuShooting<'device> {
     /// Uploads the scene and starts at L(0) = L^e.
     pub fn new(
@@ -240,7 +250,17 @@ impl<'device> WgpuShooting<'device> {
         self.encode_culling(&mut encoder.begin_compute_pass(&Default::default()), pass, count);
         self.encode_drawing(&mut encoder, count);
         self.encode_deposit(&mut encoder.begin_compute_pass(&Default::default()), pass, count);
+        let traced = self.read_traced(encoder, count)?;
+        Ok(units.iter().zip(0..).map(|(unit, slot)| self.trace_of(&traced, slot, *unit)).collect())
+    }
 
+    /// Submits, and reads and clears what `count` traced shots have left.
+    fn read_traced(
+        &self,
+        mut encoder: wgpu::CommandEncoder,
+        count: u32,
+    ) -> Result<Traced, DeviceError> {
+        let (plan, buffers) = (&self.plan, &self.buffers);
         let size = plan.atlas_size();
         let row_bytes = (4 * size.width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
         let atlas_bytes = u64::from(row_bytes) * u64::from(size.height);
@@ -260,33 +280,35 @@ impl<'device> WgpuShooting<'device> {
         );
         encoder.copy_buffer_to_buffer(&buffers.sums, 0, &staging, atlas_bytes, sums_bytes);
         encoder.clear_buffer(&buffers.sums, 0, Some(sums_bytes));
-        let words = self.gpu.read(encoder, &staging)?;
+        let mut atlas = self.gpu.read(encoder, &staging)?;
+        let sums = atlas.split_off(atlas_bytes as usize / 4);
+        Ok(Traced { atlas, row_words: row_bytes as usize / 4, sums })
+    }
 
-        let (items, sums) = words.split_at(atlas_bytes as usize / 4);
-        let sums_of = |slot: usize, plane: usize| {
-            let patches = plan.patches as usize;
-            let start = (slot * plan.planes() as usize + plane) * patches;
-            let unit = units[slot];
-            sums[start..start + patches].iter().map(move |sum| *sum as f32 * unit).collect()
+    /// The item buffer of one of the traced shots, and its sums, of which `unit` is one
+    /// fixed-point unit.
+    fn trace_of(&self, traced: &Traced, slot: usize, unit: f32) -> ShotTrace {
+        let plan = &self.plan;
+        let (patches, planes) = (plan.patches as usize, plan.planes() as usize);
+        let sums_of = |plane: usize| {
+            let start = (slot * planes + plane) * patches;
+            traced.sums[start..start + patches].iter().map(|sum| *sum as f32 * unit).collect()
         };
         let resolution = self.settings.resolution as usize;
-        let trace = |slot: usize| {
-            let (left, top) = plan.tile(slot as u64);
-            let rows = items.chunks_exact(row_bytes as usize / 4).skip(top as usize);
-            ShotTrace {
-                items: rows
-                    .take(3 * resolution)
-                    .flat_map(|row| &row[left as usize..left as usize + resolution])
-                    .copied()
-                    .collect(),
-                form_factor: sums_of(slot, 0),
-                lobe_factor: match plan.planes() {
-                    2 => sums_of(slot, 1),
-                    _ => vec![0.0; plan.patches as usize],
-                },
-            }
-        };
-        Ok((0..shots.len()).map(trace).collect())
+        let (left, top) = plan.tile(slot as u64);
+        let rows = traced.atlas.chunks_exact(traced.row_words).skip(top as usize);
+        ShotTrace {
+            items: rows
+                .take(3 * resolution)
+                .flat_map(|row| &row[left as usize..left as usize + resolution])
+                .copied()
+                .collect(),
+            form_factor: sums_of(0),
+            lobe_factor: match planes {
+                2 => sums_of(1),
+                _ => vec![0.0; patches],
+            },
+        }
     }
 
     /// All words of a buffer.
