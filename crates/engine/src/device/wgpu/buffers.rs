@@ -239,156 +239,237 @@ impl Buffers {
         scene: &PatchedScene,
         settings: &ShootingSettings,
     ) -> Self {
-        let make = |label: &str, size: u64, usage: BufferUsages| {
-            gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                // Empty scenes have empty arrays, bindings must not be.
-                size: size.max(UNIFORM_STRIDE).next_multiple_of(16),
-                usage: usage | BufferUsages::COPY_DST,
-                mapped_at_creation: false,
-            })
-        };
-        let filled = |label: &str, bytes: &[u8], usage: BufferUsages| {
-            let buffer = make(label, bytes.len() as u64, usage);
-            gpu.queue.write_buffer(&buffer, 0, bytes);
-            buffer
-        };
-        let storage = BufferUsages::STORAGE;
-        let readable = storage | BufferUsages::COPY_SRC;
-        let lists = FACES as u64 * plan.pass_shots;
-
-        let constants = GpuSettings::new(scene, settings, plan.glossy as u32, plan.columns as u32);
-        let constants = filled("settings", bytemuck::bytes_of(&constants), BufferUsages::UNIFORM);
-        let passes = filled("passes", &pass_uniforms(plan), BufferUsages::UNIFORM);
-        let control = make("control", CONTROL_HEADER + 16 * plan.shots, readable);
-        let power = make("power", 4 * plan.power_entries(), readable);
-        let patches = GpuPatch::all(scene, settings);
-        let first_powers = GpuPatch::first_powers(&patches);
-        gpu.queue.write_buffer(&power, 0, bytemuck::cast_slice(&first_powers));
-        let patches = filled("patches", bytemuck::cast_slice(&patches), storage);
-        let facets = filled("facets", bytemuck::cast_slice(&GpuFacet::all(scene)), storage);
-        let corners = GpuCorner::all(scene);
-        let corners = filled("corners", bytemuck::cast_slice(&corners), BufferUsages::VERTEX);
-        let irradiance = make("irradiance", 32 * plan.patches, readable);
-        let incoming = make("incoming", 16 * (plan.shots + 1) * plan.glossy, readable);
-        let shots = make("shots", GpuShot::SIZE * (plan.shots + plan.pass_shots), readable);
-        let sums = make("sums", plan.sums_bytes() * plan.pass_shots, readable);
-        let views = make("views", UNIFORM_STRIDE * lists, storage | BufferUsages::UNIFORM);
-        let marks =
-            make("marks", u64::from(FACET_RUN) * plan.facet_runs() * plan.pass_shots, storage);
-        let counts = make("counts", 4 * lists * plan.facet_runs(), storage);
-        let indices = make("indices", plan.index_bytes(), storage | BufferUsages::INDEX);
-        let draws = make("draws", DRAW_BYTES * lists, storage | BufferUsages::INDIRECT);
-        let delta = DeltaFormFactors::new(settings.resolution);
-        let delta = &delta.values[..delta.values.len() / 2];
-        let delta = filled("delta form factors", bytemuck::cast_slice(delta), storage);
-
-        let texture = |label, format, usage| {
-            gpu.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: plan.atlas_size(),
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage,
-                view_formats: &[],
-            })
-        };
+        let allocator = Allocator(gpu);
         let target = wgpu::TextureUsages::RENDER_ATTACHMENT;
-        let atlas = texture(
-            "items",
-            ITEM_FORMAT,
-            target | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC,
-        );
-        let depth = texture("depth", DEPTH_FORMAT, target);
+        let read = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC;
+        let atlas = allocator.texture("items", plan, ITEM_FORMAT, target | read);
+        let depth = allocator.texture("depth", plan, DEPTH_FORMAT, target);
         let atlas_view = atlas.create_view(&wgpu::TextureViewDescriptor::default());
         let depth_view = depth.create_view(&wgpu::TextureViewDescriptor::default());
-
-        let whole = wgpu::Buffer::as_entire_binding;
-        let dynamic = |buffer, size| {
-            wgpu::BindingResource::Buffer(wgpu::BufferBinding {
-                buffer,
-                offset: 0,
-                size: wgpu::BufferSize::new(size),
-            })
-        };
-        let pass = || dynamic(&passes, size_of::<GpuPass>() as u64);
-        let bind = |layout: &wgpu::BindGroupLayout, resources: Vec<wgpu::BindingResource>| {
-            let entries: Vec<_> = resources
-                .into_iter()
-                .zip(0..)
-                .map(|(resource, binding)| wgpu::BindGroupEntry { binding, resource })
-                .collect();
-            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: None,
-                layout,
-                entries: &entries,
-            })
-        };
+        let arrays = Arrays::new(allocator, plan, scene, settings);
         Self {
-            select: bind(
-                &pipelines.select,
-                [&constants, &control, &power, &patches, &irradiance, &incoming, &facets, &shots]
-                    .map(whole)
-                    .into(),
-            ),
-            cull: bind(
-                &pipelines.cull,
-                vec![
-                    whole(&constants),
-                    pass(),
-                    whole(&shots),
-                    whole(&views),
-                    whole(&facets),
-                    whole(&marks),
-                    whole(&counts),
-                    whole(&indices),
-                    whole(&draws),
-                ],
-            ),
-            raster: bind(&pipelines.raster, vec![dynamic(&views, UNIFORM_STRIDE)]),
-            deposit: bind(
-                &pipelines.deposit,
-                vec![
-                    whole(&constants),
-                    pass(),
-                    whole(&shots),
-                    whole(&facets),
-                    whole(&delta),
-                    whole(&sums),
-                    wgpu::BindingResource::TextureView(&atlas_view),
-                ],
-            ),
-            update: bind(
-                &pipelines.update,
-                vec![
-                    whole(&constants),
-                    pass(),
-                    whole(&control),
-                    whole(&power),
-                    whole(&patches),
-                    whole(&irradiance),
-                    whole(&incoming),
-                    whole(&shots),
-                    whole(&sums),
-                ],
-            ),
-            control,
-            passes,
-            power,
-            irradiance,
-            incoming,
-            shots,
-            sums,
-            corners,
-            indices,
-            draws,
+            select: allocator.bind(&pipelines.select, &arrays.for_select()),
+            cull: allocator.bind(&pipelines.cull, &arrays.for_cull()),
+            raster: allocator.bind(&pipelines.raster, &arrays.for_raster()),
+            deposit: allocator.bind(&pipelines.deposit, &arrays.for_deposit(&atlas_view)),
+            update: allocator.bind(&pipelines.update, &arrays.for_update()),
+            control: arrays.control,
+            passes: arrays.passes,
+            power: arrays.power,
+            irradiance: arrays.irradiance,
+            incoming: arrays.incoming,
+            shots: arrays.shots,
+            sums: arrays.sums,
+            corners: arrays.corners,
+            indices: arrays.indices,
+            draws: arrays.draws,
             atlas,
             atlas_view,
             depth_view,
         }
     }
+}
+
+/// Makes what is on the adapter.
+#[derive(Clone, Copy)]
+struct Allocator<'a>(&'a Gpu);
+
+impl Allocator<'_> {
+    fn buffer(self, label: &str, size: u64, usage: BufferUsages) -> wgpu::Buffer {
+        self.0.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            // Empty scenes have empty arrays, bindings must not be.
+            size: size.max(UNIFORM_STRIDE).next_multiple_of(16),
+            usage: usage | BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        })
+    }
+
+    /// A buffer with something in it.
+    fn filled(self, label: &str, bytes: &[u8], usage: BufferUsages) -> wgpu::Buffer {
+        let buffer = self.buffer(label, bytes.len() as u64, usage);
+        self.0.queue.write_buffer(&buffer, 0, bytes);
+        buffer
+    }
+
+    /// A texture as large as the atlas.
+    fn texture(
+        self,
+        label: &str,
+        plan: &BufferPlan,
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> wgpu::Texture {
+        self.0.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: plan.atlas_size(),
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage,
+            view_formats: &[],
+        })
+    }
+
+    /// Binds resources to the bindings from 0 on.
+    fn bind(
+        self,
+        layout: &wgpu::BindGroupLayout,
+        resources: &[wgpu::BindingResource<'_>],
+    ) -> wgpu::BindGroup {
+        let entries: Vec<_> = resources
+            .iter()
+            .cloned()
+            .zip(0..)
+            .map(|(resource, binding)| wgpu::BindGroupEntry { binding, resource })
+            .collect();
+        self.0.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout,
+            entries: &entries,
+        })
+    }
+}
+
+/// All buffers, those too that only bindings name.
+struct Arrays {
+    constants: wgpu::Buffer,
+    passes: wgpu::Buffer,
+    control: wgpu::Buffer,
+    power: wgpu::Buffer,
+    patches: wgpu::Buffer,
+    facets: wgpu::Buffer,
+    corners: wgpu::Buffer,
+    irradiance: wgpu::Buffer,
+    incoming: wgpu::Buffer,
+    shots: wgpu::Buffer,
+    sums: wgpu::Buffer,
+    views: wgpu::Buffer,
+    marks: wgpu::Buffer,
+    counts: wgpu::Buffer,
+    indices: wgpu::Buffer,
+    draws: wgpu::Buffer,
+    delta: wgpu::Buffer,
+}
+
+impl Arrays {
+    /// Allocates them all, and fills those that say what the scene is.
+    fn new(
+        allocator: Allocator<'_>,
+        plan: &BufferPlan,
+        scene: &PatchedScene,
+        settings: &ShootingSettings,
+    ) -> Self {
+        let make = |label, size, usage| allocator.buffer(label, size, usage);
+        let filled = |label, bytes: &[u8], usage| allocator.filled(label, bytes, usage);
+        let (storage, uniform) = (BufferUsages::STORAGE, BufferUsages::UNIFORM);
+        let readable = storage | BufferUsages::COPY_SRC;
+        let lists = FACES as u64 * plan.pass_shots;
+        let runs = plan.facet_runs();
+        let marks = u64::from(FACET_RUN) * runs * plan.pass_shots;
+
+        let constants = GpuSettings::new(scene, settings, plan.glossy as u32, plan.columns as u32);
+        let patches = GpuPatch::all(scene, settings);
+        let facets = GpuFacet::all(scene);
+        let corners = GpuCorner::all(scene);
+        let delta = DeltaFormFactors::new(settings.resolution);
+        let delta = &delta.values[..delta.values.len() / 2];
+        let power = make("power", 4 * plan.power_entries(), readable);
+        let first_powers = GpuPatch::first_powers(&patches);
+        allocator.0.queue.write_buffer(&power, 0, bytemuck::cast_slice(&first_powers));
+        Self {
+            constants: filled("settings", bytemuck::bytes_of(&constants), uniform),
+            passes: filled("passes", &pass_uniforms(plan), uniform),
+            control: make("control", CONTROL_HEADER + 16 * plan.shots, readable),
+            power,
+            patches: filled("patches", bytemuck::cast_slice(&patches), storage),
+            facets: filled("facets", bytemuck::cast_slice(&facets), storage),
+            corners: filled("corners", bytemuck::cast_slice(&corners), BufferUsages::VERTEX),
+            irradiance: make("irradiance", 32 * plan.patches, readable),
+            incoming: make("incoming", 16 * (plan.shots + 1) * plan.glossy, readable),
+            shots: make("shots", GpuShot::SIZE * (plan.shots + plan.pass_shots), readable),
+            sums: make("sums", plan.sums_bytes() * plan.pass_shots, readable),
+            views: make("views", UNIFORM_STRIDE * lists, storage | uniform),
+            marks: make("marks", marks, storage),
+            counts: make("counts", 4 * lists * runs, storage),
+            indices: make("indices", plan.index_bytes(), storage | BufferUsages::INDEX),
+            draws: make("draws", DRAW_BYTES * lists, storage | BufferUsages::INDIRECT),
+            delta: filled("delta form factors", bytemuck::cast_slice(delta), storage),
+        }
+    }
+
+    fn for_select(&self) -> [wgpu::BindingResource<'_>; 8] {
+        [
+            &self.constants,
+            &self.control,
+            &self.power,
+            &self.patches,
+            &self.irradiance,
+            &self.incoming,
+            &self.facets,
+            &self.shots,
+        ]
+        .map(wgpu::Buffer::as_entire_binding)
+    }
+
+    fn for_cull(&self) -> [wgpu::BindingResource<'_>; 9] {
+        [
+            self.constants.as_entire_binding(),
+            self.pass(),
+            self.shots.as_entire_binding(),
+            self.views.as_entire_binding(),
+            self.facets.as_entire_binding(),
+            self.marks.as_entire_binding(),
+            self.counts.as_entire_binding(),
+            self.indices.as_entire_binding(),
+            self.draws.as_entire_binding(),
+        ]
+    }
+
+    fn for_raster(&self) -> [wgpu::BindingResource<'_>; 1] {
+        [part(&self.views, UNIFORM_STRIDE)]
+    }
+
+    fn for_deposit<'a>(&'a self, atlas: &'a wgpu::TextureView) -> [wgpu::BindingResource<'a>; 7] {
+        [
+            self.constants.as_entire_binding(),
+            self.pass(),
+            self.shots.as_entire_binding(),
+            self.facets.as_entire_binding(),
+            self.delta.as_entire_binding(),
+            self.sums.as_entire_binding(),
+            wgpu::BindingResource::TextureView(atlas),
+        ]
+    }
+
+    fn for_update(&self) -> [wgpu::BindingResource<'_>; 9] {
+        [
+            self.constants.as_entire_binding(),
+            self.pass(),
+            self.control.as_entire_binding(),
+            self.power.as_entire_binding(),
+            self.patches.as_entire_binding(),
+            self.irradiance.as_entire_binding(),
+            self.incoming.as_entire_binding(),
+            self.shots.as_entire_binding(),
+            self.sums.as_entire_binding(),
+        ]
+    }
+
+    /// One of the passes, at an offset that is given with each dispatch.
+    fn pass(&self) -> wgpu::BindingResource<'_> {
+        part(&self.passes, size_of::<GpuPass>() as u64)
+    }
+}
+
+/// So many bytes of a buffer, at an offset that is given with each dispatch or draw.
+fn part(buffer: &wgpu::Buffer, size: u64) -> wgpu::BindingResource<'_> {
+    wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+        buffer,
+        offset: 0,
+        size: wgpu::BufferSize::new(size),
+    })
 }
 
 /// `Pass` of every render pass of an iteration, and room for one more for traced shots.
