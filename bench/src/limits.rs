@@ -12,7 +12,7 @@ use hemilux_engine::device::{Device, ShootingSettings};
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::rays::{Eye, Hit, Rays};
 use hemilux_engine::render::{Begin, CameraChoice, Limits, RenderRequest, Rendered, Unobserved};
-use hemilux_engine::scene::made;
+use hemilux_engine::scene::{Scene, made};
 use hemilux_engine::transport::render;
 use std::collections::BTreeMap;
 use std::hint::black_box;
@@ -76,20 +76,40 @@ impl Chance {
     }
 }
 
+/// What the machine does in a second.
+struct Machine {
+    /// Bytes read and written by copying.
+    copied: f64,
+    /// Random cache lines read.
+    lines: f64,
+    /// Fused multiply-adds.
+    sums: f64,
+}
+
+impl Machine {
+    fn measured(rounds: usize) -> Self {
+        let (mut copied, mut lines, mut sums) = (Vec::new(), Vec::new(), Vec::new());
+        for _ in 0..rounds {
+            copied.push(copies());
+            lines.push(random_lines());
+            sums.push(multiplications());
+        }
+        Self { copied: median(copied), lines: median(lines), sums: median(sums) }
+    }
+
+    fn table(&self) -> Table {
+        let Self { copied, lines, sums } = self;
+        let mut table = Table::new(&["what the machine can do", "a second"]);
+        table.add(vec!["bytes copied, read and written".into(), format!("{:.1} GB", copied / 1e9)]);
+        table.add(vec!["random cache lines".into(), format!("{:.0} million", lines / 1e6)]);
+        table.add(vec!["fused multiply-adds, f32".into(), format!("{:.0} billion", sums / 1e9)]);
+        table
+    }
+}
+
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let rounds = arguments.rounds.max(1);
-    let (mut copied, mut lines, mut sums) = (Vec::new(), Vec::new(), Vec::new());
-    for _ in 0..rounds {
-        copied.push(copies());
-        lines.push(random_lines());
-        sums.push(multiplications());
-    }
-    let (copied, lines, sums) = (median(copied), median(lines), median(sums));
-    let mut machine = Table::new(&["what the machine can do", "a second"]);
-    machine.add(vec!["bytes copied, read and written".into(), format!("{:.1} GB", copied / 1e9)]);
-    machine.add(vec!["random cache lines".into(), format!("{:.0} million", lines / 1e6)]);
-    machine.add(vec!["fused multiply-adds, f32".into(), format!("{:.0} billion", sums / 1e9)]);
-
+    let machine = Machine::measured(rounds);
     let mut rays = Table::new(&[
         "triangles",
         "closest hits/s",
@@ -101,32 +121,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Table::new(&["triangles", "shots/s", "pixels/s", "triangles/s", "of the bytes copied"]);
     for triangles in TRIANGLES {
         let scene = Arc::new(imported(&made::tessellated_room(triangles)));
-        let world = Rays::new(&scene);
-        let (low, high) = scene.bounds().unwrap_or_default();
-        let inside = |chance: &mut Chance| {
-            let at = Vec3::new(chance.unit(), chance.unit(), chance.unit());
-            world.place(low + (0.1 + 0.8 * at) * (high - low))
-        };
-        let (mut hits, mut shadows) = (Vec::new(), Vec::new());
-        for _ in 0..rounds {
-            // From one surface to another, as light goes.
-            hits.push(by_all_threads(RAYS, |chance| {
-                let start = inside(chance);
-                let hit: Option<Hit> = world.closest(Eye::Light, start, chance.direction());
-                black_box(hit);
-            }));
-            shadows.push(by_all_threads(RAYS, |chance| {
-                let (from, to) = (inside(chance), inside(chance));
-                black_box(world.blocked(from, to, |_| false));
-            }));
-        }
-        let (hits, shadows) = (median(hits), median(shadows));
+        let (hits, shadows) = tracing(&scene, rounds);
         rays.add(vec![
             triangles.to_string(),
             format!("{:.2} million", hits / 1e6),
             format!("{:.2} million", shadows / 1e6),
-            format!("{:.0}", lines / hits),
-            format!("{:.0}", sums / hits),
+            format!("{:.0}", machine.lines / hits),
+            format!("{:.0}", machine.sums / hits),
         ]);
         let patched = Arc::new(PatchedScene::new(scene.clone(), scene.triangles.len()));
         let rates: Result<Vec<f64>, Failure> =
@@ -139,7 +140,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             format!("{rate:.0}"),
             format!("{:.0} million", pixels / 1e6),
             format!("{:.1} million", rate * scene.triangles.len() as f64 / 1e6),
-            percent(pixels * PIXEL / copied),
+            percent(pixels * PIXEL / machine.copied),
         ]);
     }
     let text = format!(
@@ -147,12 +148,36 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
          {RESOLUTION}, {PIXEL} bytes a pixel:\n\n{}\nShares of the solving time, 500 × 500 pixels, 3 s:\
          \n\n{}",
         results::machine(),
-        machine.markdown(),
+        machine.table().markdown(),
         rays.markdown(),
         shots.markdown(),
         stages()?.markdown()
     );
     results::publish(arguments.page.as_deref(), &[("limits".into(), text)])
+}
+
+/// Closest hits and shadow rays a second inside a scene.
+fn tracing(scene: &Scene, rounds: usize) -> (f64, f64) {
+    let world = Rays::new(scene);
+    let (low, high) = scene.bounds().unwrap_or_default();
+    let inside = |chance: &mut Chance| {
+        let at = Vec3::new(chance.unit(), chance.unit(), chance.unit());
+        world.place(low + (0.1 + 0.8 * at) * (high - low))
+    };
+    let (mut hits, mut shadows) = (Vec::new(), Vec::new());
+    for _ in 0..rounds {
+        // From one surface to another, as light goes.
+        hits.push(by_all_threads(RAYS, |chance| {
+            let start = inside(chance);
+            let hit: Option<Hit> = world.closest(Eye::Light, start, chance.direction());
+            black_box(hit);
+        }));
+        shadows.push(by_all_threads(RAYS, |chance| {
+            let (from, to) = (inside(chance), inside(chance));
+            black_box(world.blocked(from, to, |_| false));
+        }));
+    }
+    (median(hits), median(shadows))
 }
 
 fn threads() -> usize {
