@@ -85,74 +85,95 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     ]);
     for (name, glb) in scenes {
         let scene = Arc::new(import(&glb, &Resources::new(), &ImportLimits::default())?);
-        let mut taker = Taker::default();
-        let first = request(&scene, arguments, CameraChoice::First, arguments.seconds);
-        work(&first, &mut taker)?;
-        let (checkpoint, making) = taker.taken.ok_or("no checkpoint was made")?;
-        let began = Instant::now();
-        let bytes = checkpoint.to_bytes();
-        let writing = began.elapsed().as_secs_f64();
-        let began = Instant::now();
-        let checkpoint = Checkpoint::from_bytes(&bytes)?;
-        let reading = began.elapsed().as_secs_f64();
-        checkpoints.add(vec![
-            name.clone(),
-            format!("{:.1}", bytes.len() as f64 / 1e6),
-            format!("{:.1}", checkpoint.shared_size() as f64 / 1e6),
-            format!("{making:.3}"),
-            format!("{writing:.3}"),
-            format!("{reading:.3}"),
-        ]);
-
-        let camera = beside(&scene);
-        let other = request(&scene, arguments, camera, arguments.seconds);
-        let reference = RenderRequest {
-            limits: Limits { seconds: Some(arguments.reference_seconds), ..Limits::default() },
-            seed: 1000,
-            ..other.clone()
-        };
-        let reference = work(&reference, &mut Taker::default())?.picture;
-        let counted = away_from_emitters(&reference);
-        let counts = |pixel: usize| counted[pixel];
-        let error = |rendered: &Rendered| relative_error(&rendered.picture, &reference, counts);
-        let alone = work(&other, &mut Taker::default())?;
-        let goal = error(&alone);
-        let checkpoint = Arc::new(checkpoint);
-        let mut row = None;
-        for iterations in ITERATIONS {
-            let view = RenderRequest {
-                limits: Limits { iterations: Some(iterations), ..Limits::default() },
-                begin: Begin::View(checkpoint.clone()),
-                ..other.clone()
-            };
-            let view = work(&view, &mut Taker::default())?;
-            let (reached, seconds) = (error(&view), view.stats.seconds_solve);
-            println!("{name}: {iterations} iterations, {seconds:.2} s, {reached:.4} of {goal:.4}");
-            for (what, value) in &view.stats.diagnostics {
-                println!("    {what} {value:.3}");
-            }
-            row = Some((reached, seconds));
-            if reached <= goal || seconds > arguments.seconds {
-                break;
-            }
-        }
-        let (reached, seconds) = row.ok_or("no view was taken")?;
-        println!("{name} alone: {} iterations", alone.stats.figures.iterations);
-        for (what, value) in &alone.stats.diagnostics {
-            println!("    {what} {value:.3}");
-        }
-        let by_itself = alone.stats.seconds_solve;
-        views.add(vec![
-            name,
-            format!("{:.2} %", 100.0 * goal),
-            format!("{by_itself:.2}"),
-            format!("{:.2} %", 100.0 * reached),
-            format!("{seconds:.2}"),
-            format!("{:.2}", seconds / by_itself),
-        ]);
+        let (checkpoint, row) = first_picture(&name, &scene, arguments)?;
+        checkpoints.add(row);
+        views.add(second_picture(&name, &scene, arguments, checkpoint)?);
     }
     let text = format!("{}\n{}\n{}", results::machine(), views.markdown(), checkpoints.markdown());
     results::publish(arguments.page.as_deref(), &[("views".into(), text)])
+}
+
+/// Solves a scene; its checkpoint, and what that takes as a row of the table.
+fn first_picture(
+    name: &str,
+    scene: &Arc<Scene>,
+    arguments: &Arguments,
+) -> Result<(Checkpoint, Vec<String>), Failure> {
+    let mut taker = Taker::default();
+    work(&request(scene, arguments, CameraChoice::First, arguments.seconds), &mut taker)?;
+    let (checkpoint, making) = taker.taken.ok_or("no checkpoint was made")?;
+    let began = Instant::now();
+    let bytes = checkpoint.to_bytes();
+    let writing = began.elapsed().as_secs_f64();
+    let began = Instant::now();
+    let checkpoint = Checkpoint::from_bytes(&bytes)?;
+    let reading = began.elapsed().as_secs_f64();
+    let row = vec![
+        name.into(),
+        format!("{:.1}", bytes.len() as f64 / 1e6),
+        format!("{:.1}", checkpoint.shared_size() as f64 / 1e6),
+        format!("{making:.3}"),
+        format!("{writing:.3}"),
+        format!("{reading:.3}"),
+    ];
+    Ok((checkpoint, row))
+}
+
+/// Renders the second camera's picture by itself, and from the checkpoint until it is as good: a
+/// row of the table.
+fn second_picture(
+    name: &str,
+    scene: &Arc<Scene>,
+    arguments: &Arguments,
+    checkpoint: Checkpoint,
+) -> Result<Vec<String>, Failure> {
+    let alone_request = request(scene, arguments, beside(scene), arguments.seconds);
+    let reference = RenderRequest {
+        limits: Limits { seconds: Some(arguments.reference_seconds), ..Limits::default() },
+        seed: 1000,
+        ..alone_request.clone()
+    };
+    let reference = work(&reference, &mut Taker::default())?.picture;
+    let counted = away_from_emitters(&reference);
+    let error =
+        |rendered: &Rendered| relative_error(&rendered.picture, &reference, |pixel| counted[pixel]);
+    let alone = work(&alone_request, &mut Taker::default())?;
+    let goal = error(&alone);
+    let checkpoint = Arc::new(checkpoint);
+    let mut last = None;
+    for iterations in ITERATIONS {
+        let view = RenderRequest {
+            limits: Limits { iterations: Some(iterations), ..Limits::default() },
+            begin: Begin::View(checkpoint.clone()),
+            ..alone_request.clone()
+        };
+        let view = work(&view, &mut Taker::default())?;
+        let (reached, seconds) = (error(&view), view.stats.seconds_solve);
+        println!("{name}: {iterations} iterations, {seconds:.2} s, {reached:.4} of {goal:.4}");
+        print_diagnostics(&view);
+        last = Some((reached, seconds));
+        if reached <= goal || seconds > arguments.seconds {
+            break;
+        }
+    }
+    let (reached, seconds) = last.ok_or("no view was taken")?;
+    println!("{name} alone: {} iterations", alone.stats.figures.iterations);
+    print_diagnostics(&alone);
+    let by_itself = alone.stats.seconds_solve;
+    Ok(vec![
+        name.into(),
+        format!("{:.2} %", 100.0 * goal),
+        format!("{by_itself:.2}"),
+        format!("{:.2} %", 100.0 * reached),
+        format!("{seconds:.2}"),
+        format!("{:.2}", seconds / by_itself),
+    ])
+}
+
+fn print_diagnostics(rendered: &Rendered) {
+    for (what, value) in &rendered.stats.diagnostics {
+        println!("    {what} {value:.3}");
+    }
 }
 
 fn request(
