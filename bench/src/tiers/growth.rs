@@ -1,8 +1,9 @@
 //! Seconds to an error against what a scene has more of: triangles, lights, pixels, bounces.
 
-use super::calibration::told;
+use super::calibration::{GOOD, told};
 use super::study::Study;
 use super::views::{View, with_albedo, with_lights};
+use crate::page::percent;
 use crate::results::Failure;
 use crate::views::imported;
 use hemilux_charts::chart::{Chart, Line, Panel};
@@ -57,6 +58,74 @@ pub fn views(quick: bool) -> impl Iterator<Item = View> {
     axes(quick).into_iter().flat_map(|axis| axis.steps.into_iter().map(|(_, view)| view))
 }
 
+/// A view's way to the goal, or as near as the last number of iterations leads.
+struct Climb {
+    /// Iterations that it took.
+    iterations: u64,
+    /// Seconds of them.
+    seconds: f64,
+    /// Seconds of the first picture.
+    first: f64,
+    error: f64,
+    predicted: f64,
+    /// The least error that the reference can tell.
+    resolution: f64,
+}
+
+impl Climb {
+    /// Renders with more and more iterations.
+    fn of(study: &mut Study, view: &View) -> Result<Self, Failure> {
+        let truth = study.truth(view)?;
+        let mut first = None;
+        let mut climb = None;
+        for iterations in LADDER {
+            let limits = Limits { iterations: Some(iterations), ..Limits::default() };
+            let request = view.request("hemilux", limits, 1, &[]);
+            let rendered = render(study.device.as_mut(), &request, &mut Unobserved)?;
+            let seconds = rendered.stats.seconds_solve;
+            let reached = climb.insert(Self {
+                iterations,
+                seconds,
+                first: *first.get_or_insert(seconds),
+                error: truth.error(&rendered),
+                predicted: rendered.stats.figures.estimated_error.unwrap_or(f64::NAN),
+                resolution: truth.resolution(),
+            });
+            if reached.has_reached() {
+                break;
+            }
+        }
+        Ok(climb.ok_or("no picture was made")?)
+    }
+
+    fn has_reached(&self) -> bool {
+        self.error <= GOAL
+    }
+
+    /// What the reference can't tell judges no prediction.
+    fn judges(&self) -> bool {
+        self.error >= self.resolution
+    }
+
+    fn is_well_predicted(&self) -> bool {
+        GOOD.contains(&(self.predicted / self.error))
+    }
+
+    /// A row of the table.
+    fn row(&self, axis: &str, x: f64) -> Vec<String> {
+        let seconds = self.seconds;
+        vec![
+            axis.into(),
+            format!("{x:.3}").trim_end_matches('0').trim_end_matches('.').into(),
+            if self.has_reached() { format!("{seconds:.2}") } else { format!("> {seconds:.2}") },
+            self.iterations.to_string(),
+            told(self.error, self.resolution),
+            percent(self.predicted),
+            format!("{:.2}", self.first),
+        ]
+    }
+}
+
 pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
     let mut table = Table::new(&[
         "",
@@ -74,57 +143,37 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
         eprintln!("growth: {}", axis.name);
         let mut points = Vec::new();
         for (x, view) in axis.steps {
-            let truth = study.truth(&view)?;
-            let mut first = None;
-            for iterations in LADDER {
-                let limits = Limits { iterations: Some(iterations), ..Limits::default() };
-                let request = view.request("hemilux", limits, 1, &[]);
-                let rendered = render(study.device.as_mut(), &request, &mut Unobserved)?;
-                let (error, seconds) = (truth.error(&rendered), rendered.stats.seconds_solve);
-                let first = *first.get_or_insert(seconds);
-                if error <= GOAL || iterations == LADDER[LADDER.len() - 1] {
-                    let reached = error <= GOAL;
-                    let predicted = rendered.stats.figures.estimated_error.unwrap_or(f64::NAN);
-                    // What the reference can't tell judges no prediction.
-                    let resolution = truth.resolution();
-                    if error >= resolution {
-                        good +=
-                            usize::from(super::calibration::GOOD.contains(&(predicted / error)));
-                        judged += 1;
-                    }
-                    table.add(vec![
-                        axis.name.into(),
-                        format!("{x:.3}").trim_end_matches('0').trim_end_matches('.').into(),
-                        if reached { format!("{seconds:.2}") } else { format!("> {seconds:.2}") },
-                        iterations.to_string(),
-                        told(error, resolution),
-                        crate::page::percent(predicted),
-                        format!("{first:.2}"),
-                    ]);
-                    if reached {
-                        points.push((x, seconds));
-                    }
-                    break;
-                }
+            let climb = Climb::of(study, &view)?;
+            if climb.judges() {
+                good += usize::from(climb.is_well_predicted());
+                judged += 1;
+            }
+            table.add(climb.row(axis.name, x));
+            if climb.has_reached() {
+                points.push((x, climb.seconds));
             }
         }
         slopes += &format!("- {}: slope {:.2}\n", axis.name, log_slope(&points));
-        panels.push(Panel {
-            title: axis.name.into(),
-            x_label: "(dashed: slopes ½ and 1)".into(),
-            y_label: "seconds to 3 %".into(),
-            lines: vec![Line { name: "hemilux".into(), points, ..Line::default() }],
-            guide_slopes: vec![0.5, 1.0],
-            ..Panel::default()
-        });
+        panels.push(panel(axis.name, points));
     }
     slopes += &format!(
         "- errors predicted within {} and {} of the actual ones in {good} of {judged} pictures that \
          their references can judge; their scenes and sizes had no part in setting the weights\n",
-        super::calibration::GOOD.start(),
-        super::calibration::GOOD.end(),
+        GOOD.start(),
+        GOOD.end(),
     );
     std::fs::write(study.out.join("growth.csv"), table.csv())?;
     std::fs::write(study.out.join("growth.svg"), Chart::new(panels, 2).svg()?)?;
     Ok(vec![("growth".into(), format!("{slopes}\n{}", table.markdown()))])
+}
+
+fn panel(axis: &str, points: Vec<(f64, f64)>) -> Panel {
+    Panel {
+        title: axis.into(),
+        x_label: "(dashed: slopes ½ and 1)".into(),
+        y_label: "seconds to 3 %".into(),
+        lines: vec![Line { name: "hemilux".into(), points, ..Line::default() }],
+        guide_slopes: vec![0.5, 1.0],
+        ..Panel::default()
+    }
 }
