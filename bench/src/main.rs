@@ -8,6 +8,8 @@
 //! benchmarks share beyond that: [`views`] (scenes), [`cell`] (errors over seeds), [`page`] (how
 //! figures are written) and [`results`] (where they go).
 
+#![cfg_attr(not(test), warn(clippy::too_many_lines))]
+
 mod cell;
 mod form_factors;
 mod growth;

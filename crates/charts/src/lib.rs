@@ -8,6 +8,8 @@
 //! Everything is drawn without fonts of the system: SVG files name a generic family, letters in
 //! PNG files come with the program.
 
+#![cfg_attr(not(test), warn(clippy::too_many_lines))]
+
 pub mod accuracy;
 pub mod chart;
 pub mod comparison;

@@ -12,6 +12,8 @@
 //! The engine does no networking, knows no async runtime and keeps no global state; only
 //! [`scene::gltf`], [`image`] and [`checkpoint`] know file formats.
 
+#![cfg_attr(not(test), warn(clippy::too_many_lines))]
+
 pub mod radiometry;
 pub mod random;
 pub mod scene;

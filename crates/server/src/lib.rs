@@ -5,6 +5,8 @@
 //! whoever follows. They all work with what is [`shared`]; [`service`] starts them; [`cli`] is the
 //! program around it.
 
+#![cfg_attr(not(test), warn(clippy::too_many_lines))]
+
 pub mod access;
 pub mod api;
 pub mod artifacts;
