@@ -366,8 +366,8 @@ fn disk_lights_light_a_floor_as_they_should() {
         let mixed = |random: f64| weight * centre + (1.0 - weight) * random;
         for (name, options, passes, irradiance) in [
             ("area", vec![], 30_000, area),
-            ("lange", vec![("ray_preset", "lange")], 400, mixed(area)),
-            ("rim", vec![("ray_preset", "lange"), ("light_sampling", "rim")], 400, mixed(rim)),
+            ("lange", vec![("preset", "lange")], 400, mixed(area)),
+            ("rim", vec![("preset", "lange"), ("light_sampling", "rim")], 400, mixed(rim)),
         ] {
             let (found, exact) = (seen(&options, passes), irradiance * kd / PI);
             println!("{name}, {aside} m aside: {found:.5}, closed form {exact:.5}");
@@ -536,7 +536,7 @@ fn bias_that_was_asked_for_is_said() {
     assert_eq!(said(&[]), [""; 0]);
     assert_eq!(said(&[("pixel_sampling", "adaptive_fresh")]), [""; 0]);
     assert_eq!(said(&[("pixel_sampling", "adaptive")]), ["options.pixel_sampling"]);
-    assert_eq!(said(&[("ray_preset", "lange")]), ["options.light_sampling"]);
+    assert_eq!(said(&[("preset", "lange")]), ["options.light_sampling"]);
 }
 
 /// Reflectances that vanish in single precision, and lights of any strength.
@@ -558,7 +558,7 @@ fn extreme_materials_give_finite_pictures() {
         let camera = looking([0.1, 0.2, 0.1], [0.9, 0.3, 0.9], 60.0);
         for preset in ["default", "lange"] {
             let request = RenderRequest { camera: camera.clone(), ..request(&scene, 8, 8) };
-            let rendered = run(&with(request, &[("ray_preset", preset)]));
+            let rendered = run(&with(request, &[("preset", preset)]));
             assert!(
                 rendered.picture.pixels.iter().all(|pixel| pixel.is_finite()),
                 "specular {specular}, emission {emission}, {preset}"
