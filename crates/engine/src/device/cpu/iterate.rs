@@ -109,7 +109,10 @@ struct ShotSums {
 /// What the patches get from the shots of one iteration.
 struct Update<'a> {
     patches: &'a Patches,
+    /// The shots, none where there is nothing to shoot.
     shots: &'a [Shot],
+    /// K, how many there may be.
+    most_shots: usize,
     shot_sums: &'a [ShotSums],
     glossy_row: &'a [u32],
     source: &'a [Rgb],
@@ -143,7 +146,7 @@ impl Update<'_> {
     fn add_up(&self, stretch: Stretch<'_>) {
         let Stretch { start, irradiance, power, sum, incoming, glossy_sums } = stretch;
         let patches = self.patches;
-        let mut rows = incoming.chunks_mut(self.shots.len());
+        let mut rows = incoming.chunks_mut(self.most_shots);
         for offset in 0..irradiance.len() {
             let i = start + offset;
             let mut reflected = patches.diffuse[i] * irradiance[offset];
@@ -356,13 +359,14 @@ impl<'device> CpuShooting<'device> {
         let update = Update {
             patches: &scene.patches,
             shots,
+            most_shots: settings.shots_per_iteration as usize,
             shot_sums,
             glossy_row,
             source,
             known_power,
             viewpoint: settings.viewpoint.filter(|_| !state.sums.glossy.is_empty()),
         };
-        let stretches = state.stretches(glossy_row, settings.shots_per_iteration as usize);
+        let stretches = state.stretches(glossy_row, update.most_shots);
         stretches.into_par_iter().for_each(|mut stretch| {
             update.add_irradiance(&mut stretch);
             update.add_up(stretch);
