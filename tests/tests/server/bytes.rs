@@ -86,8 +86,15 @@ fn snapshots_stay_within_their_share_and_the_picture_is_kept() {
         }
     }
     assert!(left >= 2, "{left} snapshots are left");
-    let there = files(folder.path(), &job);
-    assert_eq!(there.iter().map(|(name, _)| name.clone()).collect::<BTreeSet<_>>(), named);
+    // A checkpoint that the job was ended with goes when its record has.
+    let there = || -> BTreeSet<String> {
+        files(folder.path(), &job).into_iter().map(|(name, _)| name).collect()
+    };
+    let begun = Instant::now();
+    while there() != named && begun.elapsed() < PATIENCE {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    assert_eq!(there(), named);
     assert_eq!(ended["result"].as_array().unwrap().len(), 2);
 
     // One that is too large for the share alone is left out, and the job goes on to its picture.
