@@ -1,4 +1,4 @@
-//! What neighbours say together.
+//! Local linear regression: weighted least-squares planes through neighbouring values.
 
 mod moments;
 

@@ -1,5 +1,5 @@
-//! The local linear fit behind everything that neighbours say together: a plane through weighted
-//! values by least squares.
+//! Moments of weighted places, and the normal equations of a plane through values there by least
+//! squares.
 
 use glam::{Mat3, Vec2, Vec3};
 
@@ -14,7 +14,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Of no place.
+    /// The moments of no place.
     pub const NONE: Self = Self { total: 0.0, first: Vec2::ZERO, second: [0.0; 3] };
 
     /// Adds a place, and returns w (1, x, y).
@@ -29,7 +29,7 @@ impl Moments {
         Vec3::new(weight, along.x, along.y)
     }
 
-    /// What solves the normal equations. The `ridge`, a share of the weights that is added to the
+    /// Inverse of the matrix of the normal equations. The `ridge`, a share of the weights that is added to the
     /// second moments, pulls slopes towards 0, so that a plane through few places is flat.
     pub fn inverse(&self, ridge: f32) -> Mat3 {
         let ridge = ridge * self.total;
@@ -43,9 +43,10 @@ impl Moments {
     }
 }
 
-/// How much each of some weighted values counts in the middle of the plane through them, which lie
-/// at these offsets from there: the fit is linear in the values. The ridge is that of offsets whose
-/// mean square is 1. Where there is no plane, the values count by their weights.
+/// Coefficients of weighted values in the least-squares plane's value at the middle, from which the
+/// values lie at these `offsets`: the fit is linear in the values. The `ridge` is that of
+/// [`Moments::inverse`] for offsets scaled to a mean square of 1. Where there is no plane, the
+/// coefficients are the weights over their sum.
 pub fn middle_coefficients(offsets: &[Vec2], weights: &[f32], ridge: f32) -> Vec<f32> {
     let total: f32 = weights.iter().sum();
     let spread = weights

@@ -1,16 +1,16 @@
-//! What neighbouring pixels say together.
+//! A least-squares plane through the values of neighbouring pixels.
 
 use super::moments::Moments;
 use crate::radiometry::Rgb;
 use glam::{Mat3, Vec2};
 
-/// What makes planes through few neighbours flat, in squared pixels.
+/// Ridge of the regression, in squared pixels: it makes planes through few neighbours flat.
 const RIDGE: f32 = 0.05;
 
-/// Least-squares plane over pixels: beside an edge, where neighbours are on one side only, their
-/// mean would be off by as much as light changes towards them.
+/// Weighted least-squares plane through colours of pixels. Beside an edge, where neighbours are on one
+/// side only, their mean would be biased by the gradient; the plane is not.
 pub struct Plane {
-    /// Of the pixels.
+    /// Moments of the pixels' places.
     moments: Moments,
     /// Σ w (1, x, y)ᵀ value, per channel.
     right: Mat3,
@@ -23,13 +23,13 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// Of nothing. (A matrix is one by default.)
+    /// A plane through no pixels yet. (`Mat3::default()` is the identity.)
     pub fn new() -> Self {
         let (moments, right, energy) = (Moments::NONE, Mat3::ZERO, Rgb::ZERO);
         Self { moments, right, range: None, energy, squares: 0.0 }
     }
 
-    /// Adds what a pixel says, `across` to the right and `down`.
+    /// Adds a pixel's value; the pixel is `across` to the right of the middle and `down` below it.
     pub fn add(&mut self, across: i32, down: i32, value: Rgb, weight: f32) {
         let weighted = self.moments.add(Vec2::new(across as f32, down as f32), weight);
         self.right += Mat3::from_cols(weighted * value.x, weighted * value.y, weighted * value.z);
@@ -39,8 +39,8 @@ impl Plane {
         self.squares += weight * weight;
     }
 
-    /// Its value in the middle, at least and at most what was heard, and the variance of that by
-    /// how far the values are off the plane; `None` where they are too few to tell.
+    /// Value of the plane in the middle, within the range of the pixels' values, and its variance by
+    /// the residuals; no variance for fewer than five effective values, of which the plane takes three.
     pub fn center(self) -> (Rgb, Option<Rgb>) {
         let Some((least, most)) = self.range else { return (Rgb::ZERO, None) };
         let total = self.moments.total;

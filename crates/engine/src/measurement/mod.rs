@@ -1,5 +1,5 @@
-//! From the solution on the surfaces to the camera's picture (Antal eq. 3): visible surface per
-//! sub-pixel sample, smooth irradiance there, reflection with the scene's full-detail textures.
+//! The camera's picture from a solution on patches (Antal eq. 3): the surface that each sub-pixel
+//! sample sees, interpolated irradiance there, and reflection with the scene's full-detail textures.
 
 mod camera;
 pub mod reconstruction;
@@ -15,14 +15,14 @@ pub use camera::{Frame, View, ViewTriangle};
 use glam::Vec2;
 use rayon::prelude::*;
 use reconstruction::{Reconstruction, Smoothness};
-use shading::{Band, Sight};
+use shading::{Band, ShadingInputs};
 pub use shading::{PixelWeight, VertexWeights};
 use std::sync::Arc;
 
-/// Rows of the picture that are measured together.
+/// Rows of pixels that are measured together, a parallel task.
 const BAND: u32 = 32;
 
-/// Averages over iterations, one entry a patch.
+/// A solution on patches: averages over iterations, one entry a patch.
 #[derive(Clone, Debug, Default)]
 pub struct Solution {
     /// Mean irradiance E.
@@ -94,13 +94,13 @@ impl Measurement {
         let (width, height) = (self.view.width, self.view.height);
         let mut picture = Picture::black(width, height);
         let share = 1.0 / self.samples.len() as f32;
-        let sight = self.sight();
+        let inputs = self.inputs();
         picture.pixels.par_chunks_mut((BAND * width) as usize).enumerate().for_each(
             |(band, pixels)| {
                 self.visible(band as u32, &self.samples, |offset, items| {
                     let first_row = band as u32 * BAND;
                     let band = Band { first_row, offset, items };
-                    shading::shade(sight, &light, band, |at, radiance| {
+                    shading::shade(inputs, &light, band, |at, radiance| {
                         pixels[at] += radiance * share;
                     });
                 });
@@ -121,14 +121,14 @@ impl Measurement {
         for band in 0..self.view.height.div_ceil(BAND) {
             self.visible(band, &[Vec2::ZERO], |offset, items| {
                 let band = Band { first_row: band * BAND, offset, items };
-                shading::weigh(self.sight(), band, &mut weights);
+                shading::weigh(self.inputs(), band, &mut weights);
             });
         }
         weights
     }
 
-    fn sight(&self) -> Sight<'_> {
-        Sight { scene: &self.scene, reconstruction: &self.reconstruction, view: &self.view }
+    fn inputs(&self) -> ShadingInputs<'_> {
+        ShadingInputs { scene: &self.scene, reconstruction: &self.reconstruction, view: &self.view }
     }
 
     /// Renders the item buffer of a band of rows for each sub-pixel offset.
@@ -150,7 +150,8 @@ impl Measurement {
     }
 }
 
-/// Well-spread points in [−½, ½)²: the additive recurrence of the plastic number.
+/// `count` well-spread points in [−½, ½)²: the additive recurrence by the plastic number (Roberts 2018,
+/// the sequence R2).
 pub fn sample_pattern(count: u32) -> Vec<Vec2> {
     if count == 1 {
         return vec![Vec2::ZERO];

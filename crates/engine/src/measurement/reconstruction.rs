@@ -1,4 +1,4 @@
-//! From one value a patch to a smooth function: values at the corners of the patches by a local
+//! Smooth reconstruction from one value a patch: values at the patches' corners (vertices) by a local
 //! linear fit, interpolated linearly in between.
 //!
 //! Corners are shared by facets that meet there with about the same shading normal, so curved
@@ -14,14 +14,16 @@ use rayon::prelude::*;
 
 /// Facets share a corner where their shading normals there differ by less than this angle's
 /// cosine (18°).
-const SMOOTH: f32 = 0.95;
-/// Patches of a fit; fewer make it take the neighbours' neighbours too.
-const ENOUGH: usize = 5;
-/// Pulls the fitted slopes towards zero, relative to the patches' spread.
+const SMOOTH_COSINE: f32 = 0.95;
+/// Fewest patches of a fit: a vertex with fewer around it takes its neighbours' neighbours, too. A plane
+/// takes three.
+const LEAST_PATCHES: usize = 5;
+/// Ridge of the fit, relative to the patches' mean squared distance: it pulls slopes towards zero.
 const RIDGE: f32 = 0.02;
-/// Most patches that a fit takes from around one neighbour.
-const CROWD: usize = 32;
-const NONE: u32 = u32::MAX;
+/// Most patches that a fit takes from around one neighbour, such as the hub of a fan.
+const MOST_PER_NEIGHBOUR: usize = 32;
+/// Start of a side that a facet does not have.
+const NO_SIDE: u32 = u32::MAX;
 
 /// How patch values become a function over the surfaces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,10 +34,10 @@ pub enum Smoothness {
     Flat,
 }
 
-/// Where corners lie and how patch values turn into corner values.
+/// The vertices of a reconstruction and the coefficients by which patch values become theirs.
 pub struct Reconstruction {
     smoothness: Smoothness,
-    /// First entry in `lattice` of each facet's front and back; [`NONE`] for a side without.
+    /// First entry in `lattice` of each facet's front and back; [`NO_SIDE`] for a side without.
     side_start: Vec<[u32; 2]>,
     /// Vertex of each lattice point of each side.
     lattice: Vec<u32>,
@@ -52,7 +54,7 @@ pub struct Reconstruction {
 /// A lattice point that facets can share: a corner of the mesh, a point k/n along an edge
 /// (lowest terms), or a point inside one facet.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
-enum Place {
+enum LatticePlace {
     Corner(u32),
     Edge { low: u32, high: u32, part: u32, of: u32 },
     Inside { facet: u32, index: u32 },
@@ -63,7 +65,7 @@ impl Reconstruction {
     pub fn new(scene: &PatchedScene, smoothness: Smoothness) -> Self {
         let mut this = Self {
             smoothness,
-            side_start: vec![[NONE; 2]; scene.facets.len()],
+            side_start: vec![[NO_SIDE; 2]; scene.facets.len()],
             lattice: Vec::new(),
             position: Vec::new(),
             normal: Vec::new(),
@@ -162,7 +164,7 @@ impl Reconstruction {
             return Some([(patch, 1.0), (patch, 0.0), (patch, 0.0)]);
         }
         let start = self.side_start[facet_index][usize::from(back)];
-        if start == NONE {
+        if start == NO_SIDE {
             return None;
         }
         let (fu, fv) = (u * n as f32, v * n as f32);
@@ -179,7 +181,7 @@ impl Reconstruction {
 
     fn place_vertices(&mut self, scene: &PatchedScene) {
         // Vertices at a place, one for each direction that a surface faces there.
-        let mut at_place: HashMap<Place, Vec<u32>> = HashMap::new();
+        let mut at_place: HashMap<LatticePlace, Vec<u32>> = HashMap::new();
         for (index, facet) in scene.facets.iter().enumerate() {
             for back in [false, true] {
                 if facet.first_patch(back).is_none() {
@@ -195,7 +197,7 @@ impl Reconstruction {
                         let shared = candidates
                             .iter()
                             .copied()
-                            .find(|v| self.normal[*v as usize].dot(normal) > SMOOTH);
+                            .find(|v| self.normal[*v as usize].dot(normal) > SMOOTH_COSINE);
                         let vertex = shared.unwrap_or_else(|| {
                             let vertex = self.position.len() as u32;
                             self.position.push(position);
@@ -244,14 +246,14 @@ impl Reconstruction {
     /// Patches of a vertex's fit with their coefficients.
     fn fit(&self, scene: &PatchedScene, vertex: usize, around: &[Vec<u32>]) -> Vec<(u32, f32)> {
         let mut patches = around[vertex].clone();
-        if patches.len() < ENOUGH {
+        if patches.len() < LEAST_PATCHES {
             for patch in around[vertex].clone() {
                 let (facet, back, corners) = scene.cell_of(PatchIndex(patch));
                 let index = scene.patches.facet[patch as usize] as usize;
                 for neighbour in self.cell_vertices(index, back, facet, corners) {
                     // The hub of a fan has too many to copy to every rim vertex.
                     let around = &around[neighbour as usize];
-                    patches.extend(around.iter().take(CROWD));
+                    patches.extend(around.iter().take(MOST_PER_NEIGHBOUR));
                 }
             }
         }
@@ -300,7 +302,7 @@ fn shading_normal(scene: &PatchedScene, facet: &Facet, i: u32, j: u32, back: boo
 }
 
 /// What facets share at lattice point (i, j), and where it is.
-fn locate(scene: &PatchedScene, facet: &Facet, index: u32, i: u32, j: u32) -> (Place, Vec3) {
+fn locate(scene: &PatchedScene, facet: &Facet, index: u32, i: u32, j: u32) -> (LatticePlace, Vec3) {
     let n = facet.divisions;
     let [a, b, c] = facet.corners;
     let k = n - i - j;
@@ -308,11 +310,11 @@ fn locate(scene: &PatchedScene, facet: &Facet, index: u32, i: u32, j: u32) -> (P
         // Counted from the lower corner, so that both neighbours name the same place.
         let (low, high, part) = if from < to { (from, to, part) } else { (to, from, n - part) };
         let divisor = gcd(part, n);
-        let place = Place::Edge { low, high, part: part / divisor, of: n / divisor };
+        let place = LatticePlace::Edge { low, high, part: part / divisor, of: n / divisor };
         let (p, q) = (scene.positions[low as usize], scene.positions[high as usize]);
         (place, p.lerp(q, part as f32 / n as f32))
     };
-    let corner = |at: u32| (Place::Corner(at), scene.positions[at as usize]);
+    let corner = |at: u32| (LatticePlace::Corner(at), scene.positions[at as usize]);
     match (i, j, k) {
         (_, _, k) if k == n => corner(a),
         (i, _, _) if i == n => corner(b),
@@ -322,7 +324,7 @@ fn locate(scene: &PatchedScene, facet: &Facet, index: u32, i: u32, j: u32) -> (P
         (_, j, 0) => edge(b, c, j),
         (i, j, _) => {
             let point = scene.point(facet, i as f32 / n as f32, j as f32 / n as f32);
-            (Place::Inside { facet: index, index: lattice_index(n, i, j) }, point)
+            (LatticePlace::Inside { facet: index, index: lattice_index(n, i, j) }, point)
         }
     }
 }

@@ -1,4 +1,5 @@
-//! Reflected and emitted radiance of what each sub-pixel sample sees.
+//! Radiance, reflected and emitted, that each sub-pixel sample sees; and the weights of vertices in the
+//! picture.
 
 use super::camera::View;
 use super::reconstruction::Reconstruction;
@@ -8,9 +9,9 @@ use crate::radiometry::Rgb;
 use glam::Vec2;
 use std::f32::consts::PI;
 
-/// What pictures are made of.
+/// What shading reads: scene, reconstruction and camera.
 #[derive(Clone, Copy)]
-pub struct Sight<'a> {
+pub struct ShadingInputs<'a> {
     /// The scene in patches.
     pub scene: &'a PatchedScene,
     /// How values on patches become a function.
@@ -19,7 +20,7 @@ pub struct Sight<'a> {
     pub view: &'a View,
 }
 
-/// How much the vertices of the reconstruction count in the picture.
+/// Weights of the reconstruction's vertices in the picture, from which errors are estimated.
 pub struct VertexWeights {
     /// Of irradiance: factor kd/π.
     pub diffuse: Vec<PixelWeight>,
@@ -53,19 +54,19 @@ pub struct VertexLight {
     pub glossy: Vec<Rgb>,
 }
 
-/// What a band of rows sees through one point of every pixel.
+/// Item buffer of a band of rows, for one sub-pixel sample.
 #[derive(Clone, Copy)]
 pub struct Band<'a> {
     /// Its first row.
     pub first_row: u32,
-    /// The point, in pixels from each one's middle.
+    /// The sample's place, in pixels from each pixel's centre.
     pub offset: Vec2,
     /// The item buffer, row by row.
     pub items: &'a [u32],
 }
 
 /// A run of pixels in a row that see the same side of the same facet.
-struct Run {
+struct PixelRun {
     facet: usize,
     back: bool,
     /// Barycentric numerators and their sum at column 0, and their change per column.
@@ -75,8 +76,12 @@ struct Run {
 }
 
 /// Calls `each` for every run of a band with its pixel range.
-fn runs(sight: Sight<'_>, band: Band<'_>, mut each: impl FnMut(&Run, usize, std::ops::Range<u32>)) {
-    let width = sight.view.width as usize;
+fn runs(
+    inputs: ShadingInputs<'_>,
+    band: Band<'_>,
+    mut each: impl FnMut(&PixelRun, usize, std::ops::Range<u32>),
+) {
+    let width = inputs.view.width as usize;
     for (row_index, row_items) in band.items.chunks(width).enumerate() {
         let mut column = 0;
         while column < width {
@@ -87,7 +92,7 @@ fn runs(sight: Sight<'_>, band: Band<'_>, mut each: impl FnMut(&Run, usize, std:
                 .map_or(width, |length| column + length);
             if let Some((facet, back)) = item::decode(code) {
                 let row = band.first_row + row_index as u32;
-                let run = Run::new(sight, facet as usize, back, row, band.offset);
+                let run = PixelRun::new(inputs, facet as usize, back, row, band.offset);
                 each(&run, row_index * width, column as u32..end as u32);
             }
             column = end;
@@ -95,11 +100,11 @@ fn runs(sight: Sight<'_>, band: Band<'_>, mut each: impl FnMut(&Run, usize, std:
     }
 }
 
-impl Run {
-    fn new(sight: Sight<'_>, facet: usize, back: bool, row: u32, offset: Vec2) -> Self {
-        let scene = sight.scene;
+impl PixelRun {
+    fn new(inputs: ShadingInputs<'_>, facet: usize, back: bool, row: u32, offset: Vec2) -> Self {
+        let scene = inputs.scene;
         let corners = scene.facets[facet].corners.map(|c| scene.positions[c as usize]);
-        let [e0, e1, e2] = sight.view.edges(corners).map(|plane| {
+        let [e0, e1, e2] = inputs.view.edges(corners).map(|plane| {
             let at_row = plane.constant + plane.per_row * (row as f32 + offset.y);
             (at_row + plane.per_column * offset.x, plane.per_column)
         });
@@ -119,14 +124,14 @@ impl Run {
 
 /// Radiance towards the camera of every sample of a band: `each(pixel, radiance)`.
 pub fn shade(
-    sight: Sight<'_>,
+    inputs: ShadingInputs<'_>,
     light: &VertexLight,
     band: Band<'_>,
     mut each: impl FnMut(usize, Rgb),
 ) {
-    let patched = sight.scene;
+    let patched = inputs.scene;
     let scene = &patched.scene;
-    runs(sight, band, |run, row_start, columns| {
+    runs(inputs, band, |run, row_start, columns| {
         let facet = &patched.facets[run.facet];
         let triangle = &scene.triangles[facet.source as usize];
         let material = &scene.materials[triangle.material as usize];
@@ -142,7 +147,7 @@ pub fn shade(
             } else {
                 (uniform, emission)
             };
-            let corners = sight.reconstruction.corners(run.facet, run.back, facet, u, v);
+            let corners = inputs.reconstruction.corners(run.facet, run.back, facet, u, v);
             let mut radiance = emission;
             if let Some(corners) = corners {
                 let interpolate = |values: &[Rgb]| {
@@ -158,12 +163,12 @@ pub fn shade(
     });
 }
 
-/// Adds what a band says to the vertices' weights in the picture.
-pub fn weigh(sight: Sight<'_>, band: Band<'_>, weights: &mut VertexWeights) {
-    let patched = sight.scene;
+/// Adds the pixels of a band to the vertices' weights in the picture.
+pub fn weigh(inputs: ShadingInputs<'_>, band: Band<'_>, weights: &mut VertexWeights) {
+    let patched = inputs.scene;
     let scene = &patched.scene;
     weights.pixels += band.items.len() as f64;
-    runs(sight, band, |run, _, columns| {
+    runs(inputs, band, |run, _, columns| {
         let facet = &patched.facets[run.facet];
         let triangle = &scene.triangles[facet.source as usize];
         let material = &scene.materials[triangle.material as usize];
@@ -176,7 +181,7 @@ pub fn weigh(sight: Sight<'_>, band: Band<'_>, weights: &mut VertexWeights) {
             let at = facet.to_source(u, v);
             let reflectance = material.reflectance(scene.base_color(triangle, at.x, at.y));
             let (kd, ks) = (reflectance.diffuse / PI, reflectance.specular);
-            let corners = sight.reconstruction.corners(run.facet, run.back, facet, u, v);
+            let corners = inputs.reconstruction.corners(run.facet, run.back, facet, u, v);
             for (vertex, weight) in corners.into_iter().flatten() {
                 weights.diffuse[vertex as usize].add(kd, weight);
                 weights.glossy[vertex as usize].add(ks, weight);
