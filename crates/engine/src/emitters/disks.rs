@@ -1,5 +1,5 @@
-//! Lights as disks (Lange 1994, as Rogers prints it): each connected group of emissive triangles
-//! is one, and a surface looks at its centre and at random points of its area or of its edge.
+//! Lights as disks (Lange 1994, as Rogers prints it): a disk stands for each connected group of
+//! emissive triangles, and is sampled at its centre and at random points of its area or of its edge.
 
 use super::triangles::{Emitter, TriangleLights};
 use crate::radiometry::{Rgb, importance};
@@ -11,15 +11,17 @@ use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
 
-/// "In no group."
+/// Group of a triangle that emits nothing.
 const NO_GROUP: u32 = u32::MAX;
-/// A group whose vector area is less than this share of its area is a body, not a sheet.
+/// A group is a sheet if its vector area is over this share of its area, else a closed body: that of
+/// a closed surface is zero, that of a flat one the area.
 const SHEET: f32 = 0.2;
 
 /// The lights of a scene as disks.
 pub struct Disks {
     disks: Vec<Disk>,
     choice: Discrete,
+    /// Group of each scene triangle, or [`NO_GROUP`].
     group_of: Vec<u32>,
 }
 

@@ -1,19 +1,21 @@
-//! From emissive triangles to lights: bodies shine outwards only, and triangles become polygons.
+//! From emissive triangles to polygon lights: closed bodies shine outwards only, and pairs of
+//! triangles merge into convex quadrilaterals.
 
-use super::polygon::Light;
+use super::polygon::PolygonLight;
 use crate::radiometry::Rgb;
 use crate::rays::{Eye, Rays};
 use crate::scene::Scene;
 use glam::Vec3;
 use std::collections::HashMap;
 
-/// Tests of vertices against bodies that are worth their time.
+/// Most tests of a triangle against a body's bounding box; scenes that need more keep both sides of
+/// their lamps. It bounds the time of the preparation.
 const MOST_TESTS: usize = 50_000_000;
 
 /// An emissive triangle without a texture, ray units.
 #[derive(Clone, Copy)]
-pub struct Plain {
-    /// Which of the scene.
+pub struct UntexturedEmitter {
+    /// Index into [`Scene::triangles`].
     pub triangle: u32,
     /// Counter-clockwise as seen from the front.
     pub corners: [Vec3; 3],
@@ -23,23 +25,24 @@ pub struct Plain {
     pub two_sided: bool,
 }
 
-/// A place, bit by bit.
+/// The bits of a corner's coordinates, to find equal ones.
 type Key = [u32; 3];
 
 fn key(place: Vec3) -> Key {
     (place + 0.0).to_array().map(f32::to_bits)
 }
 
-impl Plain {
+impl UntexturedEmitter {
     fn edges(&self) -> [(Key, Key); 3] {
         let [a, b, c] = self.corners.map(key);
         [(a, b), (b, c), (c, a)]
     }
 }
 
-/// Closed bodies of two-sided triangles shine outwards only, unless something is in them: of half
-/// the light that would be asked for, nothing ever comes out.
-pub fn outward(triangles: &mut [Plain], scene: &Scene, rays: &Rays) {
+/// Makes the triangles of closed two-sided bodies one-sided, shining outwards, unless something is
+/// inside the body: half of the samples would go to the inside, of which no light comes out
+/// (docs/decisions/0020).
+pub fn shine_outwards_only(triangles: &mut [UntexturedEmitter], scene: &Scene, rays: &Rays) {
     let bodies = bodies(triangles);
     if bodies.is_empty() || bodies.len() * scene.triangles.len() > MOST_TESTS {
         return;
@@ -82,7 +85,7 @@ pub fn outward(triangles: &mut [Plain], scene: &Scene, rays: &Rays) {
     }
 }
 
-/// A closed surface.
+/// A closed surface of emissive triangles with its bounding box.
 struct Body {
     members: Vec<usize>,
     low: Vec3,
@@ -93,7 +96,7 @@ struct Body {
 
 /// The closed surfaces of two-sided triangles: each edge belongs to two of them, once in either
 /// direction.
-fn bodies(triangles: &[Plain]) -> Vec<Body> {
+fn bodies(triangles: &[UntexturedEmitter]) -> Vec<Body> {
     let mut at_edge: HashMap<(Key, Key), Option<usize>> = HashMap::new();
     for (index, one) in triangles.iter().enumerate().filter(|(_, one)| one.two_sided) {
         for edge in one.edges() {
@@ -140,11 +143,12 @@ fn bodies(triangles: &[Plain]) -> Vec<Body> {
     bodies
 }
 
-/// Polygons from emissive triangles: pairs with a common edge in one plane become one where that
-/// is convex, which halves the edges to sum over.
-pub fn merged(
-    triangles: &[Plain],
-    lights: &mut Vec<Light>,
+/// Adds a polygon light for each triangle, or for two that share an edge, lie in one plane, emit the
+/// same and form a convex quadrilateral: that halves the edges to sum over in Lambert's formula.
+/// `of_triangle` gets each triangle's light, as in [`super::PolygonLights`].
+pub fn merge_into_polygons(
+    triangles: &[UntexturedEmitter],
+    lights: &mut Vec<PolygonLight>,
     of_triangle: &mut HashMap<u32, (u32, bool)>,
 ) {
     let mut at_edge: HashMap<(Key, Key), usize> = HashMap::new();
@@ -153,7 +157,7 @@ pub fn merged(
     }
     let mut used = vec![false; triangles.len()];
     for (index, one) in triangles.iter().enumerate() {
-        let Plain { triangle, corners, radiance, two_sided } = one;
+        let UntexturedEmitter { triangle, corners, radiance, two_sided } = one;
         if used[index] {
             continue;
         }
@@ -184,11 +188,11 @@ pub fn merged(
             Some((other, around)) => {
                 used[other] = true;
                 of_triangle.insert(triangles[other].triangle, number);
-                Light::new(&around, *radiance, *two_sided)
+                PolygonLight::new(&around, *radiance, *two_sided)
             }
-            None => Light::new(corners, *radiance, *two_sided),
+            None => PolygonLight::new(corners, *radiance, *two_sided),
         };
-        lights.push(light.unwrap_or_else(Light::none));
+        lights.push(light.unwrap_or_else(PolygonLight::dark));
     }
 }
 
@@ -201,7 +205,7 @@ mod tests {
     /// How many of the triangles that shine do so to both sides.
     fn two_sided(scene: &Scene, flip: bool) -> (usize, usize) {
         let rays = Rays::new(scene);
-        let mut all: Vec<Plain> = (0..scene.triangles.len() as u32)
+        let mut all: Vec<UntexturedEmitter> = (0..scene.triangles.len() as u32)
             .map(|index| {
                 let material = &scene.materials[scene.triangles[index as usize].material as usize];
                 let mut corners = rays.corners(scene, index).0;
@@ -209,11 +213,11 @@ mod tests {
                     corners.swap(1, 2);
                 }
                 let (radiance, two_sided) = (material.emission, material.double_sided);
-                Plain { triangle: index, corners, radiance, two_sided }
+                UntexturedEmitter { triangle: index, corners, radiance, two_sided }
             })
             .filter(|one| one.radiance != Rgb::ZERO)
             .collect();
-        outward(&mut all, scene, &rays);
+        shine_outwards_only(&mut all, scene, &rays);
         // Those of one side now face outwards: away from the middle of all, for a single body.
         let middle = all.iter().flat_map(|one| one.corners).sum::<Vec3>() / (3 * all.len()) as f32;
         for one in all.iter().filter(|one| !one.two_sided && all.len() == 264) {

@@ -1,17 +1,17 @@
-//! Which of many lights a point asks: the lights in a tree, which is descended by what either half
-//! may shine there (Conty Estevez and Kulla 2018, "Importance sampling of many lights with
-//! adaptive tree splitting"). The bounds never call a light dark that is not.
+//! Importance sampling of many lights by a tree over them, descended by bounds on what either half may
+//! shine on a point (Conty Estevez and Kulla 2018, "Importance sampling of many lights with adaptive
+//! tree splitting"). A light that shines on the point never has the bound zero.
 
 use glam::Vec3;
 
-/// A light as the tree knows it.
+/// Bounds of a light, by which the tree picks it.
 #[derive(Clone, Copy)]
-pub struct Glow {
+pub struct LightBounds {
     /// Centre and radius of a ball around it.
     pub center: Vec3,
-    /// See [`Glow::center`].
+    /// See [`LightBounds::center`].
     pub radius: f32,
-    /// Power of one side, as one number.
+    /// Importance of the radiance times area: what one side emits, as one number.
     pub power: f32,
     /// Unit normal of the shining side.
     pub normal: Vec3,
@@ -19,12 +19,13 @@ pub struct Glow {
     pub two_sided: bool,
 }
 
-/// A group of lights.
+/// A group of lights: a node of the tree.
 struct Node {
     center: Vec3,
     radius: f32,
     power: f32,
-    /// Cone of the normals: middle, and cosine of the widest angle off it.
+    /// Cone of the normals: its axis, and the cosine of the widest angle off that; −1 where a light
+    /// shines to both sides.
     axis: Vec3,
     spread: f32,
     /// First of two children, which follow each other; the light of a leaf.
@@ -33,7 +34,7 @@ struct Node {
     parent: u32,
 }
 
-/// The tree.
+/// The tree over the lights, a light in each leaf.
 pub struct LightTree {
     nodes: Vec<Node>,
     /// Leaf of each light.
@@ -42,10 +43,10 @@ pub struct LightTree {
 
 impl LightTree {
     /// A tree of the lights; there must be at least one.
-    pub fn new(lights: &[Glow]) -> Self {
+    pub fn new(lights: &[LightBounds]) -> Self {
         let mut tree = Self { nodes: Vec::new(), leaf: vec![0; lights.len()] };
         let mut order: Vec<u32> = (0..lights.len() as u32).collect();
-        tree.nodes.push(node(lights, &order, 0));
+        tree.nodes.push(new_node(lights, &order, 0));
         let mut open = vec![(0, 0, order.len())];
         while let Some((at, begin, end)) = open.pop() {
             let group = &mut order[begin..end];
@@ -67,7 +68,7 @@ impl LightTree {
             for (child, (begin, end)) in
                 (first..).zip([(begin, begin + middle), (begin + middle, end)])
             {
-                tree.nodes.push(node(lights, &order[begin..end], at));
+                tree.nodes.push(new_node(lights, &order[begin..end], at));
                 open.push((child, begin, end));
             }
         }
@@ -109,14 +110,15 @@ impl LightTree {
         probability
     }
 
-    /// Share of the first of two siblings.
+    /// Probability of the first of two siblings; `None` where neither can shine.
     fn share(&self, first: u32, point: Vec3, normal: Vec3) -> Option<f32> {
-        let [a, b] = [first, first + 1].map(|node| self.nodes[node as usize].bound(point, normal));
+        let [a, b] = [first, first + 1]
+            .map(|node| self.nodes[node as usize].importance_bound(point, normal));
         (a + b > 0.0).then(|| a / (a + b))
     }
 }
 
-fn node(lights: &[Glow], group: &[u32], parent: u32) -> Node {
+fn new_node(lights: &[LightBounds], group: &[u32], parent: u32) -> Node {
     let of = |light: &u32| lights[*light as usize];
     let low = group.iter().map(|l| of(l).center - of(l).radius).fold(Vec3::INFINITY, Vec3::min);
     let high =
@@ -139,8 +141,8 @@ fn node(lights: &[Glow], group: &[u32], parent: u32) -> Node {
 }
 
 impl Node {
-    /// Not less than what the group can shine on a surface, but for a factor.
-    fn bound(&self, point: Vec3, normal: Vec3) -> f32 {
+    /// Bound on the group's irradiance, as one number, on a surface at `point`, up to a constant factor.
+    fn importance_bound(&self, point: Vec3, normal: Vec3) -> f32 {
         let between = self.center - point;
         let square = between.length_squared();
         let near = self.radius * self.radius;
@@ -151,21 +153,21 @@ impl Node {
         // Half angle of the ball as seen from the point.
         let (sine, cosine) = ((near / square).sqrt(), (1.0 - near / square).sqrt());
         let ball = (cosine, sine);
-        let received = narrowed(normal.dot(direction), ball);
+        let received = cosine_of_difference(normal.dot(direction), ball);
         let spread = (self.spread, (1.0 - self.spread * self.spread).max(0.0).sqrt());
         let emitted = if self.spread <= -1.0 {
             1.0
         } else {
             // The angle is less by the cone's, then by the ball's.
-            let inside = narrowed(-self.axis.dot(direction), spread);
-            narrowed(inside, ball)
+            let inside = cosine_of_difference(-self.axis.dot(direction), spread);
+            cosine_of_difference(inside, ball)
         };
         self.power * received.max(0.0) * emitted.max(0.0) / square
     }
 }
 
 /// cos(max(0, α − β)) of cos α and (cos β, sin β).
-fn narrowed(cosine: f32, (other_cosine, other_sine): (f32, f32)) -> f32 {
+fn cosine_of_difference(cosine: f32, (other_cosine, other_sine): (f32, f32)) -> f32 {
     if cosine >= other_cosine {
         return 1.0;
     }
@@ -177,11 +179,11 @@ fn narrowed(cosine: f32, (other_cosine, other_sine): (f32, f32)) -> f32 {
 mod tests {
     use super::*;
 
-    fn lights() -> Vec<Glow> {
+    fn lights() -> Vec<LightBounds> {
         (0..37)
             .map(|k| {
                 let angle = k as f32;
-                Glow {
+                LightBounds {
                     center: Vec3::new((3.0 * angle).sin(), (1.7 * angle).cos(), angle / 20.0),
                     radius: 0.02 + 0.001 * angle,
                     power: 1.0 + angle,

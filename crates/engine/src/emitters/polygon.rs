@@ -1,27 +1,33 @@
-//! A light: an emissive polygon, and what it shines on a point (Lambert's closed form).
+//! A polygon light: an emissive triangle or convex quadrilateral, its irradiance in closed form
+//! (Lambert 1760), and points of it sampled by area or by solid angle.
 
-use super::light_tree::Glow;
+use super::light_tree::LightBounds;
 use crate::radiometry::{Rgb, importance};
 use crate::rays::Spot;
 use glam::{Vec3, Vec4};
 
-/// Beyond so many times its diameter a polygon is a point: the error is below 10⁻³, and single
-/// precision could not tell its edges from each other much farther away.
-const FAR: f32 = 24.0;
-/// Within so many times its diameter points are picked by solid angle.
-const CLOSE: f32 = 2.0;
-/// Points nearer to a polygon's plane than this share of their distance don't see it.
+/// Distance, in diameters, beyond which a polygon is evaluated as a point: the error is below 10⁻³,
+/// and much farther away single precision could not tell its edges apart.
+const POINT_LIKE: f32 = 24.0;
+/// Distance, in diameters, within which points are picked by solid angle.
+const NEAR: f32 = 2.0;
+/// A polygon shines nothing on points that are nearer to its plane than this share of their distance:
+/// rounding could not tell on which side they are.
 const IN_PLANE: f32 = 1e-5;
 
 /// An emissive polygon, triangle or convex quadrilateral, in ray units.
-pub struct Light {
+pub struct PolygonLight {
+    /// Corners, counter-clockwise as seen from the front; a triangle's fourth is its first again.
     pub corners: [Vec3; 4],
-    /// The same by coordinates, and the edges that begin there.
+    /// The corners by coordinates, and the edges that begin there.
     edges: Edges,
-    /// 3 or 4.
+    /// Number of corners, 3 or 4.
     pub count: usize,
+    /// Mean of the corners.
     pub center: Vec3,
+    /// Unit normal of the front.
     pub normal: Vec3,
+    /// Area, square ray units.
     pub area: f32,
     /// Share of the area in the triangle of corners 0, 1, 2.
     first_share: f32,
@@ -29,12 +35,14 @@ pub struct Light {
     pub diameter_squared: f32,
     /// How far rounding may have moved its points along the normal.
     pub error: f32,
+    /// Emitted radiance, the same everywhere on it.
     pub radiance: Rgb,
+    /// Whether the back shines too.
     pub two_sided: bool,
 }
 
-impl Light {
-    /// Of three or four corners; `None` without area.
+impl PolygonLight {
+    /// A light of three or four corners in one plane; `None` without area.
     pub fn new(corners: &[Vec3], radiance: Rgb, two_sided: bool) -> Option<Self> {
         let [a, b, c] = [corners[0], corners[1], corners[2]];
         let first = 0.5 * (b - a).cross(c - a).length();
@@ -71,8 +79,8 @@ impl Light {
         })
     }
 
-    /// A light that doesn't shine.
-    pub fn none() -> Self {
+    /// A light that shines nothing, in place of one without area: it keeps numbers in step.
+    pub fn dark() -> Self {
         let corners = [Vec3::ZERO, Vec3::X, Vec3::Z, Vec3::ZERO];
         Self {
             corners,
@@ -89,8 +97,8 @@ impl Light {
         }
     }
 
-    /// Points that stand for parts of it with the areas of these: Gauss's two by two of a
-    /// quadrilateral, three and none of a triangle.
+    /// Quadrature points with areas as weights: the 2 × 2 Gauss points of a quadrilateral; of a triangle
+    /// the three points halfway between corners and centre, and one without weight.
     pub fn quadrature(&self) -> [(Vec3, f32); 4] {
         let [a, b, c, d] = self.corners;
         if self.count == 3 {
@@ -110,10 +118,10 @@ impl Light {
         })
     }
 
-    /// The light as the tree knows it.
-    pub fn glow(&self) -> Glow {
+    /// Bounds for the light tree.
+    pub fn bounds(&self) -> LightBounds {
         let corners = self.corners[..self.count].iter();
-        Glow {
+        LightBounds {
             center: self.center,
             radius: corners.map(|corner| corner.distance(self.center)).fold(0.0, f32::max),
             power: importance(self.radiance) * self.area,
@@ -128,7 +136,8 @@ impl Light {
         importance(self.radiance) * self.area * sides
     }
 
-    /// ∫ cosθ dω over the polygon as a surface at `point` sees it.
+    /// Projected solid angle ∫ cosθ dω of the polygon at `point` with unit `normal`: its irradiance over
+    /// its radiance.
     pub fn projected(&self, point: Vec3, normal: Vec3) -> f32 {
         let to_center = self.center - point;
         let square = to_center.length_squared();
@@ -142,7 +151,7 @@ impl Light {
         if highest <= 0.0 {
             return 0.0;
         }
-        if square > FAR * FAR * self.diameter_squared && lowest > 0.0 {
+        if square > POINT_LIKE * POINT_LIKE * self.diameter_squared && lowest > 0.0 {
             return self.area * height.abs() * normal.dot(to_center) / (square * square);
         }
         if lowest > 0.0 {
@@ -170,7 +179,7 @@ impl Light {
             let cross = a.cross(b - a);
             let sine = cross.length();
             if sine > 0.0 {
-                let angle = angle(Vec4::splat(sine), Vec4::splat(a.dot(b))).x;
+                let angle = angle_of(Vec4::splat(sine), Vec4::splat(a.dot(b))).x;
                 sum += angle * cross.dot(normal) / sine;
             }
         }
@@ -180,12 +189,12 @@ impl Light {
     /// Whether the light is so near to a point that its points are to be picked by solid angle: by
     /// area, they would count as one over the square of their distance.
     pub fn is_near(&self, point: Vec3) -> bool {
-        self.center.distance_squared(point) < CLOSE * CLOSE * self.diameter_squared
+        self.center.distance_squared(point) < NEAR * NEAR * self.diameter_squared
     }
 
-    fn spherical(&self, point: Vec3) -> [Spherical; 2] {
+    fn spherical(&self, point: Vec3) -> [SphericalTriangle; 2] {
         let [a, b, c, d] = self.corners;
-        [[a, b, c], [a, c, d]].map(|corners| Spherical::new(corners, point))
+        [[a, b, c], [a, c, d]].map(|corners| SphericalTriangle::new(corners, point))
     }
 
     /// Solid angle as seen from a point.
@@ -193,9 +202,9 @@ impl Light {
         self.spherical(point).iter().map(|half| half.solid_angle).sum()
     }
 
-    /// The place for two uniform numbers, uniform over the solid angle, and that; `None` where
-    /// rounding leaves none of it.
-    pub fn place_by_angle(&self, point: Vec3, x: f32, y: f32) -> Option<(Vec3, f32)> {
+    /// The point for two uniform numbers, uniform over the solid angle, and the solid angle; `None`
+    /// where rounding leaves none of it.
+    pub fn point_by_solid_angle(&self, point: Vec3, x: f32, y: f32) -> Option<(Vec3, f32)> {
         let [first, second] = self.spherical(point);
         let all = first.solid_angle + second.solid_angle;
         let at = x * all;
@@ -211,7 +220,7 @@ impl Light {
     }
 
     /// The point for two uniform numbers: uniform over the area.
-    pub fn place(&self, x: f32, y: f32) -> Vec3 {
+    pub fn point_by_area(&self, x: f32, y: f32) -> Vec3 {
         let [a, b, c, d] = self.corners;
         let (x, b, c) = if x < self.first_share {
             (x / self.first_share, b, c)
@@ -223,14 +232,14 @@ impl Light {
     }
 }
 
-/// A triangle as a point sees it.
-struct Spherical {
+/// A triangle as seen from a point: a spherical triangle.
+struct SphericalTriangle {
     /// Unit vectors to the corners.
     corners: [Vec3; 3],
     solid_angle: f32,
 }
 
-impl Spherical {
+impl SphericalTriangle {
     fn new(corners: [Vec3; 3], point: Vec3) -> Self {
         let corners = corners.map(|corner| (corner - point).normalize_or_zero());
         let [a, b, c] = corners;
@@ -321,7 +330,7 @@ impl Edges {
         let sine = Vec4::from_array(square.to_array().map(f32::sqrt));
         let cosine = a.dot(a) + a.dot(&self.edges);
         let along = cross.dot(&Vec3x4::splat(normal)) / sine;
-        let each = angle(sine, cosine) * along;
+        let each = angle_of(sine, cosine) * along;
         let each = Vec4::select(sine.cmpgt(Vec4::ZERO), each, Vec4::ZERO);
         0.5 * each.element_sum().abs()
     }
@@ -329,7 +338,7 @@ impl Edges {
 
 /// atan2(sine, cosine) for sine ≥ 0, to 10⁻⁶ (Abramowitz and Stegun 4.4.49 for the inner range).
 #[inline]
-fn angle(sine: Vec4, cosine: Vec4) -> Vec4 {
+fn angle_of(sine: Vec4, cosine: Vec4) -> Vec4 {
     const SERIES: [f32; 7] = [
         -0.016_165_737,
         0.042_909_614,
@@ -363,7 +372,7 @@ mod tests {
             Vec3::new(3.0, 3.0, 2.0),
             Vec3::new(1.0, 3.0, 2.0),
         ];
-        let light = Light::new(&corners, Rgb::ONE, false).unwrap();
+        let light = PolygonLight::new(&corners, Rgb::ONE, false).unwrap();
         let polygon = Polygon::new(corners.map(|c| c.as_dvec3()).to_vec()).unwrap();
         for (point, normal) in [
             (Vec3::ZERO, Vec3::Y),
@@ -392,14 +401,14 @@ mod tests {
             Vec3::new(1.2, 1.0, 1.5),
         ];
         for corners in [&corners[..], &corners[..3]] {
-            let light = Light::new(corners, Rgb::ONE, true).unwrap();
+            let light = PolygonLight::new(corners, Rgb::ONE, true).unwrap();
             for point in [Vec3::ZERO, Vec3::new(2.0, 0.5, 0.0), Vec3::new(-2.0, 1.2, 3.0)] {
                 let normal = (light.center - point).normalize();
                 const SIDE: usize = 200;
                 let mut sum = 0.0f64;
                 for k in 0..SIDE * SIDE {
                     let [x, y] = [k % SIDE, k / SIDE].map(|k| (k as f32 + 0.5) / SIDE as f32);
-                    let (place, solid_angle) = light.place_by_angle(point, x, y).unwrap();
+                    let (place, solid_angle) = light.point_by_solid_angle(point, x, y).unwrap();
                     assert!((place.y - 1.0).abs() < 1e-4, "{place}");
                     let cosine = normal.dot((place - point).normalize()).max(0.0);
                     sum += f64::from(cosine * solid_angle);
@@ -416,7 +425,7 @@ mod tests {
     fn angles_are_those_of_atan2() {
         for step in 0..=1000 {
             let at = step as f32 / 1000.0 * std::f32::consts::PI;
-            let found = angle(Vec4::splat(at.sin().max(0.0)), Vec4::splat(at.cos())).x;
+            let found = angle_of(Vec4::splat(at.sin().max(0.0)), Vec4::splat(at.cos())).x;
             assert!((found - at).abs() < 3e-6, "{at}");
         }
     }

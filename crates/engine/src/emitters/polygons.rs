@@ -1,10 +1,10 @@
-//! The lights of a scene: which of them a point asks, and places on them for the rays that find
-//! out what is in between.
+//! The polygon lights of a scene: their irradiance without occlusion, and points on them for shadow
+//! rays and lobes.
 
+use super::from_triangles::{UntexturedEmitter, merge_into_polygons, shine_outwards_only};
 use super::light_tree::LightTree;
-use super::luminous::{Plain, merged, outward};
-use super::polygon::Light;
-use super::unoccluded::{Axis, ClosedForms, MOST_LIGHTS, Unoccluded};
+use super::polygon::PolygonLight;
+use super::unoccluded::{ClosedForms, LobeAxis, MOST_LIGHTS, Unoccluded};
 use crate::patches::{cell_index, cells};
 use crate::radiometry::Rgb;
 use crate::rays::{Hit, Rays};
@@ -12,17 +12,18 @@ use crate::scene::Scene;
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
 
-/// Points of a light that are tried for one above the horizon.
+/// Points of a light that are tried to find one above the horizon of a surface.
 pub const TRIES: u32 = 4;
-/// Divisions of an emissive triangle whose texture varies: it becomes so many squared cells.
+/// Divisions of each edge of an emissive triangle whose texture varies: it becomes 8² = 64 lights.
 const TEXTURE_DIVISIONS: u32 = 8;
-/// With more emissive triangles than so many a texture is shown by its mean over each.
+/// Most emissive triangles of a scene for textures to be divided; with more, each triangle shines by
+/// its mean radiance. Divided they would be up to 262,144 lights.
 const MOST_TEXTURED: usize = 4096;
 
-/// The lights of a scene.
+/// The lights of a scene as polygons of constant radiance.
 pub struct PolygonLights {
-    all: ClosedForms,
-    /// Which of them to ask, where they are too many to ask all.
+    closed_forms: ClosedForms,
+    /// Picks one light where they are too many to evaluate all ([`MOST_LIGHTS`]).
     tree: LightTree,
     /// First light of each emissive triangle, and whether its texture made it many.
     of_triangle: HashMap<u32, (u32, bool)>,
@@ -30,12 +31,12 @@ pub struct PolygonLights {
     divisions: u32,
 }
 
-/// A point of a light as a surface sees it.
+/// A point of a light, sampled for a surface.
 pub struct LightPoint {
     /// Where rays to it end.
     pub end: Vec3,
-    /// Irradiance that it stands for: its mean over random points is the irradiance of all lights
-    /// without occlusion.
+    /// Irradiance that it stands for, emitted radiance × cosθ over density: its mean over random points
+    /// is the irradiance of all lights without occlusion.
     pub irradiance: Rgb,
     /// Density per solid angle at which it was picked.
     pub density: f32,
@@ -44,17 +45,18 @@ pub struct LightPoint {
 /// What one shadow ray found out about the direct light on a surface.
 #[derive(Clone, Copy, Default)]
 pub struct ShadowSample {
-    /// Irradiance with nothing in between.
+    /// Irradiance without occlusion.
     pub unoccluded: Rgb,
-    /// Irradiance that the place stands for that the ray went to: its mean is the above.
+    /// Irradiance that the ray's light point stands for: its mean is `unoccluded`.
     pub cast: Rgb,
     /// Whether nothing was in between.
     pub seen: bool,
 }
 
 impl ShadowSample {
-    /// Irradiance, if about so large a share of the light gets here: without noise where all of it
-    /// does, or nothing; without bias whatever the share.
+    /// Unbiased irradiance with a control variate: `share` is a guess of the share of the light that
+    /// arrives. Where the guess is right and all or nothing is occluded, there is no noise
+    /// (docs/decisions/0017).
     pub fn irradiance(&self, share: f32) -> Rgb {
         let seen = if self.seen { 1.0 } else { 0.0 };
         self.unoccluded * share + self.cast * (seen - share)
@@ -68,7 +70,7 @@ impl PolygonLights {
         let divisions = if many { 1 } else { TEXTURE_DIVISIONS };
         let mut lights = Vec::new();
         let mut of_triangle = HashMap::new();
-        let mut plain: Vec<Plain> = Vec::new();
+        let mut untextured: Vec<UntexturedEmitter> = Vec::new();
         for (index, triangle) in scene.triangles.iter().enumerate() {
             let material = &scene.materials[triangle.material as usize];
             if !material.emits() {
@@ -81,7 +83,12 @@ impl PolygonLights {
             let two_sided = material.double_sided;
             if material.emission_texture.is_none() {
                 let radiance = material.emission;
-                plain.push(Plain { triangle: index as u32, corners, radiance, two_sided });
+                untextured.push(UntexturedEmitter {
+                    triangle: index as u32,
+                    corners,
+                    radiance,
+                    two_sided,
+                });
                 continue;
             }
             of_triangle.insert(index as u32, (lights.len() as u32, true));
@@ -98,24 +105,24 @@ impl PolygonLights {
                     corners[0] * (1.0 - at.x - at.y) + corners[1] * at.x + corners[2] * at.y
                 };
                 // A cell without area would be out of step with the cells of the texture.
-                let light = Light::new(&cell.map(place), radiance, two_sided);
-                lights.push(light.unwrap_or_else(Light::none));
+                let light = PolygonLight::new(&cell.map(place), radiance, two_sided);
+                lights.push(light.unwrap_or_else(PolygonLight::dark));
             }
         }
-        outward(&mut plain, scene, rays);
-        merged(&plain, &mut lights, &mut of_triangle);
+        shine_outwards_only(&mut untextured, scene, rays);
+        merge_into_polygons(&untextured, &mut lights, &mut of_triangle);
         let total: f64 = lights.iter().map(|light| f64::from(light.power())).sum();
         if total.is_nan() || total <= 0.0 || total.is_infinite() {
             return None;
         }
-        let tree = LightTree::new(&lights.iter().map(Light::glow).collect::<Vec<_>>());
-        let all = ClosedForms::new(lights);
-        Some(Self { all, tree, of_triangle, divisions })
+        let tree = LightTree::new(&lights.iter().map(PolygonLight::bounds).collect::<Vec<_>>());
+        let closed_forms = ClosedForms::new(lights);
+        Some(Self { closed_forms, tree, of_triangle, divisions })
     }
 
     /// Number of polygons.
     pub fn count(&self) -> usize {
-        self.all.lights().len()
+        self.closed_forms.lights().len()
     }
 
     /// Whether the light without occlusion is known in closed form.
@@ -123,25 +130,26 @@ impl PolygonLights {
         self.count() <= MOST_LIGHTS
     }
 
-    /// What all lights shine on a surface at `point` with unit `normal` where nothing is in
-    /// between; zero irradiance where it has to be sampled.
+    /// Irradiance of all lights on a surface at `point` with unit `normal` without occlusion, by which
+    /// lights are picked; zero where lights are too many for the closed form.
     pub fn unoccluded(&self, point: Vec3, normal: Vec3) -> Unoccluded {
         if !self.is_exact() {
             return Unoccluded::none();
         }
-        self.all.unoccluded(point, normal)
+        self.closed_forms.unoccluded(point, normal)
     }
 
-    /// The same for a lobe that looks along an axis: only to pick lights by.
-    pub fn toward(&self, point: Vec3, normal: Vec3, axis: Axis) -> Unoccluded {
+    /// The same for a lobe: only to pick lights by, without an irradiance.
+    pub fn for_lobe(&self, point: Vec3, normal: Vec3, axis: LobeAxis) -> Unoccluded {
         if !self.is_exact() {
             return Unoccluded::none();
         }
-        self.all.toward(point, normal, axis)
+        self.closed_forms.for_lobe(point, normal, axis)
     }
 
-    /// A point of the lights for three uniform numbers, as a surface at `point` sees it: picked by
-    /// what each shines on it, or may shine where they are many. `None` where it shines nothing.
+    /// Samples a point of the lights for a surface at `point`, by three uniform numbers. A light is
+    /// picked in proportion to its irradiance or, where they are too many, by the tree. `None` where
+    /// the point shines nothing on the surface.
     pub fn sample(
         &self,
         unoccluded: &Unoccluded,
@@ -149,12 +157,12 @@ impl PolygonLights {
         normal: Vec3,
         xi: Vec3,
     ) -> Option<LightPoint> {
-        let (pick, probability) = self.pick(unoccluded, point, normal, xi.x)?;
-        let light = &self.all.lights()[pick];
+        let (pick, probability) = self.pick_light(unoccluded, point, normal, xi.x)?;
+        let light = &self.closed_forms.lights()[pick];
         let near = self.is_exact() && light.is_near(point);
         let (place, solid_angle) = match near {
-            true => light.place_by_angle(point, xi.y, xi.z)?,
-            false => (light.place(xi.y, xi.z), 0.0),
+            true => light.point_by_solid_angle(point, xi.y, xi.z)?,
+            false => (light.point_by_area(xi.y, xi.z), 0.0),
         };
         let between = place - point;
         let square = between.length_squared();
@@ -178,7 +186,7 @@ impl PolygonLights {
         })
     }
 
-    fn pick(
+    fn pick_light(
         &self,
         unoccluded: &Unoccluded,
         point: Vec3,
@@ -188,15 +196,15 @@ impl PolygonLights {
         if !self.is_exact() {
             return self.tree.pick(point, normal, x);
         }
-        self.all.pick(unoccluded, point, normal, x)
+        self.closed_forms.pick(unoccluded, point, normal, x)
     }
 
-    /// One of many lights: where a shadow ray to it ends, and its irradiance in closed form over
-    /// the probability that it was picked, which has no singularity near the light. `None` where
-    /// it shines nothing.
+    /// Samples one of many lights by the tree: returns where a shadow ray to it ends, and its irradiance
+    /// in closed form over the probability of the pick, which has no singularity near the light.
+    /// `None` where it shines nothing.
     pub fn one_of_many(&self, point: Vec3, normal: Vec3, xi: Vec3) -> Option<(Vec3, Rgb)> {
         let (pick, probability) = self.tree.pick(point, normal, xi.x)?;
-        let light = &self.all.lights()[pick];
+        let light = &self.closed_forms.lights()[pick];
         let projected = light.projected(point, normal);
         if projected <= 0.0 || probability <= 0.0 {
             return None;
@@ -205,7 +213,7 @@ impl PolygonLights {
         let above = |tries: u32| {
             let [y, z] = [(xi.y, 0.671_043_6), (xi.z, 0.549_700_5)]
                 .map(|(x, step): (f32, f32)| (x + step * tries as f32).fract());
-            Some(light.place(y, z)).filter(|place| height(place) > 0.0)
+            Some(light.point_by_area(y, z)).filter(|place| height(place) > 0.0)
         };
         let place = (0..TRIES).find_map(above).or_else(|| {
             let corners = light.corners[..light.count].iter();
@@ -216,8 +224,14 @@ impl PolygonLights {
         Some((end, light.radiance * (projected / probability)))
     }
 
-    /// The direct light on a surface by one shadow ray.
-    pub fn once(&self, rays: &Rays, point: Vec3, normal: Vec3, xi: Vec3) -> ShadowSample {
+    /// Samples the direct light on a surface by one shadow ray.
+    pub fn sample_by_shadow_ray(
+        &self,
+        rays: &Rays,
+        point: Vec3,
+        normal: Vec3,
+        xi: Vec3,
+    ) -> ShadowSample {
         if !self.is_exact() {
             let Some((end, irradiance)) = self.one_of_many(point, normal, xi) else {
                 return ShadowSample::default();
@@ -249,11 +263,11 @@ impl PolygonLights {
         let cell = if *textured { cell_index(self.divisions, hit.u, hit.v) } else { 0 };
         let pick = (first + cell) as usize;
         let probability = if self.is_exact() {
-            self.all.probability(unoccluded, start, start_normal, pick)
+            self.closed_forms.probability(unoccluded, start, start_normal, pick)
         } else {
             self.tree.probability(pick, start, start_normal)
         };
-        let light = &self.all.lights()[pick];
+        let light = &self.closed_forms.lights()[pick];
         if light.is_near(start) && self.is_exact() {
             return probability / light.solid_angle(start).max(f32::MIN_POSITIVE);
         }

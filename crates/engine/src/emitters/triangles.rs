@@ -1,4 +1,4 @@
-//! Where direct light comes from: the emissive triangles, picked by their power.
+//! Emissive triangles, sampled by their power: for direct light, and for paths that begin at lights.
 
 use crate::patches::cells;
 use crate::radiometry::{Rgb, importance};
@@ -7,27 +7,27 @@ use crate::sampling::Discrete;
 use crate::surface::{Surface, World};
 use glam::Vec3;
 
-/// Share of the pick that goes by the emission factor alone, so that no part of a texture that
-/// the samples missed is left out.
+/// Share of the pick that goes by the material's emission factor without its texture, so that bright
+/// parts of a texture that the 64 samples of its mean missed are still picked.
 const FACTOR_SHARE: f64 = 0.1;
 
 /// An emissive triangle.
 pub struct Emitter {
     /// Index into [`crate::scene::Scene::triangles`].
     pub triangle: u32,
-    /// Ray units.
+    /// Corners, ray units.
     pub corners: [Vec3; 3],
     /// Unit normal of the front.
     normal: Vec3,
-    /// Square ray units.
+    /// Area, square ray units.
     pub area: f32,
-    /// What it is picked in proportion to.
+    /// Importance of its power, over π: it is picked in proportion to this.
     weight: f64,
     /// Mean emitted radiance.
     pub radiance: Rgb,
 }
 
-/// The lights of a scene.
+/// The emissive triangles of a scene.
 pub struct TriangleLights {
     emitters: Vec<Emitter>,
     choice: Discrete,
@@ -35,7 +35,7 @@ pub struct TriangleLights {
     density: Vec<f32>,
 }
 
-/// A point of a light, as a surface sees it.
+/// A point of a light, sampled for a surface.
 pub struct LightSample {
     /// Where rays to it end.
     pub end: Vec3,
@@ -47,11 +47,11 @@ pub struct LightSample {
     pub density: f32,
 }
 
-/// A point of a light that light leaves from.
-pub struct Emitted {
+/// A point of a light, sampled for a path that begins there.
+pub struct EmissionSample {
     /// Index into [`crate::scene::Scene::triangles`].
     pub triangle: u32,
-    /// Where.
+    /// The point.
     pub spot: Spot,
     /// Emitted radiance.
     pub radiance: Rgb,
@@ -133,11 +133,11 @@ impl TriangleLights {
     }
 
     /// A point of the emissive triangles, picked by power, uniform over the triangle.
-    pub fn emit(&self, world: &World, pick: f64, xi: [f32; 2]) -> Emitted {
+    pub fn emit(&self, world: &World, pick: f64, xi: [f32; 2]) -> EmissionSample {
         let emitter = &self.emitters[self.choice.pick(pick)];
         let root = xi[0].sqrt();
         let (u, v) = (root * (1.0 - xi[1]), root * xi[1]);
-        Emitted {
+        EmissionSample {
             triangle: emitter.triangle,
             spot: Spot::new(emitter.corners, emitter.normal, u, v),
             radiance: world.emission(emitter.triangle, u, v),

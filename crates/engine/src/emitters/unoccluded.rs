@@ -1,97 +1,99 @@
-//! What all lights shine on a point where nothing is in between: those near it in closed form,
-//! those farther off by four points of each, eight lights at a time.
+//! Irradiance of all lights at a point without occlusion: near lights in closed form, farther ones by
+//! four quadrature points each, eight lights at a time. Lights are picked by it, too.
 
-use super::polygon::Light;
+use super::polygon::PolygonLight;
 use crate::radiometry::{Rgb, importance};
 use glam::Vec3;
 
-/// Running sums that are kept of a point's lights.
-const SUMS: usize = 16;
-/// Lights that are looked at together.
+/// Blocks of consecutive lights, at most: running sums of their importance are kept to pick by.
+const BLOCKS: usize = 16;
+/// Lights that are computed together: floats in a 256-bit register.
 const LANES: usize = 8;
-/// With more lights only some of them can be asked.
+/// Most lights for which all are evaluated; with more, a tree picks one (docs/decisions/0019).
 pub const MOST_LIGHTS: usize = 1024;
-/// Eights of a running sum at most.
-const EIGHTS: usize = MOST_LIGHTS / SUMS / LANES;
-/// Nearer than so many diameters a light is evaluated in closed form; beyond, four points of it
-/// are off by 3 % (rms), one light among many.
-const NEAR: f32 = 1.0;
+/// Most groups of eight lights in a block.
+const BLOCK_EIGHTS: usize = MOST_LIGHTS / BLOCKS / LANES;
+/// Distance, in diameters, within which a light is evaluated in closed form; beyond it, four
+/// quadrature points are off by 3 % (rms) of this one light among many.
+const CLOSE: f32 = 1.0;
 
-/// What a lobe is taken to reflect at least of every light.
-const LEAST_SHARE: f32 = 0.02;
+/// Lower bound of the share that a lobe is taken to reflect of a light, of what it reflects at most: it
+/// keeps the probability of every light that shines above zero.
+const LEAST_LOBE_SHARE: f32 = 0.02;
 
 type Lanes = [f32; LANES];
 
-/// What the lights would shine on a point with nothing in between.
+/// Irradiance of the lights at a point without occlusion, with the sums by which lights are picked.
 #[derive(Clone, Copy)]
 pub struct Unoccluded {
     /// Irradiance of all together.
     pub irradiance: Rgb,
-    /// Importance of the irradiance, or of what a lobe makes of it, running over stretches of lights.
-    sums: [f32; SUMS],
-    /// The lobe, if lights are asked for by what it may reflect of them.
-    lobe: Option<Axis>,
+    /// Running sums, over blocks of lights, of the importance of the irradiance, or of what a lobe
+    /// reflects of it.
+    sums: [f32; BLOCKS],
+    /// The lobe, if lights are picked by what it may reflect of them.
+    lobe: Option<LobeAxis>,
 }
 
-/// Where a lobe looks.
+/// Axis and exponent of a lobe, by which it picks lights.
 #[derive(Clone, Copy)]
-pub struct Axis {
-    /// Unit vector to what the middle of the lobe shows.
+pub struct LobeAxis {
+    /// Unit vector along the middle of the lobe: the mirrored direction to the viewer.
     pub direction: Vec3,
-    /// Of the cosine.
+    /// Exponent of the cosine.
     pub exponent: f32,
 }
 
 impl Unoccluded {
-    /// Nothing shines.
+    /// No light: nothing can be picked.
     pub fn none() -> Self {
-        Self { irradiance: Rgb::ZERO, sums: [0.0; SUMS], lobe: None }
+        Self { irradiance: Rgb::ZERO, sums: [0.0; BLOCKS], lobe: None }
     }
 }
 
 /// All lights, to evaluate their closed forms eight at a time.
 pub struct ClosedForms {
-    lights: Vec<Light>,
-    eights: Vec<Eight>,
-    /// Lights of a running sum.
-    stretch: usize,
+    lights: Vec<PolygonLight>,
+    eights: Vec<EightLights>,
+    /// Lights of a block: 1, or a multiple of eight.
+    block_size: usize,
 }
 
-/// Eight lights: four points of each that stand for parts of it.
-struct Eight {
+/// Eight lights by coordinates, with four quadrature points of each; unused lanes are zero.
+struct EightLights {
     centers: [Lanes; 3],
     points: [[Lanes; 3]; 4],
     areas: [Lanes; 4],
     normals: [Lanes; 3],
     radiance: [Lanes; 3],
     importance: Lanes,
-    /// Of the disk that holds it.
+    /// Half the diameter.
     radius: Lanes,
-    /// Square of the distance within which that is not enough.
+    /// Square of the distance within which the quadrature is not exact enough.
     near: Lanes,
     /// −1 where the back shines too, 0 where it does not.
     back: Lanes,
 }
 
 impl ClosedForms {
-    /// Of the lights, in their order.
-    pub fn new(lights: Vec<Light>) -> Self {
-        let few = lights.len() <= SUMS;
-        let eights = lights.chunks(LANES).map(Eight::new).collect::<Vec<_>>();
-        let stretch = if few { 1 } else { eights.len().div_ceil(SUMS) * LANES };
-        Self { lights, eights: if few { Vec::new() } else { eights }, stretch }
+    /// Groups the lights in eights and blocks, in their order.
+    pub fn new(lights: Vec<PolygonLight>) -> Self {
+        let few = lights.len() <= BLOCKS;
+        let eights = lights.chunks(LANES).map(EightLights::new).collect::<Vec<_>>();
+        let block_size = if few { 1 } else { eights.len().div_ceil(BLOCKS) * LANES };
+        Self { lights, eights: if few { Vec::new() } else { eights }, block_size }
     }
 
     /// The lights.
-    pub fn lights(&self) -> &[Light] {
+    pub fn lights(&self) -> &[PolygonLight] {
         &self.lights
     }
 
-    /// What they shine on a surface at `point` with unit `normal`.
+    /// Irradiance of all lights on a surface at `point` with unit `normal`.
     pub fn unoccluded(&self, point: Vec3, normal: Vec3) -> Unoccluded {
         let mut all = Unoccluded::none();
         let mut sum = 0.0;
-        if self.stretch == 1 {
+        if self.block_size == 1 {
             for (light, running) in self.lights.iter().zip(&mut all.sums) {
                 let irradiance = light.radiance * light.projected(point, normal);
                 all.irradiance += irradiance;
@@ -100,17 +102,17 @@ impl ClosedForms {
             }
             return all;
         }
-        let eights = self.eights.chunks(self.stretch / LANES);
-        for ((stretch, eights), running) in eights.enumerate().zip(&mut all.sums) {
-            let mut near = [0; EIGHTS];
+        let eights = self.eights.chunks(self.block_size / LANES);
+        for ((block, eights), running) in eights.enumerate().zip(&mut all.sums) {
+            let mut near = [0; BLOCK_EIGHTS];
             let mut shine = [[0.0; LANES]; 3];
-            add_up(eights, point, normal, &mut shine, &mut near);
+            add_irradiance(eights, point, normal, &mut shine, &mut near);
             let mut irradiance = Rgb::from_array(shine.map(|lanes| lanes.iter().sum()));
             for (eight, mut near) in near.into_iter().enumerate() {
                 while near != 0 {
                     let lane = near.trailing_zeros() as usize;
                     near &= near - 1;
-                    let light = &self.lights[stretch * self.stretch + eight * LANES + lane];
+                    let light = &self.lights[block * self.block_size + eight * LANES + lane];
                     irradiance += light.radiance * light.projected(point, normal);
                 }
             }
@@ -121,14 +123,15 @@ impl ClosedForms {
         all
     }
 
-    /// The same for a lobe: what the lights shine where it looks counts most.
-    pub fn toward(&self, point: Vec3, normal: Vec3, axis: Axis) -> Unoccluded {
+    /// Sums by which a lobe picks lights: irradiance times about what the lobe reflects of it. Their
+    /// irradiance is left zero.
+    pub fn for_lobe(&self, point: Vec3, normal: Vec3, axis: LobeAxis) -> Unoccluded {
         let mut all = Unoccluded { lobe: Some(axis), ..Unoccluded::none() };
         let mut sum = 0.0;
-        for (stretch, running) in (0..self.stretches()).zip(&mut all.sums) {
-            let asked = self.asked(stretch, point, normal, Some(axis));
+        for (block, running) in (0..self.blocks()).zip(&mut all.sums) {
+            let importances = self.importances(block, point, normal, Some(axis));
             let mut lanes = [0.0; LANES];
-            for eight in asked.iter().take(self.stretch.div_ceil(LANES)) {
+            for eight in importances.iter().take(self.block_size.div_ceil(LANES)) {
                 for (lane, own) in lanes.iter_mut().zip(eight) {
                     *lane += own;
                 }
@@ -140,8 +143,8 @@ impl ClosedForms {
     }
 
     /// Number of running sums.
-    fn stretches(&self) -> usize {
-        self.lights.len().div_ceil(self.stretch)
+    fn blocks(&self) -> usize {
+        self.lights.len().div_ceil(self.block_size)
     }
 
     /// A light for a uniform number, by what each shines on the point, and the probability that it
@@ -153,22 +156,22 @@ impl ClosedForms {
         normal: Vec3,
         x: f32,
     ) -> Option<(usize, f32)> {
-        let stretches = self.stretches();
-        let sums = &all.sums[..stretches];
-        let total = sums[stretches - 1];
+        let blocks = self.blocks();
+        let sums = &all.sums[..blocks];
+        let total = sums[blocks - 1];
         if total <= 0.0 {
             return None;
         }
         let at = x * total;
-        let stretch = sums.partition_point(|sum| *sum <= at).min(stretches - 1);
-        let mut sum = if stretch == 0 { 0.0 } else { sums[stretch - 1] };
-        if self.stretch == 1 {
-            return Some((stretch, (sums[stretch] - sum) / total));
+        let block = sums.partition_point(|sum| *sum <= at).min(blocks - 1);
+        let mut sum = if block == 0 { 0.0 } else { sums[block - 1] };
+        if self.block_size == 1 {
+            return Some((block, (sums[block] - sum) / total));
         }
-        let first = stretch * self.stretch;
-        let asked = self.asked(stretch, point, normal, all.lobe);
+        let first = block * self.block_size;
+        let importances = self.importances(block, point, normal, all.lobe);
         let mut picked = None;
-        for (index, own) in asked.as_flattened().iter().take(self.stretch).enumerate() {
+        for (index, own) in importances.as_flattened().iter().take(self.block_size).enumerate() {
             sum += own;
             if *own > 0.0 {
                 picked = Some((first + index, own / total));
@@ -180,64 +183,64 @@ impl ClosedForms {
         picked
     }
 
-    /// The probability that [`All::pick`] picks this light.
+    /// The probability that [`ClosedForms::pick`] picks this light.
     pub fn probability(&self, all: &Unoccluded, point: Vec3, normal: Vec3, light: usize) -> f32 {
-        let total = all.sums[self.stretches() - 1];
+        let total = all.sums[self.blocks() - 1];
         if total <= 0.0 {
             return 0.0;
         }
-        let stretch = light / self.stretch;
-        let asked = self.asked(stretch, point, normal, all.lobe);
-        asked.as_flattened()[light - stretch * self.stretch] / total
+        let block = light / self.block_size;
+        let importances = self.importances(block, point, normal, all.lobe);
+        importances.as_flattened()[light - block * self.block_size] / total
     }
 
-    /// What each light of a stretch counts where one is picked.
-    fn asked(
+    /// Importance of each light of a block, in proportion to which one is picked.
+    fn importances(
         &self,
-        stretch: usize,
+        block: usize,
         point: Vec3,
         normal: Vec3,
-        lobe: Option<Axis>,
-    ) -> [Lanes; EIGHTS] {
+        lobe: Option<LobeAxis>,
+    ) -> [Lanes; BLOCK_EIGHTS] {
         #[cfg(target_arch = "x86_64")]
         {
             #[target_feature(enable = "avx2")]
             fn with_avx2(
                 all: &ClosedForms,
-                stretch: usize,
+                block: usize,
                 point: Vec3,
                 normal: Vec3,
-                lobe: Option<Axis>,
-            ) -> [Lanes; EIGHTS] {
-                all.asked_by_eights(stretch, point, normal, lobe)
+                lobe: Option<LobeAxis>,
+            ) -> [Lanes; BLOCK_EIGHTS] {
+                all.importances_by_eights(block, point, normal, lobe)
             }
             if is_x86_feature_detected!("avx2") {
                 // SAFETY: the processor has AVX2.
-                return unsafe { with_avx2(self, stretch, point, normal, lobe) };
+                return unsafe { with_avx2(self, block, point, normal, lobe) };
             }
         }
-        self.asked_by_eights(stretch, point, normal, lobe)
+        self.importances_by_eights(block, point, normal, lobe)
     }
 
     #[inline(always)]
-    fn asked_by_eights(
+    fn importances_by_eights(
         &self,
-        stretch: usize,
+        block: usize,
         point: Vec3,
         normal: Vec3,
-        lobe: Option<Axis>,
-    ) -> [Lanes; EIGHTS] {
-        let mut all = self.projected(stretch, point, normal);
-        let first = stretch * self.stretch;
-        if self.stretch == 1 {
+        lobe: Option<LobeAxis>,
+    ) -> [Lanes; BLOCK_EIGHTS] {
+        let mut all = self.projected(block, point, normal);
+        let first = block * self.block_size;
+        if self.block_size == 1 {
             let light = &self.lights[first];
             let radius = 0.5 * light.diameter_squared.sqrt();
             let between = (light.center - point).to_array();
-            let share = lobe.map_or(1.0, |axis| axis.share(between, radius));
+            let share = lobe.map_or(1.0, |axis| axis.reflected_share(between, radius));
             all[0][0] *= importance(light.radiance) * share;
             return all;
         }
-        let last = (first + self.stretch).min(self.lights.len());
+        let last = (first + self.block_size).min(self.lights.len());
         let eights = &self.eights[first / LANES..last.div_ceil(LANES)];
         for (eight, all) in eights.iter().zip(&mut all) {
             let [x, y, z] = &eight.centers;
@@ -247,24 +250,24 @@ impl ClosedForms {
             if let Some(axis) = lobe {
                 for l in 0..LANES {
                     let between = [x[l] - point.x, y[l] - point.y, z[l] - point.z];
-                    all[l] *= axis.share(between, eight.radius[l]);
+                    all[l] *= axis.reflected_share(between, eight.radius[l]);
                 }
             }
         }
         all
     }
 
-    /// ∫ cosθ dω over each light of a stretch.
+    /// Projected solid angle ∫ cosθ dω of each light of a block.
     #[inline(always)]
-    fn projected(&self, stretch: usize, point: Vec3, normal: Vec3) -> [Lanes; EIGHTS] {
-        let mut projected = [[0.0; LANES]; EIGHTS];
-        if self.stretch == 1 {
-            projected[0][0] = self.lights[stretch].projected(point, normal);
+    fn projected(&self, block: usize, point: Vec3, normal: Vec3) -> [Lanes; BLOCK_EIGHTS] {
+        let mut projected = [[0.0; LANES]; BLOCK_EIGHTS];
+        if self.block_size == 1 {
+            projected[0][0] = self.lights[block].projected(point, normal);
             return projected;
         }
-        let first = stretch * self.stretch;
-        let last = (first + self.stretch).min(self.lights.len());
-        let mut near = [0; EIGHTS];
+        let first = block * self.block_size;
+        let last = (first + self.block_size).min(self.lights.len());
+        let mut near = [0; BLOCK_EIGHTS];
         let eights = &self.eights[first / LANES..last.div_ceil(LANES)];
         for ((eight, projected), near) in eights.iter().zip(&mut projected).zip(&mut near) {
             (*projected, *near) = eight.projected(point, normal);
@@ -279,23 +282,23 @@ impl ClosedForms {
     }
 }
 
-impl Axis {
+impl LobeAxis {
     /// About how much of a light of that size the lobe reflects, of what it reflects at most; more
     /// where it reflects little, since rays by the lobe seldom find that.
     #[inline(always)]
-    fn share(&self, [x, y, z]: [f32; 3], radius: f32) -> f32 {
+    fn reflected_share(&self, [x, y, z]: [f32; 3], radius: f32) -> f32 {
         let per_distance = 1.0 / (x * x + y * y + z * z).max(1e-18).sqrt();
         let to = self.direction;
         let [x, y, z] = [x * per_distance - to.x, y * per_distance - to.y, z * per_distance - to.z];
         let beside = ((x * x + y * y + z * z).sqrt() - radius * per_distance).max(0.0);
         let fall = 1.0 + 0.25 * self.exponent * beside * beside;
-        LEAST_SHARE + 1.0 / (fall * fall)
+        LEAST_LOBE_SHARE + 1.0 / (fall * fall)
     }
 }
 
-impl Eight {
-    fn new(lights: &[Light]) -> Self {
-        let lanes = |of: &dyn Fn(&Light) -> f32| {
+impl EightLights {
+    fn new(lights: &[PolygonLight]) -> Self {
+        let lanes = |of: &dyn Fn(&PolygonLight) -> f32| {
             std::array::from_fn(|lane| lights.get(lane).map_or(0.0, of))
         };
         let axes = [0, 1, 2];
@@ -308,13 +311,13 @@ impl Eight {
             radiance: axes.map(|axis| lanes(&|light| light.radiance[axis])),
             importance: lanes(&|light| importance(light.radiance)),
             radius: lanes(&|light| 0.5 * light.diameter_squared.sqrt()),
-            near: lanes(&|light| NEAR * NEAR * light.diameter_squared),
+            near: lanes(&|light| CLOSE * CLOSE * light.diameter_squared),
             back: lanes(&|light| if light.two_sided { -1.0 } else { 0.0 }),
         }
     }
 
-    /// ∫ cosθ dω over each by its points; those that are too near for that are left out, and
-    /// told, a bit each.
+    /// Projected solid angle ∫ cosθ dω of each by quadrature; zero for those that are too near for that,
+    /// which the bits of the second value mark.
     #[inline(always)]
     fn projected(&self, point: Vec3, normal: Vec3) -> (Lanes, u32) {
         let [nx, ny, nz] = &self.normals;
@@ -353,23 +356,24 @@ impl Eight {
     }
 }
 
-/// Adds what the lights shine by their points, but for those that are too near, a bit each.
-fn add_up(
-    eights: &[Eight],
+/// Adds the lights' irradiance by quadrature to `shine`, by channel, but for those that are too near,
+/// which the bits of `near` mark.
+fn add_irradiance(
+    eights: &[EightLights],
     point: Vec3,
     normal: Vec3,
     shine: &mut [Lanes; 3],
-    near: &mut [u32; EIGHTS],
+    near: &mut [u32; BLOCK_EIGHTS],
 ) {
     #[cfg(target_arch = "x86_64")]
     {
         #[target_feature(enable = "avx2")]
         fn with_avx2(
-            eights: &[Eight],
+            eights: &[EightLights],
             point: Vec3,
             normal: Vec3,
             shine: &mut [Lanes; 3],
-            near: &mut [u32; EIGHTS],
+            near: &mut [u32; BLOCK_EIGHTS],
         ) {
             add_by_eights(eights, point, normal, shine, near);
         }
@@ -383,11 +387,11 @@ fn add_up(
 
 #[inline(always)]
 fn add_by_eights(
-    eights: &[Eight],
+    eights: &[EightLights],
     point: Vec3,
     normal: Vec3,
     shine: &mut [Lanes; 3],
-    near: &mut [u32; EIGHTS],
+    near: &mut [u32; BLOCK_EIGHTS],
 ) {
     for (eight, near) in eights.iter().zip(near) {
         let (projected, too_near) = eight.projected(point, normal);
@@ -406,7 +410,7 @@ mod tests {
     use crate::random::{Numbers, Stream};
 
     /// Many small lights around a point, of one and of two sides, triangles and quadrilaterals.
-    fn lights(count: usize) -> Vec<Light> {
+    fn lights(count: usize) -> Vec<PolygonLight> {
         let mut random = Numbers::new(7, Stream::Light, 0);
         let mut next = || Vec3::from_array([0; 3].map(|_| 2.0 * random.uniform() - 1.0));
         (0..count)
@@ -415,7 +419,7 @@ mod tests {
                 let corners = [at, at + u, at + u + v, at + v];
                 let corners = if index % 3 == 0 { &corners[..3] } else { &corners[..] };
                 let radiance = (next() + 1.1).max(Vec3::ZERO);
-                Light::new(corners, radiance, index % 5 == 0).unwrap()
+                PolygonLight::new(corners, radiance, index % 5 == 0).unwrap()
             })
             .collect()
     }
@@ -426,10 +430,10 @@ mod tests {
             let all = ClosedForms::new(lights(count));
             let (point, normal) = (Vec3::new(0.1, -3.0, 0.2), Vec3::Y);
             let direction = Vec3::new(0.3, 0.9, -0.1).normalize();
-            let toward = all.toward(point, normal, Axis { direction, exponent: 200.0 });
+            let for_lobe = all.for_lobe(point, normal, LobeAxis { direction, exponent: 200.0 });
             let (mut total, mut ahead) = (0.0, 0.0);
             for index in 0..count {
-                let probability = all.probability(&toward, point, normal, index);
+                let probability = all.probability(&for_lobe, point, normal, index);
                 let plain = all.probability(&all.unoccluded(point, normal), point, normal, index);
                 assert_eq!(probability > 0.0, plain > 0.0);
                 total += probability;
@@ -444,8 +448,8 @@ mod tests {
             const TRIES: usize = 5000;
             for k in 0..TRIES {
                 let x = (k as f32 + 0.5) / TRIES as f32;
-                let (light, probability) = all.pick(&toward, point, normal, x).unwrap();
-                let same = all.probability(&toward, point, normal, light);
+                let (light, probability) = all.pick(&for_lobe, point, normal, x).unwrap();
+                let same = all.probability(&for_lobe, point, normal, light);
                 assert!((same - probability).abs() <= 1e-4 * same, "{same} {probability}");
             }
         }

@@ -1,4 +1,4 @@
-//! Where the time goes.
+//! A stopwatch for the diagnostics of a job: seconds by part of the method.
 
 use std::collections::BTreeMap;
 use std::time::Instant;

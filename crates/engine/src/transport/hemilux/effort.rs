@@ -1,8 +1,8 @@
-//! How much effort a picture is worth, by what was asked for.
+//! Sub-pixel samples and patches of a picture, by the job's limits: quick jobs get fewer.
 
 use crate::render::{Limits, RenderRequest};
 
-/// What is worth its time, by the limits.
+/// How much a job computes, by its limits.
 #[derive(Clone, Copy)]
 pub struct Effort {
     /// Sub-pixel samples: more in small pictures, where more of the pixels see edges.

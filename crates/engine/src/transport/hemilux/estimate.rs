@@ -1,9 +1,9 @@
 //! The picture from what the three tiers know, and how far it may be off.
 
-use super::coarse::Coarse;
-use super::direct::Direct;
-use super::fragments::Seen;
-use super::gather::Bounced;
+use super::coarse::CoarseSolution;
+use super::direct::DirectLighting;
+use super::fragments::VisibleSurfaces;
+use super::gather::IndirectLight;
 use super::gloss::Gloss;
 use super::settings::HemiluxSettings;
 use crate::emitters::PolygonLights;
@@ -12,26 +12,32 @@ use crate::radiometry::Rgb;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
-/// Variance of a surface's share of a pixel: this times (number of samples)^−1.5.
-const COVERAGE: f32 = 0.04;
-/// Relative error of indirect light that is shown as the coarse mesh has it.
-const COARSE: f32 = 0.2;
-/// Relative error that nothing here sees: the coarse mesh behind the gathers.
-const ALLOWANCE: f64 = 0.002;
+/// Variance of a surface's share of a pixel is this times (number of samples)^−1.5, for samples that
+/// are well spread.
+const COVERAGE_VARIANCE: f32 = 0.04;
+/// Relative error assumed of indirect light where a fragment shows the coarse mesh itself.
+const COARSE_ERROR: f32 = 0.2;
+/// Relative error allowed for what no cause covers: the coarse mesh behind the gather rays.
+const COARSE_MESH_ERROR: f64 = 0.002;
 
-/// What pixels are off by, and why: `noise` of the records, by how much either half of their rays
-/// changes the picture; `bent`, how far the records are off the planes through them by more than
-/// noise, as a plane is off where light is bent; shadow rays that disagree; lobes; and pixels that
-/// surfaces share.
+/// Causes of a picture's error, by the names that reports use:
+/// - `noise`: noise of the records' gather rays, from two pictures by either half of the rays;
+/// - `bent`: scatter of the records about the planes fitted through them, beyond their noise, where
+///   irradiance is not linear along the surface;
+/// - `shadows`: shadow rays that disagree;
+/// - `lobes`: scatter of lobe rays;
+/// - `edges`: surfaces that share a pixel, by too few sub-pixel samples.
 pub const CAUSES: [&str; 5] = ["noise", "bent", "shadows", "lobes", "edges"];
-/// What pictures turn out to have of each cause's variance. Halves of well-spread points are worse
-/// than points that are spread together; a plane's middle is nearer than its rim; neighbours share
-/// what their shadows are off by; lobes and edges see the coarse mesh, whose error is no scatter.
-const FOUND: [f64; 5] = [0.3, 0.7, 1.8, 2.0, 7.5];
+/// Factor of each cause's estimated variance in the predicted error, fitted to pictures of thirteen
+/// views whose true error is known (docs/decisions/0027). Why they are not 1: halves of well-spread
+/// points are worse than points that are spread together; a plane fits better in its middle than at
+/// its rim; errors of shadows are shared by neighbours; lobes and edges show the coarse mesh, whose
+/// error is no scatter.
+const CAUSE_FACTORS: [f64; 5] = [0.3, 0.7, 1.8, 2.0, 7.5];
 
-/// A pixel.
+/// A pixel's radiance with its estimated variance.
 #[derive(Clone, Copy)]
-struct Measured {
+struct PixelEstimate {
     radiance: Rgb,
     /// Σ over channels of the estimated variance, by cause.
     variance: [f32; 5],
@@ -40,60 +46,60 @@ struct Measured {
 /// Estimated error of a picture: rRMSE over the pixels that see no emitter.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Errors {
-    /// By cause.
-    pub parts: [f64; 5],
-    /// All together, with what no part knows of.
-    pub all: f64,
+    /// rRMSE by cause, in the order of [`CAUSES`].
+    pub by_cause: [f64; 5],
+    /// All causes together with the coarse mesh's error.
+    pub total: f64,
 }
 
-/// What a picture is made of.
-pub struct PictureParts<'a> {
+/// What a picture is computed from.
+pub struct PictureInputs<'a> {
     /// What the camera sees.
-    pub seen: &'a Seen,
+    pub visible: &'a VisibleSurfaces,
     /// The emitters.
     pub lights: &'a PolygonLights,
     /// Tier 1.
-    pub coarse: &'a Coarse,
+    pub coarse: &'a CoarseSolution,
     /// Tier 2: the indirect irradiance of every fragment, with its variance; `None` where no record
     /// counts.
-    pub bounced: &'a [Option<Bounced>],
+    pub bounced: &'a [Option<IndirectLight>],
     /// Tier 3.
-    pub direct: &'a Direct,
+    pub direct: &'a DirectLighting,
     /// What lobes reflect.
     pub gloss: &'a Gloss,
-    /// How it is to be shown.
+    /// The job's settings, some of which switch parts off.
     pub options: &'a HemiluxSettings,
 }
 
 /// The picture with its estimated error; `None` of a black picture.
-pub fn measure(known: &PictureParts<'_>) -> (Picture, Option<Errors>) {
-    let PictureParts { seen, options, .. } = *known;
+pub fn measure(known: &PictureInputs<'_>) -> (Picture, Option<Errors>) {
+    let PictureInputs { visible, options, .. } = *known;
     let mut gloss = Vec::new();
     if known.gloss.len() > 0 {
-        gloss = known.gloss.of_fragments(seen, options.lobe_filter);
+        gloss = known.gloss.of_fragments(visible, options.lobe_filter);
     }
-    let coverage = COVERAGE * (options.samples as f32).powf(-1.5);
-    let count = seen.shine.len();
-    let measured: Vec<Measured> = (0..count)
+    let coverage = COVERAGE_VARIANCE * (options.samples as f32).powf(-1.5);
+    let count = visible.shine.len();
+    let estimates: Vec<PixelEstimate> = (0..count)
         .into_par_iter()
         .with_min_len(1024)
         .map(|pixel| known.pixel(&gloss, coverage, pixel))
         .collect();
-    let errors = errors(&measured, &seen.shine);
-    let pixels = measured.iter().map(|measured| measured.radiance).collect();
-    (Picture { width: seen.width, height: seen.height, pixels }, errors)
+    let errors = errors(&estimates, &visible.shine);
+    let pixels = estimates.iter().map(|estimate| estimate.radiance).collect();
+    (Picture { width: visible.width, height: visible.height, pixels }, errors)
 }
 
-impl PictureParts<'_> {
+impl PictureInputs<'_> {
     /// What a pixel shows, and its variance by cause; `gloss` is mean and variance of the lobes of
     /// every fragment, or empty, `coverage` the variance of a surface's share.
-    fn pixel(&self, gloss: &[(Rgb, Rgb)], coverage: f32, pixel: usize) -> Measured {
-        let seen = self.seen;
-        let mut radiance = seen.shine[pixel];
+    fn pixel(&self, gloss: &[(Rgb, Rgb)], coverage: f32, pixel: usize) -> PixelEstimate {
+        let visible = self.visible;
+        let mut radiance = visible.shine[pixel];
         let mut variance = [0.0; 5];
         let (mut least, mut most, mut all) = (Rgb::INFINITY, Rgb::ZERO, 0.0);
-        for index in seen.start[pixel] as usize..seen.start[pixel + 1] as usize {
-            let share = seen.fragments[index].share;
+        for index in visible.start[pixel] as usize..visible.start[pixel + 1] as usize {
+            let share = visible.fragments[index].share;
             let (own, own_variance) = self.fragment(gloss, index);
             radiance += own * share;
             for (sum, own) in variance.iter_mut().zip(own_variance) {
@@ -109,21 +115,21 @@ impl PictureParts<'_> {
             }
             variance[4] = ((most - least) * (most - least) * coverage).element_sum();
         }
-        Measured { radiance, variance }
+        PixelEstimate { radiance, variance }
     }
 
     /// Radiance that a fragment reflects, and its variance by all causes but edges.
     fn fragment(&self, gloss: &[(Rgb, Rgb)], index: usize) -> (Rgb, [Rgb; 4]) {
-        let PictureParts { seen, coarse, options, .. } = *self;
-        let fragment = &seen.fragments[index];
+        let PictureInputs { visible, coarse, options, .. } = *self;
+        let fragment = &visible.fragments[index];
         let (direct, direct_variance) = if options.light {
-            self.direct.irradiance(self.lights, seen, index, options.shadow_filter)
+            self.direct.irradiance(self.lights, visible, index, options.shadow_filter)
         } else {
-            (coarse.direct(seen.place_on_facet(fragment)), Rgb::ZERO)
+            (coarse.direct(visible.place_on_facet(fragment)), Rgb::ZERO)
         };
         let bounced = self.bounced[index].unwrap_or_else(|| {
-            let irradiance = coarse.bounced(seen.place_on_facet(fragment));
-            Bounced { irradiance, noise: irradiance * COARSE, bent: Rgb::ZERO }
+            let irradiance = coarse.bounced(visible.place_on_facet(fragment));
+            IndirectLight { irradiance, noise: irradiance * COARSE_ERROR, bent: Rgb::ZERO }
         });
         let factor = fragment.diffuse / PI;
         let mut radiance = factor * (direct + bounced.irradiance).max(Rgb::ZERO);
@@ -143,12 +149,12 @@ impl PictureParts<'_> {
 }
 
 /// Relative errors over the pixels that see no emitter; `None` where these are black.
-fn errors(measured: &[Measured], shine: &[Rgb]) -> Option<Errors> {
+fn errors(estimates: &[PixelEstimate], shine: &[Rgb]) -> Option<Errors> {
     let (mut sum, mut variance, mut pixels) = (0.0, [0.0; 5], 0.0);
-    for (measured, shine) in measured.iter().zip(shine) {
+    for (estimate, shine) in estimates.iter().zip(shine) {
         if *shine == Rgb::ZERO {
-            sum += f64::from(measured.radiance.element_sum());
-            for (all, own) in variance.iter_mut().zip(measured.variance) {
+            sum += f64::from(estimate.radiance.element_sum());
+            for (all, own) in variance.iter_mut().zip(estimate.variance) {
                 *all += f64::from(own);
             }
             pixels += 3.0;
@@ -156,9 +162,9 @@ fn errors(measured: &[Measured], shine: &[Rgb]) -> Option<Errors> {
     }
     (sum > 0.0).then(|| {
         let mean = sum / pixels;
-        let square = |k: usize| FOUND[k] * variance[k] / pixels / (mean * mean);
+        let square = |k: usize| CAUSE_FACTORS[k] * variance[k] / pixels / (mean * mean);
         let squares: [f64; 5] = std::array::from_fn(square);
-        let all = (squares.iter().sum::<f64>() + ALLOWANCE * ALLOWANCE).sqrt();
-        Errors { parts: squares.map(f64::sqrt), all }
+        let total = (squares.iter().sum::<f64>() + COARSE_MESH_ERROR * COARSE_MESH_ERROR).sqrt();
+        Errors { by_cause: squares.map(f64::sqrt), total }
     })
 }

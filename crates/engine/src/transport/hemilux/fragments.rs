@@ -1,6 +1,7 @@
-//! What the camera sees, once a picture: each pixel's sub-pixel samples grouped by surface.
+//! What the camera sees, found once for a picture: the sub-pixel samples of each pixel are rasterised
+//! and grouped by surface into fragments.
 
-use super::places::Places;
+use super::places::FragmentPlaces;
 use crate::hemicube::item;
 use crate::measurement::{Frame, View};
 use crate::patches::{FacetIndex, FacetPlace, PatchedScene};
@@ -13,19 +14,19 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Rows that are rasterised together.
+/// Rows of pixels that are rasterised together, a parallel task.
 const BAND: u32 = 16;
-/// Most sub-pixel samples: a bit each.
+/// Most sub-pixel samples: each has a bit of a fragment's mask.
 pub const MOST_SAMPLES: u32 = 64;
-/// Facets whose normals differ by less than this cosine may share a fragment.
-const SMOOTH: f32 = 0.97;
+/// Cosine of the angle, 14°, by which the normals of facets in one fragment may differ.
+const SMOOTH_COSINE: f32 = 0.97;
 
-/// A surface in a pixel.
+/// A fragment: the part of a pixel that one smooth surface fills.
 #[derive(Clone, Copy)]
 pub struct Fragment {
-    /// Which pixel.
+    /// The pixel, row by row from the top.
     pub pixel: u32,
-    /// Facet and side that most of its samples see; see [`item`].
+    /// Code of the facet and side that most of its samples see; see [`item`].
     pub code: u32,
     /// Samples that see that side of that facet, a bit each.
     pub mask: u64,
@@ -53,8 +54,8 @@ pub struct Lobe {
     pub mask: u64,
 }
 
-/// A facet over the picture.
-struct Placed {
+/// A facet with its barycentric coordinates as linear functions of the pixel.
+struct PictureFacet {
     corners: [Vec3; 3],
     planes: [PixelPlane; 3],
     normal: Vec3,
@@ -71,8 +72,8 @@ struct SampleSums {
     emission: Rgb,
 }
 
-/// What a camera sees.
-pub struct Seen {
+/// What a camera sees: all fragments and lobes of a picture.
+pub struct VisibleSurfaces {
     /// Columns.
     pub width: u32,
     /// Rows.
@@ -80,21 +81,21 @@ pub struct Seen {
     /// The camera's frame, ray units.
     pub frame: Frame,
     scene: Arc<PatchedScene>,
-    placed: Vec<Placed>,
+    placed: Vec<PictureFacet>,
     samples: Vec<Vec2>,
     /// Fragments in the order of their pixels.
     pub fragments: Vec<Fragment>,
     /// Lobes in the order of their pixels.
     pub lobes: Vec<Lobe>,
-    /// Where they are.
-    pub places: Places,
+    /// Places and normals of the fragments.
+    pub places: FragmentPlaces,
     /// Fragments of pixel p: `start[p]..start[p + 1]`.
     pub start: Vec<u32>,
-    /// Emitted radiance per pixel.
+    /// Emitted radiance that each pixel sees.
     pub shine: Vec<Rgb>,
 }
 
-impl Seen {
+impl VisibleSurfaces {
     /// Rasterises the scene for `samples` sub-pixel samples.
     pub fn new(
         world: &World,
@@ -109,10 +110,10 @@ impl Seen {
             let planes = view.edges(corners);
             let corners = corners.map(|corner| world.rays.place(corner));
             let normal = unit_normal(corners);
-            Placed { corners, planes, normal, inset: inset(corners) }
+            PictureFacet { corners, planes, normal, inset: inset(corners) }
         };
         let placed = scene.facets.par_iter().with_min_len(1024).map(place).collect();
-        let mut seen = Self {
+        let mut visible = Self {
             width,
             height,
             frame: Frame::new(&world.rays.camera(camera), width, height),
@@ -121,21 +122,22 @@ impl Seen {
             scene: scene.clone(),
             fragments: Vec::new(),
             lobes: Vec::new(),
-            places: Places::default(),
+            places: FragmentPlaces::default(),
             start: vec![0],
             shine: Vec::with_capacity((width * height) as usize),
         };
         let bands: Vec<Band> = (0..height.div_ceil(BAND))
             .into_par_iter()
-            .map(|band| seen.band(world, &view, band * BAND))
+            .map(|band| visible.band(world, &view, band * BAND))
             .collect();
         let mut firsts = vec![0];
         for band in &bands {
             let first = firsts[firsts.len() - 1];
-            seen.start.extend(band.ends.iter().map(|end| end + first as u32));
-            seen.shine.extend(&band.shine);
+            visible.start.extend(band.ends.iter().map(|end| end + first as u32));
+            visible.shine.extend(&band.shine);
             let own = band.lobes.iter();
-            seen.lobes
+            visible
+                .lobes
                 .extend(own.map(|lobe| Lobe { fragment: lobe.fragment + first as u32, ..*lobe }));
             firsts.push(first + band.fragments.len());
         }
@@ -145,9 +147,10 @@ impl Seen {
             bands[band].fragments[index - firsts[band]]
         };
         let total = firsts[bands.len()];
-        seen.fragments = (0..total).into_par_iter().with_min_len(1024).map(fragment).collect();
-        seen.places = Places::new(&seen.fragments, |fragment| (fragment.point, fragment.normal));
-        seen
+        visible.fragments = (0..total).into_par_iter().with_min_len(1024).map(fragment).collect();
+        visible.places =
+            FragmentPlaces::new(&visible.fragments, |fragment| (fragment.point, fragment.normal));
+        visible
     }
 
     /// The surface point of a fragment's n-th sample, off the surface by the rounding error.
@@ -161,14 +164,14 @@ impl Seen {
     /// The surface point of the sample that is nearest to the middle of a fragment's: what it
     /// sees, and near what it sees on average, even where a pixel looks along the surface.
     pub fn middle_point(&self, fragment: &Fragment) -> Vec3 {
-        let seen = |fragment: &Fragment| {
+        let visible = |fragment: &Fragment| {
             let mask = fragment.mask;
             let samples = self.samples.iter().enumerate();
             samples.filter(move |(bit, _)| mask >> bit & 1 == 1).map(|(_, offset)| *offset)
         };
-        let middle = seen(fragment).sum::<Vec2>() / fragment.mask.count_ones().max(1) as f32;
+        let middle = visible(fragment).sum::<Vec2>() / fragment.mask.count_ones().max(1) as f32;
         let off = |offset: &Vec2| offset.distance_squared(middle);
-        let nearest = seen(fragment).min_by(|a, b| off(a).total_cmp(&off(b)));
+        let nearest = visible(fragment).min_by(|a, b| off(a).total_cmp(&off(b)));
         let (Some(offset), Some((facet, back))) = (nearest, item::decode(fragment.code)) else {
             return fragment.point;
         };
@@ -254,7 +257,7 @@ impl Seen {
             ends: Vec::with_capacity(pixels),
             shine: Vec::with_capacity(pixels),
         };
-        let mut groups: Vec<Group> = Vec::new();
+        let mut groups: Vec<SampleGroup> = Vec::new();
         for pixel in 0..pixels {
             groups.clear();
             for sample in 0..count {
@@ -265,7 +268,7 @@ impl Seen {
                 let bit = 1u64 << sample;
                 match groups.iter_mut().find(|group| group.code == code) {
                     Some(group) => group.mask |= bit,
-                    None => groups.push(Group { code, mask: bit }),
+                    None => groups.push(SampleGroup { code, mask: bit }),
                 }
             }
             let pixel = first_row * self.width + pixel as u32;
@@ -276,28 +279,28 @@ impl Seen {
         band
     }
 
-    /// Appends the fragments and lobes of a pixel; returns what it emits.
-    fn collect(&self, world: &World, pixel: u32, groups: &[Group], band: &mut Band) -> Rgb {
+    /// Appends the fragments and lobes of a pixel; returns the emitted radiance that it sees.
+    fn collect(&self, world: &World, pixel: u32, groups: &[SampleGroup], band: &mut Band) -> Rgb {
         let Band { fragments, lobes, .. } = band;
         let mut shine = Rgb::ZERO;
         let first = fragments.len();
         for group in groups {
-            let Some((one, own)) = self.look_at(world, pixel, group) else { continue };
+            let Some((one, own)) = self.fragment_of(world, pixel, group) else { continue };
             shine += own;
             if one.diffuse == Rgb::ZERO && !one.glossy {
                 continue;
             }
-            // Neighbours of a smooth surface go together.
+            // Facets of a smooth surface share a fragment.
             let reach = 3.0 * self.frame.footprint(one.point, self.height);
             let near = fragments[first..].iter().position(|other| {
                 other.glossy == one.glossy
-                    && other.normal.dot(one.normal) > SMOOTH
+                    && other.normal.dot(one.normal) > SMOOTH_COSINE
                     && other.normal.dot(other.point - one.point).abs() < reach
                     && (other.diffuse - one.diffuse).abs().max_element() < 0.02
             });
             let fragment = near.map_or(fragments.len(), |near| first + near);
             match fragments.get_mut(fragment) {
-                Some(other) => other.join(&one),
+                Some(other) => other.merge(&one),
                 None => fragments.push(one),
             }
             if one.glossy {
@@ -310,16 +313,21 @@ impl Seen {
         shine
     }
 
-    /// A group of samples as a fragment, and the radiance that it adds to the pixel by itself.
-    fn look_at(&self, world: &World, pixel: u32, group: &Group) -> Option<(Fragment, Rgb)> {
-        let &Group { code, mask } = group;
+    /// A fragment of a group of samples, and the emitted radiance that it adds to the pixel.
+    fn fragment_of(
+        &self,
+        world: &World,
+        pixel: u32,
+        group: &SampleGroup,
+    ) -> Option<(Fragment, Rgb)> {
+        let &SampleGroup { code, mask } = group;
         let (facet, back) = item::decode(code)?;
         let source = self.scene.facets[facet as usize].source;
         let finish = world.finish(source);
         let each = 1.0 / self.samples.len() as f32;
         let count = mask.count_ones() as f32;
         let share = count * each;
-        let sums = self.sums(world, pixel, facet, mask, finish.varies);
+        let sums = self.sum_samples(world, pixel, facet, mask, finish.varies);
         let at = self.barycentric(facet, pixel, sums.offset / count);
         let point = self.spot(facet, back, at).0;
         let (diffuse, shine) = if finish.varies {
@@ -338,7 +346,7 @@ impl Seen {
     }
 
     /// Sums over some samples of a facet: of their offsets and, where these vary, of colours.
-    fn sums(
+    fn sum_samples(
         &self,
         world: &World,
         pixel: u32,
@@ -365,7 +373,8 @@ impl Seen {
 }
 
 impl Fragment {
-    fn join(&mut self, other: &Fragment) {
+    /// Takes in another facet of the same surface in the same pixel.
+    fn merge(&mut self, other: &Fragment) {
         let share = self.share + other.share;
         let (mine, theirs) = (self.share / share, other.share / share);
         self.normal = (self.normal * mine + other.normal * theirs).normalize_or(self.normal);
@@ -377,11 +386,13 @@ impl Fragment {
     }
 }
 
-struct Group {
+/// Samples of a pixel that see the same side of the same facet.
+struct SampleGroup {
     code: u32,
     mask: u64,
 }
 
+/// What a band of rows sees; indices of fragments begin at 0 in each band.
 struct Band {
     fragments: Vec<Fragment>,
     lobes: Vec<Lobe>,
@@ -398,24 +409,27 @@ mod tests {
     #[test]
     fn the_samples_of_a_pixel_are_shared_out() {
         let specimen = Specimen::furnace();
-        let seen = specimen.seen();
-        assert_eq!(seen.start.len(), (seen.width * seen.height) as usize + 1);
-        for pixel in 0..(seen.width * seen.height) as usize {
-            let own = &seen.fragments[seen.start[pixel] as usize..seen.start[pixel + 1] as usize];
+        let visible = specimen.visible();
+        assert_eq!(visible.start.len(), (visible.width * visible.height) as usize + 1);
+        for pixel in 0..(visible.width * visible.height) as usize {
+            let own = &visible.fragments
+                [visible.start[pixel] as usize..visible.start[pixel + 1] as usize];
             assert!(own.iter().all(|fragment| fragment.pixel as usize == pixel));
             let share: f32 = own.iter().map(|fragment| fragment.share).sum();
             assert!((share - 1.0).abs() < 1e-5, "pixel {pixel} of a closed room sees {share}");
-            assert!((seen.shine[pixel] - Rgb::splat(EMISSION)).abs().max_element() < 1e-5);
+            assert!((visible.shine[pixel] - Rgb::splat(EMISSION)).abs().max_element() < 1e-5);
         }
     }
 
     #[test]
     fn lobes_are_there_where_something_is_glossy() {
-        let seen = Specimen::new(&made::phong_cornell(), 500).seen();
-        let glossy = seen.fragments.iter().filter(|fragment| fragment.glossy).count();
-        assert!(glossy > 0 && seen.lobes.len() >= glossy);
-        assert!(seen.lobes.iter().all(|lobe| seen.fragments[lobe.fragment as usize].glossy));
-        assert!(seen.lobes.is_sorted_by_key(|lobe| seen.fragments[lobe.fragment as usize].pixel));
-        assert!(Specimen::furnace().seen().lobes.is_empty());
+        let visible = Specimen::new(&made::phong_cornell(), 500).visible();
+        let glossy = visible.fragments.iter().filter(|fragment| fragment.glossy).count();
+        assert!(glossy > 0 && visible.lobes.len() >= glossy);
+        assert!(visible.lobes.iter().all(|lobe| visible.fragments[lobe.fragment as usize].glossy));
+        assert!(
+            visible.lobes.is_sorted_by_key(|lobe| visible.fragments[lobe.fragment as usize].pixel)
+        );
+        assert!(Specimen::furnace().visible().lobes.is_empty());
     }
 }

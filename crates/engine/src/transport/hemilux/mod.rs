@@ -34,20 +34,22 @@ use crate::render::RenderError;
 use crate::sampling::Seed;
 use crate::surface::World;
 use clock::Clock;
-use coarse::{Coarse, CoarseMesh, Elements, SampledLight};
+use coarse::{CoarseMesh, CoarseSolution, Elements, SampledLight};
 use effort::Effort;
-use fragments::Seen;
+use fragments::VisibleSurfaces;
 use settings::HemiluxSettings;
-use solver::{FIRST_RAYS, How, Parts, Tiers};
+use solver::{FIRST_RAYS_DECISION, TierInputs, TierOptions, Tiers};
 use std::sync::Arc;
 
-/// Decisions in checkpoints: wanted patches of the coarse mesh, sub-pixel samples.
-const PATCHES: &str = "coarse_patches";
-const SAMPLES: &str = "pixel_samples";
-/// Iterations that no run comes to.
+/// Name in checkpoints of a decision of the first run: wanted patches of the coarse mesh.
+const PATCHES_DECISION: &str = "coarse_patches";
+/// Name in checkpoints of a decision of the first run: sub-pixel samples.
+const SAMPLES_DECISION: &str = "pixel_samples";
+/// Bound on iterations read from a checkpoint: far more than a run can do, so a larger number
+/// means damage.
 const MOST_ITERATIONS: u64 = 1 << 40;
 
-/// Solve coarsely, gather smoothly, light exactly.
+/// The rendering method `hemilux`: solve coarsely, gather smoothly, light exactly.
 pub struct Hemilux;
 
 impl Method for Hemilux {
@@ -83,7 +85,7 @@ impl Method for Hemilux {
         let effort = Effort::new(job.request);
         let mut options = HemiluxSettings::new(&job.settings, effort.samples);
         decide(job, &mut options, effort)?;
-        let first_rays = job.decide(FIRST_RAYS, options.gather_rays)?;
+        let first_rays = job.decide(FIRST_RAYS_DECISION, options.gather_rays)?;
         job.explain(plan::reasons(&job.request.scene, &options));
         let patches = options.coarse_patches.unwrap_or(effort.patches);
         // All of it is work for the processor, whatever the device.
@@ -96,52 +98,54 @@ impl Method for Hemilux {
         clock.lap("seconds_prepare");
         let elements = Elements::new(&scene, patches);
         let mut past = job.past.take();
-        let mut earlier = Earlier::default();
+        let mut earlier = EarlierRuns::default();
         if let Some(past) = &mut past {
-            earlier = Earlier::of(&mut past.shared, elements.len())?;
+            earlier = EarlierRuns::of(&mut past.shared, elements.len())?;
         }
         let seed = Seed { number: job.request.seed, well_spread: options.well_spread };
         let mut mesh = CoarseMesh::new(&world.rays, scene.clone(), elements);
         if !options.near_field {
             mesh.ignore_near_field();
         }
-        let coarse = Coarse::new(world.clone(), lights.clone(), mesh, seed, earlier.sampled);
+        let coarse =
+            CoarseSolution::new(world.clone(), lights.clone(), mesh, seed, earlier.sampled);
         clock.lap("seconds_patches");
         let size = [job.request.width, job.request.height];
-        let seen = Seen::new(&world, scene, &job.camera, size, options.samples);
+        let visible = VisibleSurfaces::new(&world, scene, &job.camera, size, options.samples);
         clock.lap("seconds_fragments");
-        let parts = Parts { world, lights, seen, coarse };
+        let inputs = TierInputs { world, lights, visible, coarse };
         let done = job.run.standing.tally.iterations;
-        let how = How { options, first_rays, seed, hasty: effort.hasty, done };
-        let mut tiers = Tiers::new(parts, how, clock);
-        tiers.before = earlier.before;
+        let tier_options = TierOptions { options, first_rays, seed, hasty: effort.hasty, done };
+        let mut tiers = Tiers::new(inputs, tier_options, clock);
+        tiers.reused_iterations = earlier.reused_iterations;
         if let Some(past) = past {
             tiers.restore_shared(past.shared)?;
             match past.bound {
                 Some(bound) => tiers.restore_bound(bound)?,
-                None => tiers.turn(earlier.iterations),
+                None => tiers.change_camera(earlier.iterations),
             }
         }
         Ok(Some(Box::new(tiers)))
     }
 }
 
-/// What earlier runs had done.
+/// What a checkpoint says of the runs before this one: the part that does not depend on the camera.
 #[derive(Default)]
-struct Earlier {
+struct EarlierRuns {
     /// Iterations that it took to find the solution.
     iterations: u64,
     /// Those of them that another camera's picture had done.
-    before: u64,
-    /// Direct light of the elements.
+    reused_iterations: u64,
+    /// Sampled direct light, one entry an element.
     sampled: Option<Vec<SampledLight>>,
 }
 
-impl Earlier {
-    /// From the beginning of the part for any camera.
+impl EarlierRuns {
+    /// Reads it from the beginning of the checkpoint's shared section, of a mesh of `elements`.
     fn of(from: &mut Reader<'_>, elements: usize) -> Result<Self, CheckpointError> {
-        let [iterations, before] = [from.count(MOST_ITERATIONS)?, from.count(MOST_ITERATIONS)?];
-        Ok(Self { iterations, before, sampled: Some(from.exactly(elements)?) })
+        let [iterations, reused_iterations] =
+            [from.count(MOST_ITERATIONS)?, from.count(MOST_ITERATIONS)?];
+        Ok(Self { iterations, reused_iterations, sampled: Some(from.exactly(elements)?) })
     }
 }
 
@@ -152,13 +156,13 @@ fn decide(
     options: &mut HemiluxSettings,
     effort: Effort,
 ) -> Result<(), RenderError> {
-    let patches = job.decide(PATCHES, effort.patches)?;
+    let patches = job.decide(PATCHES_DECISION, effort.patches)?;
     options.coarse_patches = options.coarse_patches.or(Some(patches));
     // Another camera's picture has samples of its own.
     if let Some(past) = job.past.as_ref().filter(|past| past.bound.is_some()) {
-        options.samples = past.decided(SAMPLES)?;
+        options.samples = past.decided(SAMPLES_DECISION)?;
     }
-    job.run.owner.decide(SAMPLES, &options.samples);
+    job.run.owner.decide(SAMPLES_DECISION, &options.samples);
     Ok(())
 }
 

@@ -1,29 +1,29 @@
-//! Where the fragments of a picture are, eight at a time.
+//! Places and normals of a picture's fragments, eight at a time for vector instructions.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Fragments that are looked at together.
+/// Fragments that are computed together: floats in a 256-bit register.
 pub const LANES: usize = 8;
 
 type Lanes = [f32; LANES];
 
 /// Places and unit normals of eight fragments, by axis.
-pub struct Eight {
+pub struct EightPlaces {
     /// Places, ray units.
     pub point: [Lanes; 3],
     /// Unit normals.
     pub normal: [Lanes; 3],
 }
 
-/// Where the fragments of a picture are.
+/// Places and unit normals of all fragments of a picture.
 #[derive(Default)]
-pub struct Places {
-    /// In the order of the fragments; what is left over of the last is at the origin.
-    pub eights: Vec<Eight>,
+pub struct FragmentPlaces {
+    /// In the order of the fragments; unused lanes of the last eight are zero.
+    pub eights: Vec<EightPlaces>,
 }
 
-impl Places {
+impl FragmentPlaces {
     /// Of all fragments, place and unit normal each.
     pub fn new<T: Sync>(fragments: &[T], at: impl Fn(&T) -> (Vec3, Vec3) + Sync) -> Self {
         let eight = |fragments: &[T]| {
@@ -31,7 +31,7 @@ impl Places {
                 std::array::from_fn(|lane| fragments.get(lane).map_or(0.0, |one| of(at(one))))
             };
             let axes = [0, 1, 2];
-            Eight {
+            EightPlaces {
                 point: axes.map(|axis| lanes(&|(point, _)| point[axis])),
                 normal: axes.map(|axis| lanes(&|(_, normal)| normal[axis])),
             }
@@ -49,7 +49,7 @@ mod tests {
         let at = |k: &u32| (Vec3::splat(*k as f32), Vec3::X * *k as f32);
         for count in [0u32, 1, 8, 19] {
             let numbers: Vec<u32> = (1..=count).collect();
-            let places = Places::new(&numbers, at);
+            let places = FragmentPlaces::new(&numbers, at);
             assert_eq!(places.eights.len(), numbers.len().div_ceil(LANES));
             for (index, number) in numbers.iter().enumerate() {
                 let (eight, lane) = (&places.eights[index / LANES], index % LANES);

@@ -1,11 +1,11 @@
 //! The three tiers at work: what an iteration does, and the picture after it.
 
 use super::clock::Clock;
-use super::coarse::{Coarse, PATCH_POINTS};
-use super::direct::Direct;
-use super::estimate::{self, Errors, PictureParts};
-use super::fragments::{Fragment, Seen};
-use super::gather::{Cache, FirstLook, Gathering, Spacing, least_scale};
+use super::coarse::{CoarseSolution, PATCH_POINTS};
+use super::direct::DirectLighting;
+use super::estimate::{self, Errors, PictureInputs};
+use super::fragments::{Fragment, VisibleSurfaces};
+use super::gather::{Gathering, IrradianceCache, PilotSampling, Spacing, least_scale};
 use super::gloss::Gloss;
 use super::settings::HemiluxSettings;
 use crate::checkpoint::{CheckpointError, Reader};
@@ -26,30 +26,37 @@ use std::f32::consts::PI;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Rays of a record in the first iteration, a decision in checkpoints.
-pub const FIRST_RAYS: &str = "first_rays";
-/// Iterations before which more records are made, each nearer to its neighbours by [`DENSER`].
-const REFILLS: [u64; 4] = [1, 4, 12, 28];
-const DENSER: f32 = 0.85;
-/// Most rays of a patch at a time, in times of those of the first iteration.
+/// Name in checkpoints of a decision of the first iteration: gather rays of each record in it.
+pub const FIRST_RAYS_DECISION: &str = "first_rays";
+/// Iterations before which more records are made, with radii that are smaller by
+/// [`REFILL_RADIUS_FACTOR`].
+const REFILL_ITERATIONS: [u64; 4] = [1, 4, 12, 28];
+/// Factor by which all radii shrink at each of [`REFILL_ITERATIONS`].
+const REFILL_RADIUS_FACTOR: f32 = 0.85;
+/// Most rays of an element in one round of links, as a multiple of those in the first round.
 const MOST_ROUNDS: u32 = 64;
-/// Most rays of records made later, in times of those that every record gets in an iteration.
-const MOST_GATHER: u32 = 8;
-/// Passes of shadow rays in an iteration of another camera that finds the rest known.
-const LIGHT_AHEAD: u32 = 2;
-/// What a picture takes, in shares of the first iteration, before one was made.
+/// Most rays of a record that is made in a later iteration, as a multiple of `gather_rays`, the most
+/// that a record gets in one iteration.
+const MOST_CATCH_UP: u32 = 8;
+/// Passes of shadow rays in each iteration of a second camera while it reuses links and records of
+/// the first: only the shadows are new then.
+const KNOWN_SCENE_SHADOW_PASSES: u32 = 2;
+/// Time that drawing a picture is assumed to take, as a share of the first iteration, until one has
+/// been drawn and timed.
 const PICTURE_SHARE: f64 = 0.25;
 /// Share of an iteration that must fit into the time budget for it to begin.
-const LATE: f64 = 0.7;
+const LEAST_FITTING_SHARE: f64 = 0.7;
 
-/// Factor of all radii of records in an iteration.
+/// Factor of the radii of all records in an iteration: they shrink at each of
+/// [`REFILL_ITERATIONS`].
 fn scale(iteration: u64) -> f32 {
-    DENSER.powi(REFILLS.iter().filter(|at| **at <= iteration).count() as i32)
+    REFILL_RADIUS_FACTOR
+        .powi(REFILL_ITERATIONS.iter().filter(|at| **at <= iteration).count() as i32)
 }
 
-/// A picture.
+/// The last picture that was drawn, kept until another iteration is done.
 #[derive(Default)]
-struct Drawn {
+struct DrawnPicture {
     /// After how many iterations.
     iterations: Option<u64>,
     picture: Picture,
@@ -57,14 +64,14 @@ struct Drawn {
     errors: Option<Errors>,
 }
 
-/// The three tiers at work.
+/// The solver of a job: the state of the three tiers and of the lobes, and the last picture.
 pub struct Tiers {
     world: Arc<World>,
     lights: Arc<PolygonLights>,
-    seen: Seen,
-    coarse: Coarse,
-    cache: Cache,
-    direct: Direct,
+    visible: VisibleSurfaces,
+    coarse: CoarseSolution,
+    cache: IrradianceCache,
+    direct: DirectLighting,
     gloss: Gloss,
     options: HemiluxSettings,
     /// Whether the first picture had better come soon than be good.
@@ -73,9 +80,9 @@ pub struct Tiers {
     first_rays: u32,
     seed: Seed,
     /// Iterations of another camera's picture that the coarse solution and the records are from.
-    pub before: u64,
+    pub reused_iterations: u64,
     clock: Clock,
-    drawn: Drawn,
+    drawn: DrawnPicture,
     /// What the last picture took.
     picture_seconds: Option<f64>,
     /// After how many iterations a job with a target error estimates it next.
@@ -84,8 +91,8 @@ pub struct Tiers {
     done: u64,
 }
 
-/// How the tiers work.
-pub struct How {
+/// How a job's tiers work.
+pub struct TierOptions {
     /// The settings.
     pub options: HemiluxSettings,
     /// Rays of a record in the first iteration.
@@ -98,40 +105,40 @@ pub struct How {
     pub done: u64,
 }
 
-/// What the tiers work on.
-pub struct Parts {
+/// What a job's tiers work on: the scene, what the camera sees of it, and the coarse solution.
+pub struct TierInputs {
     /// The scene as rays meet it.
     pub world: Arc<World>,
     /// Its emitters.
     pub lights: Arc<PolygonLights>,
     /// What the camera sees.
-    pub seen: Seen,
+    pub visible: VisibleSurfaces,
     /// Tier 1.
-    pub coarse: Coarse,
+    pub coarse: CoarseSolution,
 }
 
 impl Tiers {
-    /// Tiers that know nothing yet of what is not in their parts.
-    pub fn new(parts: Parts, how: How, mut clock: Clock) -> Self {
-        let Parts { world, lights, seen, coarse } = parts;
-        let How { options, first_rays, seed, hasty, done } = how;
-        let direct = Direct::new(&lights, &seen, options.adaptive, hasty);
+    /// A solver without records or shadow rays; the coarse solution is as it comes in.
+    pub fn new(inputs: TierInputs, tier_options: TierOptions, mut clock: Clock) -> Self {
+        let TierInputs { world, lights, visible, coarse } = inputs;
+        let TierOptions { options, first_rays, seed, hasty, done } = tier_options;
+        let direct = DirectLighting::new(&lights, &visible, options.adaptive, hasty);
         clock.lap("seconds_light");
         Self {
             direct,
-            gloss: Gloss::new(&world, &seen),
+            gloss: Gloss::new(&world, &visible),
             world,
             lights,
-            seen,
+            visible,
             coarse,
-            cache: Cache::default(),
+            cache: IrradianceCache::default(),
             options,
             hasty,
             first_rays,
             seed,
-            before: 0,
+            reused_iterations: 0,
             clock,
-            drawn: Drawn::default(),
+            drawn: DrawnPicture::default(),
             picture_seconds: None,
             next_check: 1,
             done,
@@ -140,28 +147,30 @@ impl Tiers {
 }
 
 impl Tiers {
-    /// Rays of a record in an iteration: where few do at first, more every time.
+    /// Gather rays of a record in an iteration: [`Tiers::first_rays`] more in each than in the one
+    /// before, at most the setting `gather_rays`.
     fn gather_rays(&self, iteration: u64) -> u32 {
         let so_many = u64::from(self.first_rays) * (1 + iteration);
         so_many.min(self.options.gather_rays.into()) as u32
     }
 
-    /// Rays of a record after an iteration; where it is made late, [`MOST_GATHER`] times those of
-    /// one at most.
-    fn gathered(&self, iteration: u64) -> u32 {
-        let most = self.options.gather_rays.saturating_mul(MOST_GATHER);
+    /// Gather rays that a record has had altogether after an iteration, at most [`MOST_CATCH_UP`]
+    /// times those of one iteration: a record that is made late catches up to this.
+    fn rays_after(&self, iteration: u64) -> u32 {
+        let most = self.options.gather_rays.saturating_mul(MOST_CATCH_UP);
         // Enough iterations for the most, whatever the first one did.
         let counted = iteration.min(u64::from(most / self.first_rays.max(1)));
         (0..=counted).map(|number| self.gather_rays(number)).fold(0, u32::saturating_add).min(most)
     }
 
-    /// What the radii of records follow after so many iterations.
+    /// How records are spaced after so many iterations.
     fn spacing(&self, iterations: u64) -> Spacing {
-        let least = least_scale(&self.seen);
+        let least = least_scale(&self.visible);
         Spacing { scale: scale(iterations).max(least), least, even: !self.options.adaptive }
     }
 
-    /// Takes the part for any camera, behind the points' direct light, with which tier 1 was made.
+    /// Reads the rest of the checkpoint's section for any camera: links and records. The direct light
+    /// of the elements, before them, was read when tier 1 was made.
     pub fn restore_shared(&mut self, mut from: Reader<'_>) -> Result<(), CheckpointError> {
         self.coarse.restore_links(&mut from)?;
         self.cache.restore(&mut from)?;
@@ -170,45 +179,45 @@ impl Tiers {
         from.end()
     }
 
-    /// Takes the part of the same camera.
+    /// Reads the checkpoint's section for this camera: shadow rays and lobes.
     pub fn restore_bound(&mut self, mut from: Reader<'_>) -> Result<(), CheckpointError> {
         self.direct.restore(&mut from)?;
         self.gloss.restore(&mut from)?;
         from.end()
     }
 
-    /// Goes over to another camera, with what `before` iterations have found out.
-    pub fn turn(&mut self, before: u64) {
-        self.before = before;
-        self.cache.turn(&self.seen, self.spacing(before));
+    /// Goes over to another camera, with the links and records that `iterations` have made.
+    pub fn change_camera(&mut self, iterations: u64) {
+        self.reused_iterations = iterations;
+        self.cache.change_camera(&self.visible, self.spacing(iterations));
     }
 
     /// One iteration: every tier gets better, as far as its number says.
     fn iterate(&mut self, run: &mut Run<'_>) {
         let number = run.standing.tally.iterations;
-        // Until then another picture has done what is for any camera.
-        let known = number < self.before;
+        // Another camera's iterations have done links and records up to that number.
+        let scene_is_known = number < self.reused_iterations;
         self.clock.start();
-        if (number + 1).is_power_of_two() && !known {
+        if (number + 1).is_power_of_two() && !scene_is_known {
             self.link(number);
         }
         self.clock.lap("seconds_links");
         if self.options.light {
             // Only shadows are new where all else is known.
-            for _ in 0..if known { LIGHT_AHEAD } else { 1 } {
-                self.direct.pass(&self.world, &self.lights, &self.seen, self.seed);
+            for _ in 0..if scene_is_known { KNOWN_SCENE_SHADOW_PASSES } else { 1 } {
+                self.direct.pass(&self.world, &self.lights, &self.visible, self.seed);
             }
         }
         self.clock.lap("seconds_light");
         if self.options.gather
-            && let Some(rays) = self.gather(number, known)
+            && let Some(rays) = self.gather(number, scene_is_known)
         {
             self.first_rays = rays;
-            run.owner.decide(FIRST_RAYS, &rays);
+            run.owner.decide(FIRST_RAYS_DECISION, &rays);
         }
         self.clock.lap("seconds_gather");
         if self.gloss.len() > 0 {
-            self.look_at_lobes(number.max(self.before));
+            self.trace_lobes(number.max(self.reused_iterations));
         }
         self.clock.lap("seconds_gloss");
         let tally = &mut run.standing.tally;
@@ -218,8 +227,8 @@ impl Tiers {
         self.done = tally.iterations;
     }
 
-    /// As many links again as there are: iterations do so whenever they have doubled, since solving
-    /// takes its time for all links.
+    /// Doubles the number of links and solves for all of them. Iterations do so whenever their number
+    /// has doubled, because the time to solve goes by all links, not by the new ones.
     fn link(&mut self, number: u64) {
         let rounds = (number as u32).div_ceil(2).clamp(1, MOST_ROUNDS);
         // The first points there are already.
@@ -227,72 +236,72 @@ impl Tiers {
         self.coarse.link(self.seed, points, self.options.coarse_rays * rounds);
     }
 
-    /// More rays for the records, and more records in some iterations. How many rays every record
-    /// is worth in an iteration, where that was found out now.
-    fn gather(&mut self, number: u64, known: bool) -> Option<u32> {
+    /// Traces more rays for the records, and adds records in some iterations. Returns how many rays
+    /// each record gets in the first iteration where that has just been found by pilot rays.
+    fn gather(&mut self, number: u64, scene_is_known: bool) -> Option<u32> {
         let (options, first) = (self.options, number == 0);
         // New records catch up with those that are there: at once, or, where another camera's
         // picture left many, over some iterations, so that the first picture comes soon.
-        let so_far = number.max(self.before);
-        let enough = self.gathered(so_far);
+        let so_far = number.max(self.reused_iterations);
+        let enough = self.rays_after(so_far);
         let gathering = Gathering {
             seed: self.seed,
             rays: self.gather_rays(so_far),
-            new_rays: if known { enough.min(options.gather_rays) } else { enough },
+            new_rays: if scene_is_known { enough.min(options.gather_rays) } else { enough },
             afresh: options.gather_direct,
             spacing: self.spacing(so_far),
         };
         if !first {
-            let enough = if known { enough } else { u32::MAX };
+            let enough = if scene_is_known { enough } else { u32::MAX };
             self.cache.refine(&self.world, &self.coarse, gathering, enough, number as usize);
         }
-        if !(first || (REFILLS.contains(&number) && !known)) {
+        if !(first || (REFILL_ITERATIONS.contains(&number) && !scene_is_known)) {
             return None;
         }
-        self.cache.smooth(&self.seen, options.gather_fit);
-        let (lights, seen) = (&*self.lights, &self.seen);
-        let direct = |index| self.direct.irradiance(lights, seen, index, true).0;
-        let follows = first && !known && options.adaptive;
-        let look = follows.then_some(FirstLook { hasty: self.hasty, direct: &direct });
-        let rays = self.cache.fill(&self.world, &self.coarse, seen, gathering, look);
+        self.cache.smooth(&self.visible, options.gather_fit);
+        let (lights, visible) = (&*self.lights, &self.visible);
+        let direct = |index| self.direct.irradiance(lights, visible, index, true).0;
+        let follows = first && !scene_is_known && options.adaptive;
+        let pilot = follows.then_some(PilotSampling { hasty: self.hasty, direct: &direct });
+        let rays = self.cache.fill(&self.world, &self.coarse, visible, gathering, pilot);
         follows.then_some(rays)
     }
 
-    /// Another pass of lobe rays, unless they are good enough; in the first iteration a second one,
-    /// too, which knows where they are needed.
-    fn look_at_lobes(&mut self, iterations: u64) {
+    /// Traces another pass of lobe rays, unless their error is far below that of the rest. The first
+    /// iteration makes two: the second one sends rays where the first has found scatter.
+    fn trace_lobes(&mut self, iterations: u64) {
         let first = self.gloss.passes == 0;
         if first {
-            self.gloss.pass(&self.coarse, &self.seen, self.seed, self.options.adaptive);
+            self.gloss.pass(&self.coarse, &self.visible, self.seed, self.options.adaptive);
             self.gloss.brightness = self.brightness();
         }
-        if !(first && self.hasty) && self.gloss.matters(&self.seen, iterations) {
-            self.gloss.pass(&self.coarse, &self.seen, self.seed, self.options.adaptive);
+        if !(first && self.hasty) && self.gloss.may_matter(&self.visible, iterations) {
+            self.gloss.pass(&self.coarse, &self.visible, self.seed, self.options.adaptive);
         }
     }
 
     /// Mean radiance of the picture, by the direct light and the coarse solution.
     fn brightness(&self) -> f32 {
-        let (seen, coarse, direct, lights) =
-            (&self.seen, &self.coarse, &self.direct, &*self.lights);
+        let (visible, coarse, direct, lights) =
+            (&self.visible, &self.coarse, &self.direct, &*self.lights);
         let of_fragment = |(index, fragment): (usize, &Fragment)| {
-            let place = seen.place_on_facet(fragment);
-            let (direct, _) = direct.irradiance(lights, seen, index, false);
+            let place = visible.place_on_facet(fragment);
+            let (direct, _) = direct.irradiance(lights, visible, index, false);
             let irradiance = direct + coarse.bounced(place);
             (fragment.diffuse * irradiance).element_sum() * fragment.share / PI
         };
-        let chunks = seen.fragments.par_chunks(1024).enumerate();
+        let chunks = visible.fragments.par_chunks(1024).enumerate();
         let of_chunk = |(chunk, fragments): (usize, &[Fragment])| {
             let numbered = fragments.iter().enumerate();
             let numbered = numbered.map(|(index, fragment)| (1024 * chunk + index, fragment));
             numbered.map(|fragment| f64::from(of_fragment(fragment))).sum::<f64>()
         };
         let sums: Vec<f64> = chunks.map(of_chunk).collect();
-        (sums.iter().sum::<f64>() / (3 * seen.shine.len()) as f64) as f32
+        (sums.iter().sum::<f64>() / (3 * visible.shine.len()) as f64) as f32
     }
 
     /// The present picture, drawn unless it is there already.
-    fn draw(&mut self) -> &mut Drawn {
+    fn draw(&mut self) -> &mut DrawnPicture {
         let iterations = self.done;
         if self.drawn.iterations == Some(iterations) {
             return &mut self.drawn;
@@ -300,14 +309,14 @@ impl Tiers {
         self.clock.start();
         let began = Instant::now();
         let bounced = if self.options.gather {
-            self.cache.smooth(&self.seen, self.options.gather_fit);
-            self.cache.irradiance(&self.seen)
+            self.cache.smooth(&self.visible, self.options.gather_fit);
+            self.cache.irradiance(&self.visible)
         } else {
-            vec![None; self.seen.fragments.len()]
+            vec![None; self.visible.fragments.len()]
         };
         self.clock.lap("seconds_smooth");
-        let (picture, errors) = estimate::measure(&PictureParts {
-            seen: &self.seen,
+        let (picture, errors) = estimate::measure(&PictureInputs {
+            visible: &self.visible,
             lights: &self.lights,
             coarse: &self.coarse,
             bounced: &bounced,
@@ -317,7 +326,7 @@ impl Tiers {
         });
         self.clock.lap("seconds_picture");
         self.picture_seconds = Some(began.elapsed().as_secs_f64());
-        self.drawn = Drawn { iterations: Some(iterations), picture, errors };
+        self.drawn = DrawnPicture { iterations: Some(iterations), picture, errors };
         &mut self.drawn
     }
 }
@@ -329,7 +338,7 @@ impl Solver for Tiers {
         let iteration = began.elapsed().as_secs_f64();
         // The last picture, and most of another iteration that would come too late.
         let picture = self.picture_seconds.unwrap_or(PICTURE_SHARE * iteration);
-        run.standing.picture_seconds = picture + LATE * iteration;
+        run.standing.picture_seconds = picture + LEAST_FITTING_SHARE * iteration;
         Ok(None)
     }
 
@@ -347,7 +356,7 @@ impl Solver for Tiers {
 
     fn estimate(&mut self) -> Estimate {
         let errors = self.draw().errors;
-        errors.map_or(Estimate::Never, |errors| Estimate::Error(errors.all))
+        errors.map_or(Estimate::Never, |errors| Estimate::Error(errors.total))
     }
 
     fn picture(&mut self) -> Picture {
@@ -358,7 +367,7 @@ impl Solver for Tiers {
     /// fragments that one camera sees.
     fn save(&mut self, parts: &mut checkpoints::Parts) -> Result<(), DeviceError> {
         let to = &mut parts.shared;
-        to.value([self.done.max(self.before), self.before]);
+        to.value([self.done.max(self.reused_iterations), self.reused_iterations]);
         self.coarse.save(to);
         self.cache.save(to);
         // Where sums of hemicube shots were, while tier 1 could be solved by those.
@@ -377,7 +386,7 @@ impl Solver for Tiers {
         let mut figures: BTreeMap<String, f64> =
             self.clock.spent.iter().map(|(name, value)| ((*name).into(), *value)).collect();
         for (cause, error) in
-            estimate::CAUSES.iter().zip(self.drawn.errors.unwrap_or_default().parts)
+            estimate::CAUSES.iter().zip(self.drawn.errors.unwrap_or_default().by_cause)
         {
             figures.insert(format!("error_{cause}"), error);
         }
@@ -387,7 +396,7 @@ impl Solver for Tiers {
         figures.insert("gather_rays".into(), self.cache.rays() as f64);
         figures.insert("shadow_rays".into(), self.direct.rays as f64);
         figures.insert("links".into(), self.coarse.links() as f64);
-        figures.insert("fragments".into(), self.seen.fragments.len() as f64);
+        figures.insert("fragments".into(), self.visible.fragments.len() as f64);
         figures.insert("lights".into(), self.lights.count() as f64);
         figures
     }

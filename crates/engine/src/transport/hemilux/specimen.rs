@@ -1,7 +1,7 @@
 //! Scenes for the tests of the tiers, prepared as far as those need them.
 
-use super::coarse::{Coarse, CoarseMesh, Elements};
-use super::fragments::Seen;
+use super::coarse::{CoarseMesh, CoarseSolution, Elements};
+use super::fragments::VisibleSurfaces;
 use crate::emitters::PolygonLights;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
@@ -22,7 +22,7 @@ pub struct Specimen {
     pub world: Arc<World>,
     pub lights: Arc<PolygonLights>,
     pub scene: Arc<PatchedScene>,
-    pub coarse: Coarse,
+    pub coarse: CoarseSolution,
 }
 
 impl Specimen {
@@ -36,7 +36,7 @@ impl Specimen {
         let scene = Arc::new(PatchedScene::new(scene, patches));
         let elements = Elements::new(&scene, patches);
         let mesh = CoarseMesh::new(&world.rays, scene.clone(), elements);
-        let mut coarse = Coarse::new(world.clone(), lights.clone(), mesh, SEED, None);
+        let mut coarse = CoarseSolution::new(world.clone(), lights.clone(), mesh, SEED, None);
         coarse.link(SEED, 0, 16);
         Self { world, lights, scene, coarse }
     }
@@ -48,9 +48,9 @@ impl Specimen {
     }
 
     /// What the scene's camera sees in a small picture.
-    pub fn seen(&self) -> Seen {
+    pub fn visible(&self) -> VisibleSurfaces {
         let camera = &self.world.scene.cameras[0];
-        Seen::new(&self.world, self.scene.clone(), camera, [24, 20], 16)
+        VisibleSurfaces::new(&self.world, self.scene.clone(), camera, [24, 20], 16)
     }
 }
 

@@ -8,7 +8,7 @@
 //! alone, and none is wasted where what makes the caustic is small.
 
 use super::map::Landing;
-use crate::emitters::{Emitted, TriangleLights};
+use crate::emitters::{EmissionSample, TriangleLights};
 use crate::radiometry::Rgb;
 use crate::random::{Numbers, Stream};
 use crate::rays::Eye;
@@ -123,7 +123,12 @@ impl LightRays<'_> {
     }
 
     /// The first surface, where it makes caustics, and the direction to the light.
-    fn by_cosine(&self, light: &Emitted, xi: [f32; 2], walk: &mut Walk) -> Option<(Surface, Vec3)> {
+    fn by_cosine(
+        &self,
+        light: &EmissionSample,
+        xi: [f32; 2],
+        walk: &mut Walk,
+    ) -> Option<(Surface, Vec3)> {
         let side = if light.two_sided && walk.numbers.uniform() < 0.5 { -1.0 } else { 1.0 };
         let normal = light.spot.normal * side;
         let (cosine, sine) = ((1.0 - xi[0]).sqrt(), xi[0].sqrt());
@@ -137,7 +142,12 @@ impl LightRays<'_> {
     }
 
     /// A point of what makes caustics, where the light sees it, and the direction to the light.
-    fn by_area(&self, light: &Emitted, xi: [f64; 3], walk: &mut Walk) -> Option<(Surface, Vec3)> {
+    fn by_area(
+        &self,
+        light: &EmissionSample,
+        xi: [f64; 3],
+        walk: &mut Walk,
+    ) -> Option<(Surface, Vec3)> {
         let triangle = self.casters.triangles[self.casters.choice.pick(xi[0])];
         let root = xi[1].sqrt() as f32;
         let at = [root * (1.0 - xi[2] as f32), root * xi[2] as f32];
@@ -158,7 +168,12 @@ impl LightRays<'_> {
     }
 
     /// What light brings to a surface that it is joined with, if that makes caustics.
-    fn join(&self, light: &Emitted, surface: Surface, walk: &mut Walk) -> Option<(Surface, Vec3)> {
+    fn join(
+        &self,
+        light: &EmissionSample,
+        surface: Surface,
+        walk: &mut Walk,
+    ) -> Option<(Surface, Vec3)> {
         if !(surface.clear.is_some() || surface.reflection().is_sharp())
             || surface.triangle == light.triangle
         {

@@ -1,4 +1,4 @@
-//! Tier 1's direct light: what shines on points of a patch.
+//! Direct light of an element of the coarse mesh (tier 1): shadow rays from random points of it.
 
 use super::elements::{ElementIndex, Elements};
 use crate::emitters::{PolygonLights, ShadowSample};
@@ -10,47 +10,49 @@ use crate::sampling::{Seed, Shifted, cosine_direction};
 use crate::surface::World;
 use bytemuck::{Pod, Zeroable};
 
-/// Share of a patch's side up to which a point of it sees something nearby: it is seen by that
-/// rather than by what is farther away, for which the patch's light stands.
+/// A point of an element lies in a crevice if its random ray ends within this share of the element's
+/// side. Such points are seen from inside the crevice rather than from the room, so they do not count
+/// for the element's light (docs/decisions/0005).
 const CREVICE: f32 = 0.25;
 
-/// Direct light on a patch.
+/// Direct light on an element.
 #[derive(Clone, Copy)]
 pub struct DirectLight {
     /// Mean irradiance of the points that are not inside a body.
     pub irradiance: Rgb,
-    /// Share of the emitters' light that gets there, about.
+    /// Estimated share of the direct light that arrives, of that without occlusion.
     pub share: f32,
     /// Share of points that are not inside a body.
     pub open: f32,
 }
 
-/// Sums over points of a patch.
+/// Sums over sampled points of an element. Checkpoints store them as they are: the order of the fields
+/// is part of the format.
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct SampledLight {
-    /// Of the points that others see.
-    visible: Lit,
-    /// Of those in crevices.
-    hidden: Lit,
+    /// Of points that are not in crevices.
+    visible: LightSums,
+    /// Of points in crevices.
+    hidden: LightSums,
     points: u32,
     /// Points that are not inside a body.
     open: u32,
-    /// Whether a ray left the scene.
+    /// 1 once a ray has left the scene.
     escaped: u32,
 }
 
-/// Direct light at points.
+/// Sums over shadow rays, as in [`ShadowSample`]: `seen` is the part of `cast` that is not occluded.
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
-struct Lit {
+struct LightSums {
     count: u32,
     unoccluded: Rgb,
     cast: Rgb,
     seen: Rgb,
 }
 
-/// What elements are lit in.
+/// The scene in which elements are lit.
 #[derive(Clone, Copy)]
 pub struct Lighting<'a> {
     /// The scene as rays meet it.
@@ -64,9 +66,9 @@ pub struct Lighting<'a> {
 }
 
 impl SampledLight {
-    /// Looks at more points of an element.
-    pub fn add(&mut self, lit: &Lighting<'_>, element: ElementIndex, points: u32, seed: Seed) {
-        let Lighting { world, lights, scene, elements } = *lit;
+    /// Samples direct light at more points of an element, by a shadow ray each.
+    pub fn add(&mut self, lighting: &Lighting<'_>, element: ElementIndex, points: u32, seed: Seed) {
+        let Lighting { world, lights, scene, elements } = *lighting;
         let sequence = Shifted::new(seed, Stream::PatchLight, u64::from(element.0));
         let mut sequence = sequence.at(self.points);
         let crevice = CREVICE * elements.area[element.at()].sqrt() * world.rays.scale() as f32;
@@ -85,26 +87,26 @@ impl SampledLight {
                 Some(hit) => hidden = hit.distance < crevice,
             }
             self.open += 1;
-            let lit = if hidden { &mut self.hidden } else { &mut self.visible };
-            lit.add(lights.once(&world.rays, start, normal, sequence.triple()));
+            let sums = if hidden { &mut self.hidden } else { &mut self.visible };
+            sums.add(lights.sample_by_shadow_ray(&world.rays, start, normal, sequence.triple()));
         }
     }
 
-    /// What the points say of the patch: those that others see, if there are such.
+    /// Direct light of the element by its points outside crevices, or by all others if there are none.
     pub fn mean(&self) -> DirectLight {
-        let lit = if self.visible.count > 0 { self.visible } else { self.hidden };
+        let sums = if self.visible.count > 0 { self.visible } else { self.hidden };
         let open = self.open as f32 / self.points.max(1) as f32;
-        DirectLight { irradiance: lit.irradiance(), share: lit.share(), open }
+        DirectLight { irradiance: sums.irradiance(), share: sums.share(), open }
     }
 }
 
-impl Lit {
-    fn add(&mut self, once: ShadowSample) {
+impl LightSums {
+    fn add(&mut self, sample: ShadowSample) {
         self.count += 1;
-        self.unoccluded += once.unoccluded;
-        self.cast += once.cast;
-        if once.seen {
-            self.seen += once.cast;
+        self.unoccluded += sample.unoccluded;
+        self.cast += sample.cast;
+        if sample.seen {
+            self.seen += sample.cast;
         }
     }
 
@@ -129,7 +131,7 @@ mod tests {
     #[test]
     fn light_from_everywhere_is_known_exactly() {
         let specimen = Specimen::furnace();
-        let lit = Lighting {
+        let lighting = Lighting {
             world: &specimen.world,
             lights: &specimen.lights,
             scene: &specimen.scene,
@@ -137,7 +139,7 @@ mod tests {
         };
         for element in specimen.coarse.mesh.elements.all() {
             let mut sampled = SampledLight::default();
-            sampled.add(&lit, element, 8, SEED);
+            sampled.add(&lighting, element, 8, SEED);
             let mean = sampled.mean();
             assert!(is_near(mean.irradiance, PI * EMISSION, 0.02), "{}", mean.irradiance);
             assert_eq!((mean.share, mean.open), (1.0, 1.0));

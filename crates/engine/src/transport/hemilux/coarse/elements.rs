@@ -1,5 +1,6 @@
-//! What tier 1 solves for. Mostly a patch each; where a mesh has many more triangles than the light
-//! on it needs patches, all those of a cell of space that face the same way are one.
+//! Elements: the unknowns that tier 1 solves for. An element is mostly one patch; where a mesh has
+//! many more patches than are wanted, those small ones in one cell of space that face the same way and
+//! have one material are one element (docs/decisions/0006).
 
 use super::patch_points::PatchPoints;
 use crate::patches::{NO_PATCH, PatchIndex, PatchedScene};
@@ -23,16 +24,17 @@ impl ElementIndex {
         self.0 as usize
     }
 }
-/// With so many times the wanted patches they become elements together.
-const CROWDED: usize = 4;
 
-/// Patches, alone or together.
+/// Patches are grouped where there are more than so many times the wanted ones.
+const CROWDED_FACTOR: usize = 4;
+
+/// The elements of a mesh, each with its patches, area and albedo.
 pub struct Elements {
     of_patch: Vec<u32>,
     /// Patches of element e: `members[start[e]..start[e + 1]]`.
     start: Vec<u32>,
     members: Vec<PatchIndex>,
-    /// Areas of an element's members, running.
+    /// Running sums of the areas of each element's members.
     running: Vec<f32>,
     /// Area, m².
     pub area: Vec<f32>,
@@ -40,11 +42,11 @@ pub struct Elements {
     pub albedo: Vec<Rgb>,
 }
 
-/// Cell, direction and material of patches that become one.
-type Key = ([i32; 3], u8, u32);
+/// What patches of one element have in common: cell of space, one of six directions, and material.
+type GroupKey = ([i32; 3], u8, u32);
 
 impl Elements {
-    /// Of a mesh of which `wanted` patches were wanted.
+    /// Elements of a mesh for which `wanted` patches were asked.
     pub fn new(scene: &PatchedScene, wanted: usize) -> Self {
         let patches = &scene.patches;
         let count = patches.len();
@@ -53,10 +55,10 @@ impl Elements {
             let first = facet.back as usize;
             hidden[first..first + (facet.divisions * facet.divisions) as usize].fill(true);
         }
-        let crowded = count > CROWDED * wanted;
+        let crowded = count > CROWDED_FACTOR * wanted;
         let all: f32 = patches.area.iter().sum();
         let cell = (all / wanted.max(1) as f32).sqrt();
-        let mut numbers: HashMap<Key, u32> = HashMap::new();
+        let mut numbers: HashMap<GroupKey, u32> = HashMap::new();
         let mut of_patch = vec![NONE; count];
         let mut sizes: Vec<u32> = Vec::new();
         for patch in 0..count {
@@ -124,7 +126,7 @@ impl Elements {
         &self.members[first as usize..end as usize]
     }
 
-    /// To pick points of an element: those of one of its patches, by area, for a uniform number.
+    /// Points of one of an element's patches, which the uniform number `x` picks by area.
     pub fn points(
         &self,
         world: &World,

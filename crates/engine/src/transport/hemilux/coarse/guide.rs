@@ -1,24 +1,26 @@
-//! Where gather rays had better go: small patches that reflect much more than most, the inside of
-//! a lampshade say, are met by few rays all over the hemisphere. Some rays are aimed at them.
+//! Guiding of gather rays: small patches that reflect much more than most, such as the inside of a
+//! lampshade, are met by few rays spread over the hemisphere, so some rays are aimed at them.
 
 use super::elements::{ElementIndex, Elements};
 use super::links::Links;
 use super::patch_points::PatchPoints;
-use crate::emitters::{Glow, LightTree};
+use crate::emitters::{LightBounds, LightTree};
 use crate::patches::{PatchIndex, PatchedScene};
 use crate::radiometry::Rgb;
 use crate::surface::World;
 use glam::Vec3;
 use std::collections::HashMap;
 
-/// A patch is bright that reflects so many times as much as all do on average.
-const BRIGHT: f32 = 8.0;
-/// Share of all reflected power that bright patches must have to be worth aiming at.
-const WORTH: f32 = 0.06;
-/// Farther than so many sides of a patch it is not met by many rays.
-const APART: f32 = 3.0;
+/// An element is bright if its radiosity is over so many times the mean.
+const BRIGHT_FACTOR: f32 = 8.0;
+/// Share of all reflected power that others must receive from bright elements for aiming to be worth
+/// its cost; the Cornell box has 3 % (docs/decisions/0013).
+const LEAST_BRIGHT_SHARE: f32 = 0.06;
+/// Least distance, in sides of a bright element, of another one that counts as lit by it: nearer ones
+/// meet it by many rays anyway.
+const LEAST_DISTANCE: f32 = 3.0;
 
-/// The bright patches.
+/// The bright patches of the coarse mesh, to aim rays at.
 pub struct Guide {
     tree: LightTree,
     patches: Vec<PatchIndex>,
@@ -38,7 +40,7 @@ pub struct Aim {
 }
 
 impl Guide {
-    /// Of the elements' radiosities, each as one number; `None` where none is worth aiming at.
+    /// Bright patches by the elements' radiosities, a number each; `None` where aiming does not pay.
     pub fn new(
         world: &World,
         scene: &PatchedScene,
@@ -46,7 +48,7 @@ impl Guide {
         links: &Links,
         radiosity: &[f32],
     ) -> Option<Self> {
-        let bright = worth_aiming_at(world, scene, elements, links, radiosity)?;
+        let bright = aiming_targets(world, scene, elements, links, radiosity)?;
         let (mut patches, mut powers) = (Vec::new(), Vec::new());
         for (element, power) in bright {
             for patch in elements.members(element) {
@@ -56,13 +58,13 @@ impl Guide {
         }
         let points: Vec<PatchPoints> =
             patches.iter().map(|patch| PatchPoints::new(world, scene, *patch)).collect();
-        let glow = |(points, power): (&PatchPoints, &f32)| {
+        let bounds_of = |(points, power): (&PatchPoints, &f32)| {
             let (center, radius) = points.ball();
-            Glow { center, radius, power: *power, normal: points.normal(), two_sided: false }
+            LightBounds { center, radius, power: *power, normal: points.normal(), two_sided: false }
         };
-        let glows: Vec<Glow> = points.iter().zip(&powers).map(glow).collect();
+        let bounds: Vec<LightBounds> = points.iter().zip(&powers).map(bounds_of).collect();
         Some(Self {
-            tree: LightTree::new(&glows),
+            tree: LightTree::new(&bounds),
             number: patches.iter().copied().zip(0..).collect(),
             per_area: points.iter().map(|points| 1.0 / points.area()).collect(),
             patches,
@@ -97,9 +99,9 @@ impl Guide {
     }
 }
 
-/// Bright elements that others are lit by without meeting them by chance, each with what it sends
-/// them; `None` where that is too little.
-fn worth_aiming_at(
+/// Bright elements that light others which seldom meet them by chance, each with the power that those
+/// receive of it; `None` where that is too little altogether.
+fn aiming_targets(
     world: &World,
     scene: &PatchedScene,
     elements: &Elements,
@@ -109,11 +111,11 @@ fn worth_aiming_at(
     let area = &elements.area;
     let all: f32 = area.iter().sum();
     let power: f32 = area.iter().zip(radiosity).map(|(area, own)| area * own).sum();
-    let limit = BRIGHT * power / all;
+    let limit = BRIGHT_FACTOR * power / all;
     let mut bright: Vec<ElementIndex> =
         elements.all().filter(|element| radiosity[element.at()] > limit).collect();
     let own = |element: &ElementIndex| area[element.at()] * radiosity[element.at()];
-    if bright.iter().map(own).sum::<f32>() <= WORTH * power {
+    if bright.iter().map(own).sum::<f32>() <= LEAST_BRIGHT_SHARE * power {
         return None;
     }
     let received = received(world, scene, elements, links, |link| {
@@ -122,15 +124,15 @@ fn worth_aiming_at(
     bright.retain(|element| received[element.at()] > 0.0);
     let useful = |element: &ElementIndex| received[element.at()].min(own(element));
     let theirs: f32 = bright.iter().map(useful).sum();
-    if theirs.is_nan() || theirs <= WORTH * power {
+    if theirs.is_nan() || theirs <= LEAST_BRIGHT_SHARE * power {
         return None;
     }
     Some(bright.iter().map(|element| (*element, useful(element))).collect())
 }
 
-/// What others get of each element by the links, as far as it is not near them: the gap between a
-/// lamp and the ceiling may be as bright as it will, and what is near is met without being aimed
-/// at. `bright` gives the radiosity of an element that counts.
+/// Power that others receive of each element by the links, without those near it: what is near, as in
+/// the gap between a lamp and the ceiling, is met without being aimed at. `bright` gives the radiosity
+/// of an element that counts.
 fn received(
     world: &World,
     scene: &PatchedScene,
@@ -151,7 +153,7 @@ fn received(
         let from = middle(element);
         for (link, radiosity) in met {
             if from.distance(middle(link))
-                > APART * area[link.at()].sqrt() * world.rays.scale() as f32
+                > LEAST_DISTANCE * area[link.at()].sqrt() * world.rays.scale() as f32
             {
                 received[link.at()] += each * radiosity;
             }

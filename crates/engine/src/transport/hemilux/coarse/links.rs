@@ -1,9 +1,11 @@
-//! Tier 1 on the processor: each element, mostly a patch, traces rays over its hemisphere and
-//! remembers the elements that they meet, its *links*; the radiosity equation over the links is then solved by sweeps.
+//! Links of the coarse mesh (tier 1): each element, mostly a patch, traces rays over its hemisphere and
+//! remembers the elements that they meet, its *links*; the radiosity equation over the links is then
+//! solved by Jacobi sweeps.
 //!
-//! A shot serves all receivers, but all of them share its noise, and next to the shooter it is
-//! large. Links of different patches are independent, so a second gather averages their noise
-//! away: on the Cornell box 100 times cheaper than shots for the same error of the picture.
+//! A hemicube shot serves all receivers, but they share its noise, which is large next to the
+//! shooter. Links of different elements are independent, so that a gather over many elements averages
+//! their noise: on the Cornell box this is 100 times cheaper than shots for the same error of the
+//! picture.
 
 use super::direct::DirectLight;
 use super::elements::ElementIndex;
@@ -16,28 +18,30 @@ use crate::sampling::{Seed, Shifted, cosine_direction};
 use crate::surface::World;
 use rayon::prelude::*;
 
-/// "Met nothing that reflects."
+/// Link of a ray that met nothing that reflects: it counts, and brings no light.
 const DARK: u32 = u32::MAX;
-/// "Started inside a body."
+/// Link of a ray that began inside a body: it does not count.
 const COVERED: u32 = u32::MAX - 1;
-/// Most links of all elements together: 4 bytes each.
+/// Most links of all elements together, 4 bytes each: 192 MiB.
 const MOST_LINKS: usize = 48 << 20;
-/// Most links of a round, unless four an element are more.
+/// Most links of a round, unless [`LEAST_ROUND_RAYS`] an element are more: it bounds the time of an
+/// iteration.
 const MOST_AT_ONCE: usize = 4 << 20;
-/// Sweeps of a solution at most, and the change at which they end, relative to the mean.
+/// Most sweeps of a solution.
 const MOST_SWEEPS: u32 = 400;
-const SETTLED: f32 = 2e-4;
-/// Elements of a task.
+/// Sum of all changes in a sweep, relative to the sum of all values, at which sweeps end.
+const SETTLED_CHANGE: f32 = 2e-4;
+/// Elements of a parallel task.
 const CHUNK: usize = 256;
 
-/// Least rays of an element in a round, however small it is.
-const LEAST_RAYS: f32 = 4.0;
+/// Fewest rays of an element in a round, however small it is.
+const LEAST_ROUND_RAYS: f32 = 4.0;
 
 /// The links of all elements.
 #[derive(Default)]
 pub struct Links {
     rounds: Vec<Round>,
-    /// Irradiance that has bounced.
+    /// Solved irradiance of each element by light that was reflected at least once.
     pub bounced: Vec<Rgb>,
 }
 
@@ -74,7 +78,7 @@ impl Links {
         let mut end = 0;
         for area in area {
             start.push(end);
-            end += (rays * (area / ordinary).min(1.0)).max(LEAST_RAYS).round() as u32;
+            end += (rays * (area / ordinary).min(1.0)).max(LEAST_ROUND_RAYS).round() as u32;
         }
         start.push(end);
         if self.count() + end as usize > MOST_LINKS && !self.rounds.is_empty() {
@@ -98,7 +102,8 @@ impl Links {
         self.rounds.push(Round { start, links });
     }
 
-    /// Solves the balance B = kd (E_direct + Σ B_link/N) over the links so far.
+    /// Solves the radiosity equation E_bounced = Σ ρ_link (E_direct + E_bounced)_link / N over the links so
+    /// far, beginning with the solution before.
     pub fn solve(&mut self, albedo: &[Rgb], direct: &[DirectLight]) {
         let elements = direct.len() as u32;
         self.bounced.resize(direct.len(), Rgb::ZERO);
@@ -130,7 +135,7 @@ impl Links {
             let change: f32 = change.sum();
             let sum: f32 = next.iter().map(|e| e.element_sum()).sum();
             self.bounced = next;
-            if change <= SETTLED * sum {
+            if change <= SETTLED_CHANGE * sum {
                 break;
             }
         }
@@ -143,13 +148,13 @@ impl Links {
         all.map(|link| ElementIndex(*link))
     }
 
-    /// Writes them. They take most of the bytes of a checkpoint: two each where that suffices.
+    /// Writes the links. They take most of the bytes of a checkpoint: two each where that suffices.
     pub fn save(&self, elements: usize, to: &mut Writer) {
         to.slice(&self.bounced);
         to.value(self.rounds.len() as u64);
         for Round { start, links } in &self.rounds {
             to.slice(start);
-            if is_short(elements) {
+            if fits_two_bytes(elements) {
                 // The two marks are the largest numbers, in two bytes as in four.
                 to.slice(&links.iter().map(|link| *link as u16).collect::<Vec<_>>());
             } else {
@@ -169,7 +174,7 @@ impl Links {
             if start[0] != 0 || !start.is_sorted() {
                 return damaged("its links are not in order");
             }
-            let links: Vec<u32> = if is_short(elements) {
+            let links: Vec<u32> = if fits_two_bytes(elements) {
                 let widen = |link: u16| match link {
                     u16::MAX | 0xfffe => u32::from(link) | 0xffff_0000,
                     link => u32::from(link),
@@ -216,8 +221,8 @@ fn link_rays(
     (0..count).map(ray).collect()
 }
 
-/// Whether two bytes say which element, and the two marks.
-fn is_short(elements: usize) -> bool {
+/// Whether two bytes a link suffice for the elements' numbers and the two marks.
+fn fits_two_bytes(elements: usize) -> bool {
     elements < usize::from(u16::MAX) - 1
 }
 
@@ -231,7 +236,7 @@ mod tests {
 
     /// Element 0 sees element 1 by half of its rays and nothing else, element 1 sees only element 0:
     /// E_0 = ½ a_1 (D_1 + E_1), E_1 = a_0 (D_0 + E_0).
-    fn two() -> Links {
+    fn two_elements() -> Links {
         let round = Round { start: vec![0, 2, 3], links: vec![1, DARK, 0] };
         Links { rounds: vec![round], bounced: Vec::new() }
     }
@@ -239,7 +244,7 @@ mod tests {
     #[test]
     fn sweeps_solve_the_balance() {
         let (albedo, lit) = ([0.8, 0.5], [3.0, 1.0]);
-        let mut links = two();
+        let mut links = two_elements();
         links.solve(&albedo.map(Rgb::splat), &lit.map(direct));
         // Both equations, solved by hand.
         let own = 0.5 * albedo[1] * (lit[1] + albedo[0] * lit[0]);
@@ -252,7 +257,7 @@ mod tests {
 
     #[test]
     fn rays_from_inside_a_body_do_not_count() {
-        let mut links = two();
+        let mut links = two_elements();
         links.rounds[0].links[1] = COVERED;
         links.solve(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct));
         // Half of the rays of element 0 start inside: the other half is all that it sees.

@@ -1,4 +1,5 @@
-//! The coarse mesh: what a hit of a ray is on it, and how values of its patches become a function.
+//! The coarse mesh (tier 1): finds the patch or element that a ray has hit, and interpolates values of
+//! patches.
 
 use super::elements::{ElementIndex, Elements};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
@@ -8,12 +9,14 @@ use crate::rays::{Hit, Rays};
 use glam::Vec2;
 use std::sync::Arc;
 
-/// Nearer than so many sides of a patch its mean does not do: light there varies within it.
+/// Near field: a ray that ends within so many sides of the patch it meets sees a small part of it, on
+/// which the patch's mean is not the light (docs/decisions/0004).
 const NEAR_FIELD: f32 = 2.0;
-/// Smoothing changes a patch's value by this factor at most.
+/// Factor by which an interpolated value may differ from its patch's own: interpolation may take
+/// values from the other side of a wall.
 const MOST_CHANGE: f32 = 2.5;
 
-/// The coarse mesh.
+/// The coarse mesh: the scene in patches, its elements and their interpolation.
 pub struct CoarseMesh {
     /// The scene in patches.
     pub scene: Arc<PatchedScene>,
@@ -22,13 +25,13 @@ pub struct CoarseMesh {
     reconstruction: Reconstruction,
     /// Facets of scene triangle t: `pieces[t]..pieces[t + 1]`.
     pieces: Vec<u32>,
-    /// Distance within which a facet's patches are too large to be seen from, ray units.
+    /// Distance within which a hit on a facet is in the near field ([`NEAR_FIELD`]), ray units.
     near: Vec<f32>,
 }
 
-/// A quantity on the mesh.
+/// A quantity on the mesh, such as irradiance.
 #[derive(Default)]
-pub struct Values {
+pub struct PatchValues {
     /// Of each patch.
     pub patches: Vec<Rgb>,
     /// At the vertices of the reconstruction.
@@ -51,20 +54,20 @@ impl CoarseMesh {
         Self { scene, elements, reconstruction, pieces, near }
     }
 
-    /// Takes what is near as what is far: by the means of its patches.
+    /// Turns the near field off: hits take interpolated values however near they are.
     pub fn ignore_near_field(&mut self) {
         self.near.fill(0.0);
     }
 
-    /// Whether a hit that far away is so near that the mean of a patch of the facet will not do.
+    /// Whether a hit of a ray of that length is in the near field of the facet.
     pub fn is_near(&self, facet: FacetIndex, distance: f32) -> bool {
         distance < self.near[facet.at()]
     }
 
     /// Values of the patches as a smooth function.
-    pub fn smooth(&self, patches: Vec<Rgb>) -> Values {
+    pub fn smooth(&self, patches: Vec<Rgb>) -> PatchValues {
         let vertices = self.reconstruction.apply(&patches);
-        Values { patches, vertices }
+        PatchValues { patches, vertices }
     }
 
     /// The patch at a hit; `None` at a black back.
@@ -105,8 +108,8 @@ impl CoarseMesh {
         found
     }
 
-    /// Their value at a place.
-    pub fn value(&self, values: &Values, FacetPlace { facet, back, at }: FacetPlace) -> Rgb {
+    /// The interpolated value at a place.
+    pub fn value(&self, values: &PatchValues, FacetPlace { facet, back, at }: FacetPlace) -> Rgb {
         let (u, v) = (at.x.clamp(0.0, 1.0), at.y.clamp(0.0, 1.0 - at.x.clamp(0.0, 1.0)));
         let piece = &self.scene.facets[facet.at()];
         let Some(corners) = self.reconstruction.corners(facet.at(), back, piece, u, v) else {
@@ -130,7 +133,7 @@ impl CoarseMesh {
     }
 }
 
-/// By facet, the distance within which its patches are too large to be seen from, ray units.
+/// By facet, the length of the near field, ray units.
 fn near_distances(rays: &Rays, scene: &PatchedScene, elements: &Elements) -> Vec<f32> {
     let near = |facet: &Facet| {
         let [a, b, c] = facet.corners.map(|c| rays.place(scene.positions[c as usize]));

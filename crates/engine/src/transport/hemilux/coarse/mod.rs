@@ -11,4 +11,4 @@ mod solution;
 pub use direct::SampledLight;
 pub use elements::Elements;
 pub use mesh::CoarseMesh;
-pub use solution::{Coarse, PATCH_POINTS};
+pub use solution::{CoarseSolution, PATCH_POINTS};

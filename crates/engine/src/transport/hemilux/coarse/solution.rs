@@ -1,12 +1,12 @@
-//! Tier 1: the light of the whole scene on a coarse mesh. Direct light at points of every patch by
-//! the closed form and shadow rays; everything that bounces over the links between patches. It is
-//! only ever seen through gathers.
+//! The coarse solution (tier 1): irradiance of the whole scene on a coarse mesh. Direct light comes
+//! from the closed form and shadow rays at points of every element, bounced light from the links
+//! between elements. The camera sees it only through gather rays.
 
 use super::direct::{DirectLight, Lighting, SampledLight};
 use super::elements::ElementIndex;
 use super::guide::Guide;
 use super::links::Links;
-use super::mesh::{CoarseMesh, Values};
+use super::mesh::{CoarseMesh, PatchValues};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::PolygonLights;
 use crate::patches::{FacetPlace, PatchIndex};
@@ -21,36 +21,36 @@ use std::sync::Arc;
 
 /// Points of an element whose direct light is found at first.
 pub const PATCH_POINTS: u32 = 2;
-/// Most points of all patches together whose direct light is found at a time, unless one a patch
-/// is more.
+/// Most points of all elements together whose direct light is found at a time, unless one an element
+/// is more: it bounds the time of an iteration.
 const MOST_POINTS: usize = 1 << 20;
 
-/// Share of the rays that find what has bounced that is aimed at bright patches, where there are
-/// such.
+/// Share of the near field's further rays that are aimed at bright patches, where there are such.
 const AIMED_BOUNCES: f32 = 0.3;
+
 /// The coarse solution.
-pub struct Coarse {
+pub struct CoarseSolution {
     /// The scene as rays meet it.
     pub world: Arc<World>,
     /// Its emitters.
     pub lights: Arc<PolygonLights>,
-    /// What it is solved on.
+    /// The mesh that it is solved on.
     pub mesh: CoarseMesh,
-    /// Direct light of the elements, point by point.
+    /// Sums over points of each element, from which `direct` follows.
     sampled: Vec<SampledLight>,
     direct: Vec<DirectLight>,
     links: Links,
-    /// Patches that gather rays are aimed at.
+    /// Bright patches that gather rays are aimed at, if any.
     pub guide: Option<Guide>,
-    /// Irradiance, direct and indirect.
-    both: Values,
+    /// Irradiance of the patches, direct and indirect.
+    total: PatchValues,
     /// The same, indirect only.
-    indirect: Values,
+    indirect: PatchValues,
 }
 
-impl Coarse {
-    /// Lights the elements directly, by [`PATCH_POINTS`] points each, unless `sampled` already says
-    /// how.
+impl CoarseSolution {
+    /// A solution with direct light only, by [`PATCH_POINTS`] points of each element, or by the points
+    /// in `sampled` from a checkpoint.
     pub fn new(
         world: Arc<World>,
         lights: Arc<PolygonLights>,
@@ -67,20 +67,20 @@ impl Coarse {
             direct: Vec::new(),
             links: Links::default(),
             guide: None,
-            both: Values::default(),
-            indirect: Values::default(),
+            total: PatchValues::default(),
+            indirect: PatchValues::default(),
         };
         if this.sampled.is_empty() {
             this.sampled = vec![SampledLight::default(); count];
-            this.light(seed, PATCH_POINTS.min(most_points(count)));
+            this.sample_direct(seed, PATCH_POINTS.min(most_points(count)));
         }
-        this.look();
-        this.refresh();
+        this.update_direct();
+        this.update_irradiance();
         this
     }
 
-    /// Lights more points of each element.
-    fn light(&mut self, seed: Seed, points: u32) {
+    /// Samples direct light at more points of each element.
+    fn sample_direct(&mut self, seed: Seed, points: u32) {
         let CoarseMesh { scene, elements, .. } = &self.mesh;
         let lit = Lighting { world: &self.world, lights: &self.lights, scene, elements };
         self.sampled.par_iter_mut().enumerate().with_max_len(256).for_each(|(element, sampled)| {
@@ -88,21 +88,21 @@ impl Coarse {
         });
     }
 
-    /// Takes what the points say.
-    fn look(&mut self) {
+    /// Averages the points' direct light.
+    fn update_direct(&mut self) {
         self.direct = self.sampled.iter().map(SampledLight::mean).collect();
     }
 
-    /// Lights more points of each element, traces more links and solves for them, and makes that
-    /// what hits look up.
+    /// Samples direct light at `points` more points of each element, traces links by `rays` more rays
+    /// of an ordinary element, solves over all links and updates the irradiance.
     pub fn link(&mut self, seed: Seed, points: u32, rays: u32) {
         if points > 0 {
-            self.light(seed, points.min(most_points(self.mesh.elements.len())));
-            self.look();
+            self.sample_direct(seed, points.min(most_points(self.mesh.elements.len())));
+            self.update_direct();
         }
         self.links.trace(&self.world, &self.mesh, seed, rays);
         self.links.solve(&self.mesh.elements.albedo, &self.direct);
-        self.refresh();
+        self.update_irradiance();
     }
 
     /// Writes the points' direct light and the links.
@@ -111,17 +111,17 @@ impl Coarse {
         self.links.save(self.sampled.len(), to);
     }
 
-    /// Takes the links that [`Coarse::save`] wrote behind the points' direct light, with which it
-    /// was made ([`Coarse::new`]).
+    /// Reads the links that [`CoarseSolution::save`] wrote behind the points' direct light, with which it
+    /// was made ([`CoarseSolution::new`]).
     pub fn restore_links(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
         self.links = Links::restore(self.sampled.len(), from)?;
-        self.refresh();
+        self.update_irradiance();
         Ok(())
     }
 
     /// Irradiance of each patch, direct and indirect.
     pub fn irradiances(&self) -> &[Rgb] {
-        &self.both.patches
+        &self.total.patches
     }
 
     /// Links so far.
@@ -129,12 +129,12 @@ impl Coarse {
         self.links.count()
     }
 
-    /// Makes what is known of direct light and links that which hits look up.
-    fn refresh(&mut self) {
+    /// Updates the irradiance of the patches, and the guide, from direct light and links.
+    fn update_irradiance(&mut self) {
         let CoarseMesh { scene, elements, .. } = &self.mesh;
         let patches = scene.patches.len();
-        let mut both = vec![Rgb::ZERO; patches];
-        let mut indirect = both.clone();
+        let mut total = vec![Rgb::ZERO; patches];
+        let mut indirect = total.clone();
         for patch in 0..patches {
             let Some(element) = elements.of(PatchIndex(patch as u32)) else { continue };
             let lit = &self.direct[element.at()];
@@ -142,18 +142,18 @@ impl Coarse {
                 continue;
             }
             let bounced = self.links.bounced.get(element.at()).copied().unwrap_or_default();
-            (indirect[patch], both[patch]) = (bounced, bounced + lit.irradiance);
+            (indirect[patch], total[patch]) = (bounced, bounced + lit.irradiance);
         }
-        (self.both, self.indirect) = (self.mesh.smooth(both), self.mesh.smooth(indirect));
+        (self.total, self.indirect) = (self.mesh.smooth(total), self.mesh.smooth(indirect));
         let radiosity = elements.all().zip(&elements.albedo).map(|(element, albedo)| {
             let patch = elements.members(element)[0];
-            importance(*albedo * self.both.patches[patch.at()].max(Rgb::ZERO))
+            importance(*albedo * self.total.patches[patch.at()].max(Rgb::ZERO))
         });
         let radiosity: Vec<f32> = radiosity.collect();
         self.guide = Guide::new(&self.world, scene, elements, &self.links, &radiosity);
     }
 
-    /// Share of the emitters' light that gets to the element at a place.
+    /// Estimated share of the direct light that arrives at the element at a place.
     fn share(&self, place: FacetPlace) -> f32 {
         let element = self.mesh.element_on(place);
         element.map_or(0.0, |element| self.direct[element.at()].share)
@@ -166,7 +166,7 @@ impl Coarse {
 
     /// Irradiance from the emitters, at a place of the mesh.
     pub fn direct(&self, place: FacetPlace) -> Rgb {
-        self.mesh.value(&self.both, place) - self.mesh.value(&self.indirect, place)
+        self.mesh.value(&self.total, place) - self.mesh.value(&self.indirect, place)
     }
 
     /// Radiance that a hit reflects, as if all of it were reflected diffusely. With random numbers
@@ -196,10 +196,11 @@ impl Coarse {
         }
         let Some(place) = self.mesh.place_of(hit) else { return Rgb::ZERO };
         let Some(afresh) = afresh else {
-            return albedo * self.mesh.value(&self.both, place) / PI;
+            return albedo * self.mesh.value(&self.total, place) / PI;
         };
         let (start, normal) = (surface.start(), surface.normal);
-        let direct = self.lights.once(&self.world.rays, start, normal, afresh.light);
+        let direct =
+            self.lights.sample_by_shadow_ray(&self.world.rays, start, normal, afresh.light);
         let direct = direct.irradiance(self.share(place));
         let bounced = match afresh.next {
             Some(next) if self.mesh.is_near(place.facet, hit.distance) => {

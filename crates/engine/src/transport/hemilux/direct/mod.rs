@@ -1,5 +1,5 @@
-//! Tier 3: the emitters' own light on every fragment.
+//! Direct light on every fragment (tier 3).
 
 mod shadows;
 
-pub use shadows::Direct;
+pub use shadows::DirectLighting;

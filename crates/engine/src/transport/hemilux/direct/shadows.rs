@@ -1,5 +1,6 @@
-//! Tier 3, light: the emitters' own light on every fragment, exact but for what stands in between;
-//! that is found out by shadow rays, few where they agree, many where they don't.
+//! Direct light on every fragment (tier 3): irradiance without occlusion in closed form, times the
+//! share of it that shadow rays find unoccluded. There are few rays where they agree, and many where
+//! they do not.
 
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::{PolygonLights, TRIES};
@@ -9,50 +10,56 @@ use crate::random::Stream;
 use crate::rays::Segment;
 use crate::sampling::{BAYER, Seed, Shifted};
 use crate::surface::World;
-use crate::transport::hemilux::fragments::{Fragment, Seen};
+use crate::transport::hemilux::fragments::{Fragment, VisibleSurfaces};
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
-/// Rays of every fragment at first, interleaved over tiles of 4 × 4 pixels.
+/// Shadow rays of every fragment in the first pass, interleaved over tiles of 4 × 4 pixels.
 const FIRST_RAYS: u32 = 1;
-/// Rays of fragments where rays disagree, each pass.
+/// Shadow rays, in each pass, of a fragment where rays disagree.
 const MORE_RAYS: u32 = 6;
-/// The same in the first pass, in haste.
+/// The same in the first pass of a hasty job.
 const MORE_RAYS_IN_HASTE: u32 = 2;
-/// Rays of every fragment, each pass, where it does not matter whether they agree.
+/// Shadow rays of every fragment in each pass where the setting `adaptive` is off.
 const EVEN_RAYS: u32 = 2;
-/// The same where the lights are many.
+/// Shadow rays of every fragment in each pass where lights are too many for the closed form.
 const MANY_RAYS: u32 = 4;
-/// Pixels of a picture of ordinary size; in smaller ones that is up to four times as many.
+/// Pixels of a picture of ordinary size, 500 × 500: smaller pictures get up to four times
+/// [`MORE_RAYS`].
 const ORDINARY_PIXELS: u32 = 250_000;
-/// Every so many passes a fragment where they agree gets another ray.
-const SECOND_LOOK: u32 = 4;
-/// Pixels around, in each direction, whose rays must agree.
-const AROUND: i32 = 2;
-/// With at least so many rays the neighbours no longer help.
+/// A fragment where rays agree gets another one every so many passes.
+const RECHECK_PASSES: u32 = 4;
+/// Pixels in each direction whose rays are compared, and shared.
+const NEIGHBOUR_REACH: i32 = 2;
+/// A fragment with at least so many rays of its own takes none of its neighbours.
 const ENOUGH_RAYS: u32 = 2048;
-/// With at least so many only the nearest do.
+/// A fragment with at least so many rays takes those of adjacent pixels only.
 const FEW_RAYS: u32 = 32;
-/// Fragments per task.
+/// Fragments of a parallel task.
 const CHUNK: usize = 1024;
-/// Shadow rays that are traced together, about.
+/// Shadow rays that are traced together, at least.
 const BATCH: usize = 512;
-/// How much well-spread points lower the variance where the lights are many.
-const SPREAD: f32 = 0.5;
-/// How much neighbours lower the variance.
-const HELPED: f32 = 0.15;
-/// Squared differences of neighbours' shares, in variances, up to which they count in full, and from
-/// which they don't.
-const ALIKE: f32 = 6.0;
-const UNLIKE: f32 = 24.0;
+/// Factor by which well-spread points are taken to lower the variance of random ones where lights are
+/// too many for the closed form.
+const WELL_SPREAD_FACTOR: f32 = 0.5;
+/// Factor by which neighbours are taken to lower the variance where they are too few to measure it.
+const NEIGHBOUR_VARIANCE_FACTOR: f32 = 0.15;
+/// Squared difference between a neighbour's share of blocked rays and the fragment's own, in units of
+/// its variance by chance, up to which the neighbour counts in full: 2.4 standard deviations.
+const ALIKE_VARIANCES: f32 = 6.0;
+/// The same from which it does not count, since a shadow's edge is in between: 4.9 standard
+/// deviations.
+const UNLIKE_VARIANCES: f32 = 24.0;
 
-/// Rays of a fragment that no run comes to.
+/// Bound on rays of a fragment read from a checkpoint: more than any run casts, so a larger number
+/// means damage.
 const MOST_RAYS_OF_ALL: u32 = 1 << 30;
 
-/// Direct light of a fragment, but for what has no noise.
+/// [`ShadowSums`] as checkpoints store them: without the closed form, which is computed again. The
+/// order of the fields is part of the format.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-struct KeptLight {
+struct StoredShadowSums {
     seen: Rgb,
     cast: Rgb,
     squares: f32,
@@ -61,139 +68,154 @@ struct KeptLight {
     disputed: u32,
 }
 
-/// What is known of the direct light on a fragment.
+/// Sums over the shadow rays of a fragment. Where lights are too many for the closed form
+/// ([`PolygonLights::is_exact`]) the light points' irradiances are a Monte-Carlo estimate themselves.
 #[derive(Clone, Copy, Default)]
-pub struct Lit {
-    /// Irradiance with nothing in between.
+pub struct ShadowSums {
+    /// Irradiance without occlusion in closed form; zero where lights are too many for that.
     unoccluded: Rgb,
-    /// Σ irradiance of the light points that were seen.
+    /// Σ irradiance that the unoccluded light points stand for.
     seen: Rgb,
-    /// Σ irradiance of all light points.
+    /// Σ irradiance that all light points stand for.
     cast: Rgb,
-    /// Of many lights, Σ of its square, as one number.
+    /// Σ squared importance of the irradiance seen, where lights are too many for the closed form.
     squares: f32,
     /// Rays so far.
     rays: u32,
     /// Rays that were blocked.
     blocked: u32,
-    /// Whether rays here or around disagree.
+    /// Whether rays here or in the neighbourhood disagreed when they were last compared.
     disputed: bool,
 }
 
-/// Direct light on all fragments.
-pub struct Direct {
-    lit: Vec<Lit>,
-    /// Rays of a disputed fragment in the first pass, and in each other.
+/// Direct light on all fragments of a picture.
+pub struct DirectLighting {
+    sums: Vec<ShadowSums>,
+    /// Rays of a disputed fragment: in the first pass, and in each later one.
     more_rays: [u32; 2],
-    /// Whether more rays go where they disagree.
+    /// Whether more rays go where they disagree, by the setting of that name.
     adaptive: bool,
     passes: u32,
     /// Shadow rays so far.
     pub rays: u64,
 }
 
-impl Direct {
-    /// Without a ray; `hasty` if the first pass had better be short.
-    pub fn new(lights: &PolygonLights, seen: &Seen, adaptive: bool, hasty: bool) -> Self {
-        let unoccluded = |fragment: &Fragment| Lit {
+impl DirectLighting {
+    /// Direct light without shadow rays yet; `hasty` if the first pass had better be short.
+    pub fn new(
+        lights: &PolygonLights,
+        visible: &VisibleSurfaces,
+        adaptive: bool,
+        hasty: bool,
+    ) -> Self {
+        let unoccluded = |fragment: &Fragment| ShadowSums {
             unoccluded: lights.unoccluded(fragment.point, fragment.normal).irradiance,
-            ..Lit::default()
+            ..ShadowSums::default()
         };
-        let lit = seen.fragments.par_iter().with_min_len(CHUNK).map(unoccluded).collect();
+        let sums = visible.fragments.par_iter().with_min_len(CHUNK).map(unoccluded).collect();
         // In small pictures neighbours are far apart, and rays are cheap.
-        let generous = (ORDINARY_PIXELS / (seen.width * seen.height)).clamp(1, 4);
+        let generous = (ORDINARY_PIXELS / (visible.width * visible.height)).clamp(1, 4);
         let more_rays = MORE_RAYS * generous;
         let at_first = if hasty { MORE_RAYS_IN_HASTE } else { more_rays };
-        Self { lit, more_rays: [at_first, more_rays], adaptive, passes: 0, rays: 0 }
+        Self { sums, more_rays: [at_first, more_rays], adaptive, passes: 0, rays: 0 }
     }
 
-    /// Writes all but what has no noise.
+    /// Writes what the shadow rays found.
     pub fn save(&self, to: &mut Writer) {
-        let kept = self.lit.iter().map(|lit| KeptLight {
-            seen: lit.seen,
-            cast: lit.cast,
-            squares: lit.squares,
-            rays: lit.rays,
-            blocked: lit.blocked,
-            disputed: u32::from(lit.disputed),
+        let stored = self.sums.iter().map(|sums| StoredShadowSums {
+            seen: sums.seen,
+            cast: sums.cast,
+            squares: sums.squares,
+            rays: sums.rays,
+            blocked: sums.blocked,
+            disputed: u32::from(sums.disputed),
         });
         to.value(self.passes);
         to.value(self.rays);
-        to.slice(&kept.collect::<Vec<_>>());
+        to.slice(&stored.collect::<Vec<_>>());
     }
 
-    /// Takes what [`Direct::save`] wrote of the same fragments.
+    /// Reads what [`DirectLighting::save`] wrote of the same fragments.
     pub fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
         self.passes = from.value()?;
         self.rays = from.value()?;
-        let kept: Vec<KeptLight> = from.exactly(self.lit.len())?;
-        if kept.iter().any(|kept| kept.rays > MOST_RAYS_OF_ALL || kept.blocked > kept.rays) {
+        let stored: Vec<StoredShadowSums> = from.exactly(self.sums.len())?;
+        if stored
+            .iter()
+            .any(|stored| stored.rays > MOST_RAYS_OF_ALL || stored.blocked > stored.rays)
+        {
             return Err(CheckpointError::damaged("there can't be that many rays"));
         }
-        for (lit, kept) in self.lit.iter_mut().zip(kept) {
-            (lit.seen, lit.cast, lit.squares) = (kept.seen, kept.cast, kept.squares);
-            (lit.rays, lit.blocked) = (kept.rays, kept.blocked);
-            lit.disputed = kept.disputed != 0;
+        for (sums, stored) in self.sums.iter_mut().zip(stored) {
+            (sums.seen, sums.cast, sums.squares) = (stored.seen, stored.cast, stored.squares);
+            (sums.rays, sums.blocked) = (stored.rays, stored.blocked);
+            sums.disputed = stored.disputed != 0;
         }
         Ok(())
     }
 
     /// Casts another pass of rays.
-    pub fn pass(&mut self, world: &World, lights: &PolygonLights, seen: &Seen, seed: Seed) {
-        let caster = Caster { world, lights, seen, seed };
+    pub fn pass(
+        &mut self,
+        world: &World,
+        lights: &PolygonLights,
+        visible: &VisibleSurfaces,
+        seed: Seed,
+    ) {
+        let caster = Caster { world, lights, visible, seed };
         if !self.adaptive || !lights.is_exact() {
             let rays = if lights.is_exact() { EVEN_RAYS } else { MANY_RAYS };
-            self.lit.iter_mut().for_each(|lit| lit.disputed = true);
+            self.sums.iter_mut().for_each(|sums| sums.disputed = true);
             self.cast(&caster, |_, _| rays);
         } else if self.passes == 0 {
             self.cast(&caster, |_, _| FIRST_RAYS);
-            self.dispute(seen);
+            self.mark_disputed(visible);
             let more = self.more_rays[0];
-            self.cast(&caster, |_, lit| if lit.disputed { more } else { 0 });
+            self.cast(&caster, |_, sums| if sums.disputed { more } else { 0 });
         } else {
-            self.dispute(seen);
+            self.mark_disputed(visible);
             let (passes, more) = (self.passes, self.more_rays[1]);
-            self.cast(&caster, |fragment, lit| {
-                let looks = (fragment.pixel + passes).is_multiple_of(SECOND_LOOK);
-                if lit.disputed { more } else { u32::from(looks) }
+            self.cast(&caster, |fragment, sums| {
+                let is_rechecked = (fragment.pixel + passes).is_multiple_of(RECHECK_PASSES);
+                if sums.disputed { more } else { u32::from(is_rechecked) }
             });
         }
         self.passes += 1;
     }
 
-    /// Casts as many rays from each fragment as `count` says.
-    fn cast(&mut self, caster: &Caster<'_>, count: impl Fn(&Fragment, &Lit) -> u32 + Sync) {
-        let fragments = &caster.seen.fragments;
-        let chunks = self.lit.par_chunks_mut(CHUNK).zip(fragments.par_chunks(CHUNK));
+    /// Casts as many shadow rays from each fragment as `count` says.
+    fn cast(&mut self, caster: &Caster<'_>, count: impl Fn(&Fragment, &ShadowSums) -> u32 + Sync) {
+        let fragments = &caster.visible.fragments;
+        let chunks = self.sums.par_chunks_mut(CHUNK).zip(fragments.par_chunks(CHUNK));
         let rays: u64 = chunks
-            .map(|(lit, fragments)| {
+            .map(|(sums, fragments)| {
                 let (mut rays, mut batch) = (0, Batch::default());
                 for (index, fragment) in fragments.iter().enumerate() {
-                    let count = count(fragment, &lit[index]);
-                    let dark = caster.lights.is_exact() && lit[index].unoccluded == Rgb::ZERO;
+                    let count = count(fragment, &sums[index]);
+                    let dark = caster.lights.is_exact() && sums[index].unoccluded == Rgb::ZERO;
                     if count > 0 && !dark {
-                        caster.aim(index, &mut lit[index], fragment, count, &mut batch);
+                        caster.aim(index, &mut sums[index], fragment, count, &mut batch);
                         rays += u64::from(count);
                     }
                     if batch.segments.len() >= BATCH {
-                        batch.trace(caster, lit);
+                        batch.trace(caster, sums);
                     }
                 }
-                batch.trace(caster, lit);
+                batch.trace(caster, sums);
                 rays
             })
             .sum();
         self.rays += rays;
     }
 
-    /// Finds the fragments whose own or neighbouring rays disagree.
-    fn dispute(&mut self, seen: &Seen) {
-        let lit = &self.lit;
-        let disputed: Vec<bool> = (0..lit.len())
+    /// Marks the fragments whose own or neighbouring rays disagree.
+    fn mark_disputed(&mut self, visible: &VisibleSurfaces) {
+        let sums = &self.sums;
+        let disputed: Vec<bool> = (0..sums.len())
             .into_par_iter()
             .with_min_len(CHUNK)
             .map(|index| {
-                let mine = &lit[index];
+                let mine = &sums[index];
                 if mine.is_disputed() {
                     return true;
                 }
@@ -201,15 +223,15 @@ impl Direct {
                     return false;
                 }
                 let mut disagrees = false;
-                around(seen, index, AROUND, |other, _, _| {
-                    let other = &lit[other];
+                around(visible, index, NEIGHBOUR_REACH, |other, _, _| {
+                    let other = &sums[other];
                     disagrees |=
                         other.rays > 0 && (other.blocked * mine.rays != mine.blocked * other.rays);
                 });
                 disagrees
             })
             .collect();
-        self.lit.iter_mut().zip(disputed).for_each(|(lit, disputed)| lit.disputed = disputed);
+        self.sums.iter_mut().zip(disputed).for_each(|(sums, disputed)| sums.disputed = disputed);
     }
 
     /// Direct irradiance of a fragment and its estimated variance; where its own rays are few, with
@@ -218,61 +240,62 @@ impl Direct {
     pub fn irradiance(
         &self,
         lights: &PolygonLights,
-        seen: &Seen,
+        visible: &VisibleSurfaces,
         index: usize,
         filtered: bool,
     ) -> (Rgb, Rgb) {
-        let lit = &self.lit[index];
-        if lit.rays == 0 {
+        let sums = &self.sums[index];
+        if sums.rays == 0 {
             return (Rgb::ZERO, Rgb::ZERO);
         }
         let exact = lights.is_exact();
-        let factor = if exact { lit.unoccluded } else { Rgb::ONE };
-        let share = lit.share(exact);
-        if !(filtered && lit.is_disputed() && lit.rays < ENOUGH_RAYS) {
-            return (factor * share, self.own_variance(lit, exact));
+        let factor = if exact { sums.unoccluded } else { Rgb::ONE };
+        let share = sums.share(exact);
+        if !(filtered && sums.is_disputed() && sums.rays < ENOUGH_RAYS) {
+            return (factor * share, self.own_variance(sums, exact));
         }
-        let reach = if lit.rays < FEW_RAYS { AROUND } else { 1 };
+        let reach = if sums.rays < FEW_RAYS { NEIGHBOUR_REACH } else { 1 };
         let mut plane = Plane::new();
-        plane.add(0, 0, share, lit.rays as f32);
-        around(seen, index, reach, |other, across, down| {
-            let other = &self.lit[other];
+        plane.add(0, 0, share, sums.rays as f32);
+        around(visible, index, reach, |other, across, down| {
+            let other = &self.sums[other];
             let weight = 1.0 / (1.0 + (across * across + down * down) as f32 * 0.5);
             if other.rays > 0 {
-                let alike = if exact { lit.alike(other) } else { 1.0 };
+                let alike = if exact { sums.alike(other) } else { 1.0 };
                 plane.add(across, down, other.share(exact), other.rays as f32 * weight * alike);
             }
         });
         let (share, variance) = plane.center();
         let variance = variance.map_or_else(
-            || self.own_variance(lit, exact) * HELPED,
+            || self.own_variance(sums, exact) * NEIGHBOUR_VARIANCE_FACTOR,
             |variance| factor * factor * variance,
         );
         (factor * share, variance)
     }
 
     /// Estimated variance of the irradiance by the rays of the fragment alone.
-    fn own_variance(&self, lit: &Lit, exact: bool) -> Rgb {
+    fn own_variance(&self, sums: &ShadowSums, exact: bool) -> Rgb {
         if !exact {
-            let (mean, all) = (lit.seen / lit.rays.max(1) as f32, importance(lit.seen));
-            if lit.rays < 2 || all <= 0.0 {
+            let (mean, all) = (sums.seen / sums.rays.max(1) as f32, importance(sums.seen));
+            if sums.rays < 2 || all <= 0.0 {
                 return mean * mean;
             }
-            let scatter = lit.squares * lit.rays as f32 / (all * all) - 1.0;
-            return mean * mean * (scatter.max(0.0) / (lit.rays - 1) as f32 * SPREAD);
+            let scatter = sums.squares * sums.rays as f32 / (all * all) - 1.0;
+            return mean * mean * (scatter.max(0.0) / (sums.rays - 1) as f32 * WELL_SPREAD_FACTOR);
         }
-        if lit.rays == 0 || lit.blocked == 0 || lit.blocked == lit.rays {
+        if sums.rays == 0 || sums.blocked == 0 || sums.blocked == sums.rays {
             return Rgb::ZERO;
         }
-        let share = lit.blocked as f32 / lit.rays as f32;
+        let share = sums.blocked as f32 / sums.rays as f32;
         // Well-spread points do better than random ones: the variance falls by about n^−1.5.
-        let variance = share * (1.0 - share) / (lit.rays as f32).powf(1.5);
-        lit.unoccluded * lit.unoccluded * variance
+        let variance = share * (1.0 - share) / (sums.rays as f32).powf(1.5);
+        sums.unoccluded * sums.unoccluded * variance
     }
 }
 
-impl Lit {
-    /// Share of the light that gets here; of many lights, irradiance.
+impl ShadowSums {
+    /// Share of the direct light that arrives, `seen / cast`; where lights are too many for the closed
+    /// form, the estimated irradiance.
     fn share(&self, exact: bool) -> Rgb {
         if !exact {
             return self.seen / self.rays as f32;
@@ -280,17 +303,18 @@ impl Lit {
         Rgb::select(self.cast.cmpgt(Rgb::ZERO), self.seen / self.cast, Rgb::ZERO)
     }
 
-    /// Whether rays here or around disagreed when that was last looked at, or do so here since.
+    /// Whether rays here or around disagreed when they were last compared, or do so here since.
     fn is_disputed(&self) -> bool {
         self.disputed || (self.blocked > 0 && self.blocked < self.rays)
     }
 
-    /// 1 where the shares of blocked rays are as near as chance lets them be, 0 where they are not:
-    /// there is a shadow's edge in between.
-    fn alike(&self, other: &Lit) -> f32 {
+    /// Weight of a neighbour, 0 to 1, by how likely chance alone explains the difference between the
+    /// two shares of blocked rays.
+    fn alike(&self, other: &ShadowSums) -> f32 {
         let off = self.blocked_share() - other.blocked_share();
         let chance = self.chance() + other.chance();
-        ((UNLIKE - off * off / chance) / (UNLIKE - ALIKE)).clamp(0.0, 1.0)
+        ((UNLIKE_VARIANCES - off * off / chance) / (UNLIKE_VARIANCES - ALIKE_VARIANCES))
+            .clamp(0.0, 1.0)
     }
 
     fn blocked_share(&self) -> f32 {
@@ -303,8 +327,8 @@ impl Lit {
         share * (1.0 - share) / self.rays.max(1) as f32
     }
 
-    /// Takes what a ray to a point of a light found, which shines as much if nothing is in between.
-    fn take(&mut self, irradiance: Rgb, blocked: bool, exact: bool) {
+    /// Adds what a shadow ray found; `irradiance` is what its light point stands for.
+    fn add_ray(&mut self, irradiance: Rgb, blocked: bool, exact: bool) {
         if blocked {
             self.blocked += 1;
             return;
@@ -316,53 +340,61 @@ impl Lit {
     }
 }
 
-/// What shadow rays are cast by.
+/// What shadow rays are cast with.
 struct Caster<'a> {
     world: &'a World,
     lights: &'a PolygonLights,
-    seen: &'a Seen,
+    visible: &'a VisibleSurfaces,
     seed: Seed,
 }
 
-/// Shadow rays that are traced together.
+/// A batch of shadow rays that are traced together.
 #[derive(Default)]
 struct Batch {
     segments: Vec<Segment>,
-    /// Of each, whose it is, and what arrives if nothing is in between.
+    /// Of each ray, its fragment's index in the chunk, and the irradiance that its light point stands
+    /// for.
     ends: Vec<(usize, Rgb)>,
     blocked: Vec<bool>,
 }
 
 impl Caster<'_> {
-    /// Picks points of the lights for so many more rays of a fragment.
-    fn aim(&self, index: usize, lit: &mut Lit, fragment: &Fragment, count: u32, to: &mut Batch) {
-        let Self { lights, seen, .. } = self;
-        let (x, y) = (fragment.pixel % seen.width, fragment.pixel / seen.width);
+    /// Picks light points for `count` more rays of a fragment and adds the rays to a batch.
+    fn aim(
+        &self,
+        index: usize,
+        sums: &mut ShadowSums,
+        fragment: &Fragment,
+        count: u32,
+        to: &mut Batch,
+    ) {
+        let Self { lights, visible, .. } = self;
+        let (x, y) = (fragment.pixel % visible.width, fragment.pixel / visible.width);
         let tile = u64::from(y / 4) << 32 | u64::from(x / 4);
         let place = BAYER[(y % 4 * 4 + x % 4) as usize];
         let sequence = Shifted::new(self.seed, Stream::Light, tile);
-        // Good enough to pick a light by, for all points of the pixel.
+        // Lights are picked by what they shine on the fragment's mean place, for all its points.
         let unoccluded = lights.unoccluded(fragment.point, fragment.normal);
         for _ in 0..count {
-            let from = seen.sample_point(fragment, lit.rays);
+            let from = visible.sample_point(fragment, sums.rays);
             let xi = |number: u32| sequence.at(number * 16 + place).triple();
             if !lights.is_exact() {
-                let xi = xi(lit.rays);
-                lit.rays += 1;
+                let xi = xi(sums.rays);
+                sums.rays += 1;
                 if let Some((end, irradiance)) = lights.one_of_many(from, fragment.normal, xi) {
                     to.add(Segment { from, to: end }, index, irradiance);
                 }
                 continue;
             }
             let sample = |tries: u32| {
-                let xi = xi(lit.rays * TRIES + tries);
+                let xi = xi(sums.rays * TRIES + tries);
                 lights.sample(&unoccluded, from, fragment.normal, xi)
             };
             // Where the horizon cuts a light, the ratio of seen to cast asks for points above it.
             let light = (0..TRIES).find_map(sample);
-            lit.rays += 1;
+            sums.rays += 1;
             let Some(light) = light else { continue };
-            lit.cast += light.irradiance;
+            sums.cast += light.irradiance;
             to.add(Segment { from, to: light.end }, index, light.irradiance);
         }
     }
@@ -374,11 +406,11 @@ impl Batch {
         self.ends.push((index, irradiance));
     }
 
-    /// Tells those whose rays they are what the rays meet, and is empty then.
-    fn trace(&mut self, caster: &Caster<'_>, lit: &mut [Lit]) {
+    /// Traces the rays, adds what they found to the fragments' sums and empties the batch.
+    fn trace(&mut self, caster: &Caster<'_>, sums: &mut [ShadowSums]) {
         caster.world.rays.blocked_many(&self.segments, |_, _| false, &mut self.blocked);
         for ((index, irradiance), blocked) in self.ends.iter().zip(&self.blocked) {
-            lit[*index].take(*irradiance, *blocked, caster.lights.is_exact());
+            sums[*index].add_ray(*irradiance, *blocked, caster.lights.is_exact());
         }
         self.segments.clear();
         self.ends.clear();
@@ -387,19 +419,24 @@ impl Batch {
 
 /// Calls `each` with the fragments of neighbouring pixels that lie in the plane of fragment
 /// `index`, and how many pixels they are to the right and down.
-fn around(seen: &Seen, index: usize, reach: i32, mut each: impl FnMut(usize, i32, i32)) {
-    let mine = &seen.fragments[index];
-    let (x, y) = ((mine.pixel % seen.width) as i32, (mine.pixel / seen.width) as i32);
-    let (width, height) = (seen.width as i32, seen.height as i32);
-    let flat = seen.frame.footprint(mine.point, seen.height);
+fn around(
+    visible: &VisibleSurfaces,
+    index: usize,
+    reach: i32,
+    mut each: impl FnMut(usize, i32, i32),
+) {
+    let mine = &visible.fragments[index];
+    let (x, y) = ((mine.pixel % visible.width) as i32, (mine.pixel / visible.width) as i32);
+    let (width, height) = (visible.width as i32, visible.height as i32);
+    let flat = visible.frame.footprint(mine.point, visible.height);
     for row in (y - reach).max(0)..=(y + reach).min(height - 1) {
         for column in (x - reach).max(0)..=(x + reach).min(width - 1) {
             let pixel = (row * width + column) as usize;
             if pixel == mine.pixel as usize {
                 continue;
             }
-            for other in seen.start[pixel] as usize..seen.start[pixel + 1] as usize {
-                let theirs = &seen.fragments[other];
+            for other in visible.start[pixel] as usize..visible.start[pixel + 1] as usize {
+                let theirs = &visible.fragments[other];
                 if theirs.normal.dot(mine.normal) > 0.98
                     && mine.normal.dot(theirs.point - mine.point).abs() < flat
                 {
@@ -421,17 +458,17 @@ mod tests {
     #[test]
     fn light_without_shadows_has_no_noise() {
         let specimen = Specimen::furnace();
-        let seen = specimen.seen();
-        let mut direct = Direct::new(&specimen.lights, &seen, true, false);
+        let visible = specimen.visible();
+        let mut direct = DirectLighting::new(&specimen.lights, &visible, true, false);
         for _ in 0..2 {
-            direct.pass(&specimen.world, &specimen.lights, &seen, SEED);
-            let light = |index| direct.irradiance(&specimen.lights, &seen, index, false);
-            let all = (0..seen.fragments.len()).map(light);
+            direct.pass(&specimen.world, &specimen.lights, &visible, SEED);
+            let light = |index| direct.irradiance(&specimen.lights, &visible, index, false);
+            let all = (0..visible.fragments.len()).map(light);
             let off = all.filter(|(light, variance)| {
                 !is_near(*light, PI * EMISSION, 0.005) || *variance != Rgb::ZERO
             });
             let off = off.count();
-            assert!(50 * off <= seen.fragments.len(), "{off} of {}", seen.fragments.len());
+            assert!(50 * off <= visible.fragments.len(), "{off} of {}", visible.fragments.len());
         }
         assert!(direct.rays > 0);
     }
@@ -439,21 +476,21 @@ mod tests {
     #[test]
     fn what_rays_found_comes_back() {
         let specimen = Specimen::new(&crate::scene::made::cornell(), 300);
-        let seen = specimen.seen();
-        let mut direct = Direct::new(&specimen.lights, &seen, true, false);
-        direct.pass(&specimen.world, &specimen.lights, &seen, SEED);
+        let visible = specimen.visible();
+        let mut direct = DirectLighting::new(&specimen.lights, &visible, true, false);
+        direct.pass(&specimen.world, &specimen.lights, &visible, SEED);
         let mut to = Writer::new(u64::MAX);
         direct.save(&mut to);
         let bytes = to.finish().expect("there is room");
-        let mut again = Direct::new(&specimen.lights, &seen, true, false);
+        let mut again = DirectLighting::new(&specimen.lights, &visible, true, false);
         again.restore(&mut Reader::new(&bytes)).expect("sound");
-        for index in 0..seen.fragments.len() {
+        for index in 0..visible.fragments.len() {
             let [one, other] = [&direct, &again]
-                .map(|direct| direct.irradiance(&specimen.lights, &seen, index, true));
+                .map(|direct| direct.irradiance(&specimen.lights, &visible, index, true));
             assert_eq!(one, other);
         }
-        let mut damaged = Direct::new(&specimen.lights, &seen, true, false);
-        damaged.lit.pop();
+        let mut damaged = DirectLighting::new(&specimen.lights, &visible, true, false);
+        damaged.sums.pop();
         assert!(damaged.restore(&mut Reader::new(&bytes)).is_err(), "of other fragments");
     }
 }

@@ -1,67 +1,76 @@
-//! Tier 2's records: where they stand, and the smooth function that they are together.
+//! The irradiance cache (tier 2): where records are placed, and how they are interpolated.
 //!
-//! Records are placed where the picture needs them, coarsely first, and live in world space: a
-//! second camera finds those of the first. A record counts within a radius that follows how near
-//! other surfaces are (Ward, Rubinstein, Clear 1988), and not behind what stands on its horizon.
+//! Records are placed where the picture needs them, on a coarse pixel grid first and on finer ones
+//! after it. They live in world space, so that a second camera finds those of the first. A record
+//! counts within a radius that goes by the harmonic mean distance to other surfaces (Ward,
+//! Rubinstein, Clear 1988), and not behind what stands on its horizon.
 
-use super::kept_record;
 use super::record::Record;
 use super::splat::{LocalFit, splat};
+use super::stored_record;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
 use crate::sampling::Seed;
 use crate::surface::World;
-use crate::transport::hemilux::coarse::Coarse;
-use crate::transport::hemilux::fragments::Seen;
+use crate::transport::hemilux::coarse::CoarseSolution;
+use crate::transport::hemilux::fragments::VisibleSurfaces;
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
-/// Most records that get more rays at a time.
-const REFINED: usize = 6000;
-/// Most records that are made at a time; where that leaves a fragment uncovered, in foliage say,
-/// it shows the coarse solution.
+/// Most records that get more rays in one iteration; where there are more, they take turns. It
+/// bounds the time of an iteration.
+const MOST_REFINED: usize = 6000;
+/// Most records that are added for one phase of a pixel grid, which bounds the time of an iteration
+/// in large scenes. Where that leaves a fragment uncovered, in foliage for example, it shows the
+/// coarse solution.
 const MOST_NEW: usize = 16_384;
-/// Distances in pixels between the places that are looked at, one after the other.
-const SPACINGS: [u32; 5] = [16, 8, 4, 2, 1];
-/// A place where the weights add up to less is not covered.
-const COVERED: f32 = 0.6;
-/// The same at the last: what is left over is filled only where there is next to nothing.
-const NEARLY_NOTHING: f32 = 0.02;
-/// Side of the picture that limits in pixels are for.
-const SIDE: f32 = 500.0;
-/// Rays of the first records, before it is known how many are worth their time.
-const LOOK_RAYS: u32 = 16;
-/// The noise of a record beside the light of the picture up to which fewer rays do; and in haste.
-const NOISE: [f32; 2] = [0.07, 0.11];
-/// Radius of a record in harmonic mean distances, and its limits in pixels.
-const RADIUS: f32 = 0.35;
+/// Spacings, in pixels, of the grids on which uncovered fragments are looked for, in this order.
+const GRID_SPACINGS: [u32; 5] = [16, 8, 4, 2, 1];
+/// Sum of the records' weights below which a fragment is uncovered. A record's weight is at most 1.
+const COVERED_WEIGHT: f32 = 0.6;
+/// The same on the last grid, of every pixel, which fills only what hardly any record reaches.
+const LAST_COVERED_WEIGHT: f32 = 0.02;
+/// Side, in pixels, of the square picture to which limits in pixels refer.
+const ORDINARY_SIDE: f32 = 500.0;
+/// Pilot rays: rays of each of the first records, whose noise says how many rays all records get
+/// (docs/decisions/0008).
+const PILOT_RAYS: u32 = 16;
+/// Noise allowed in a record of the first iteration, relative to the mean irradiance; and where the
+/// job is hasty.
+const ALLOWED_NOISE: [f32; 2] = [0.07, 0.11];
+/// Radius of a record as a multiple of the harmonic mean distance of its rays.
+const RADIUS_PER_DISTANCE: f32 = 0.35;
+/// Smallest radius of a record, in pixels of a picture of ordinary size.
 const LEAST_PIXELS: f32 = 6.0;
+/// Largest radius of a record, in pixels of a picture of ordinary size (docs/decisions/0007: better
+/// than 40).
 const MOST_PIXELS: f32 = 20.0;
-/// Smallest radius in pixels of the picture itself.
+/// Smallest radius in pixels of the picture itself: with a smaller one records would stand alone.
 const LEAST_OWN_PIXELS: f32 = 1.5;
-/// Radius in pixels where it does not follow what is near.
+/// Radius, in pixels of a picture of ordinary size, where the setting `adaptive` is off.
 const EVEN_PIXELS: f32 = 14.0;
-/// Factors of the radii of records that are off the planes through them by more than so many times
-/// the mean square.
-const TIGHTER: [(f32, f32); 3] = [(10.0, 0.3), (2.0, 0.5), (0.0, 0.95)];
-/// How much farther neighbours are heard than they are shown.
-const HEARD: f32 = 1.8;
-/// Pixels along a tile of the index of records.
+/// Factors by which radii shrink, `(times, factor)`: the first entry counts for which a record's
+/// [`Record::bent`] is over so many `times` its mean over the picture (docs/decisions/0014).
+const BENT_RADIUS_FACTORS: [(f32, f32); 3] = [(10.0, 0.3), (2.0, 0.5), (0.0, 0.95)];
+/// Reach of the plane fit in radii: a record's fit takes neighbours from farther away than it is
+/// itself interpolated to (docs/decisions/0007: better than 1.3).
+const FIT_REACH: f32 = 1.8;
+/// Side, in pixels, of a tile of the grid by which neighbouring records are found.
 const TILE: u32 = 16;
 
-/// All records.
+/// The irradiance cache: all records.
 #[derive(Default)]
-pub struct Cache {
+pub struct IrradianceCache {
     records: Vec<Record>,
     /// Records that another camera's picture had made.
     pub reused: usize,
-    /// Random sequences that records have taken.
+    /// Random sequences that records have taken, a number for each record ever made.
     sequences: u32,
     /// Per fragment, the sum of the weights of all records.
     coverage: Vec<f32>,
 }
 
-/// How records are made.
+/// How records are made and refined in an iteration.
 #[derive(Clone, Copy)]
 pub struct Gathering {
     /// Seed of their random numbers.
@@ -70,55 +79,55 @@ pub struct Gathering {
     pub rays: u32,
     /// Rays of a new record.
     pub new_rays: u32,
-    /// Whether direct light is found out afresh where they end.
+    /// Whether direct light is found afresh, by a shadow ray, where gather rays end.
     pub afresh: bool,
-    /// What the radii follow.
+    /// How records are spaced.
     pub spacing: Spacing,
 }
 
-/// A first look at the light of a picture.
+/// How pilot rays, of the first records, decide how many gather rays every record gets.
 #[derive(Clone, Copy)]
-pub struct FirstLook<'a> {
-    /// Whether it had better be soon than good.
+pub struct PilotSampling<'a> {
+    /// Whether the first picture had better come soon than be good: more noise is allowed then.
     pub hasty: bool,
-    /// Direct irradiance of a fragment.
+    /// Direct irradiance of a fragment by its index: noise is judged beside all light.
     pub direct: &'a dyn Fn(usize) -> Rgb,
 }
 
 /// What new records are made with.
-struct Making<'a> {
+struct FillContext<'a> {
     world: &'a World,
-    coarse: &'a Coarse,
-    seen: &'a Seen,
+    coarse: &'a CoarseSolution,
+    visible: &'a VisibleSurfaces,
     gathering: Gathering,
-    /// How tight they have to be, per fragment; empty where nothing is known of that.
-    tight: &'a [f32],
-    /// Times the footprint of a pixel.
-    scaling: f32,
+    /// [`Record::radius_factor`] of a new record, by fragment; empty before there are records.
+    radius_factor: &'a [f32],
+    /// Side of the picture over [`ORDINARY_SIDE`].
+    picture_scale: f32,
 }
 
-/// What the radii of records follow.
+/// How records are spaced: what their radii go by.
 #[derive(Clone, Copy)]
 pub struct Spacing {
     /// Factor of all radii.
     pub scale: f32,
-    /// The same at least, where it is multiplied by how tight a record is.
+    /// Lower bound of `scale` times [`Record::radius_factor`].
     pub least: f32,
-    /// Whether all are the same in the picture, rather than following what is near.
+    /// Whether all radii are the same in the picture, rather than going by what is near.
     pub even: bool,
 }
 
-impl Cache {
+impl IrradianceCache {
     /// Writes the records.
     pub fn save(&self, to: &mut Writer) {
         to.value(self.sequences);
-        kept_record::save(&self.records, to);
+        stored_record::save(&self.records, to);
     }
 
-    /// Takes what [`Cache::save`] wrote.
+    /// Reads what [`IrradianceCache::save`] wrote.
     pub fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
         self.sequences = from.value()?;
-        self.records = kept_record::restore(from)?;
+        self.records = stored_record::restore(from)?;
         Ok(())
     }
 
@@ -137,14 +146,14 @@ impl Cache {
     pub fn refine(
         &mut self,
         world: &World,
-        coarse: &Coarse,
+        coarse: &CoarseSolution,
         gathering: Gathering,
         enough: u32,
         turn: usize,
     ) {
         let mut wanted: Vec<&mut Record> =
             self.records.iter_mut().filter(|record| record.rays < enough).collect();
-        let every = wanted.len().div_ceil(REFINED).max(1);
+        let every = wanted.len().div_ceil(MOST_REFINED).max(1);
         let records = wanted.par_iter_mut().enumerate().with_max_len(16);
         records.filter(|(index, _)| (index + turn).is_multiple_of(every)).for_each(
             |(_, record)| {
@@ -153,102 +162,115 @@ impl Cache {
         );
     }
 
-    /// Adds records until every fragment is covered, each with as many rays as asked for, or, at the
-    /// first look, as many as the noise of the first of them asks for; returns how many.
+    /// Adds records until every fragment is covered, and returns the rays of each: as many as
+    /// `gathering` says or, with a `pilot`, as many as the noise of the first grid's records asks for.
     pub fn fill(
         &mut self,
         world: &World,
-        coarse: &Coarse,
-        seen: &Seen,
+        coarse: &CoarseSolution,
+        visible: &VisibleSurfaces,
         gathering: Gathering,
-        look: Option<FirstLook<'_>>,
+        pilot: Option<PilotSampling<'_>>,
     ) -> u32 {
         let most = gathering.new_rays;
-        let first_rays = if look.is_some() { LOOK_RAYS.min(most) } else { most };
+        let first_rays = if pilot.is_some() { PILOT_RAYS.min(most) } else { most };
         let mut rays = first_rays;
-        let tight = self.tighten(seen);
+        let radius_factor = self.shrink_bent(visible);
         for record in &mut self.records {
             record.radius = radius(record, gathering.spacing);
         }
-        self.coverage = vec![0.0; seen.fragments.len()];
-        self.cover(seen, 0);
-        let making =
-            Making { world, coarse, seen, gathering, tight: &tight, scaling: scaling(seen) };
-        for spacing in SPACINGS {
-            let look = look.filter(|_| spacing == SPACINGS[0]);
+        self.coverage = vec![0.0; visible.fragments.len()];
+        self.cover(visible, 0);
+        let context = FillContext {
+            world,
+            coarse,
+            visible,
+            gathering,
+            radius_factor: &radius_factor,
+            picture_scale: picture_scale(visible),
+        };
+        for spacing in GRID_SPACINGS {
+            let pilot = pilot.filter(|_| spacing == GRID_SPACINGS[0]);
             let mut direct = Rgb::ZERO;
             for phase in phases(spacing) {
-                let wanted = thinned(self.wanted(seen, spacing, *phase));
-                if let Some(look) = look {
+                let uncovered = thinned(self.uncovered(visible, spacing, *phase));
+                if let Some(pilot) = pilot {
                     direct +=
-                        wanted.iter().map(|place| (look.direct)(*place as usize)).sum::<Rgb>();
+                        uncovered.iter().map(|place| (pilot.direct)(*place as usize)).sum::<Rgb>();
                 }
-                self.make(&making, wanted, rays);
+                self.add_records(&context, uncovered, rays);
             }
-            if let Some(look) = look {
-                let allowed = NOISE[usize::from(look.hasty)];
-                rays = self.worth(direct, allowed).clamp(first_rays, most);
-                self.gather_more(&making, rays - first_rays);
+            if let Some(pilot) = pilot {
+                let allowed = ALLOWED_NOISE[usize::from(pilot.hasty)];
+                rays = self.rays_for_noise(direct, allowed).clamp(first_rays, most);
+                self.gather_more(&context, rays - first_rays);
             }
         }
         rays
     }
 
-    /// Fragments in the pixels of a grid that are covered too little.
-    fn wanted(&self, seen: &Seen, spacing: u32, [across, down]: [u32; 2]) -> Vec<u32> {
-        let least = if spacing == 1 { NEARLY_NOTHING } else { COVERED };
+    /// Uncovered fragments in the pixels of one phase of a grid.
+    fn uncovered(
+        &self,
+        visible: &VisibleSurfaces,
+        spacing: u32,
+        [across, down]: [u32; 2],
+    ) -> Vec<u32> {
+        let least = if spacing == 1 { LAST_COVERED_WEIGHT } else { COVERED_WEIGHT };
         let double = 2 * spacing as usize;
-        let mut wanted = Vec::new();
-        for row in (down * spacing..seen.height).step_by(double) {
-            for column in (across * spacing..seen.width).step_by(double) {
-                let pixel = (row * seen.width + column) as usize;
-                let range = seen.start[pixel]..seen.start[pixel + 1];
-                wanted.extend(range.filter(|f| self.coverage[*f as usize] < least));
+        let mut uncovered = Vec::new();
+        for row in (down * spacing..visible.height).step_by(double) {
+            for column in (across * spacing..visible.width).step_by(double) {
+                let pixel = (row * visible.width + column) as usize;
+                let range = visible.start[pixel]..visible.start[pixel + 1];
+                uncovered.extend(range.filter(|f| self.coverage[*f as usize] < least));
             }
         }
-        wanted
+        uncovered
     }
 
     /// Adds records on these fragments, each with so many rays.
-    fn make(&mut self, making: &Making<'_>, wanted: Vec<u32>, rays: u32) {
-        let Making { world, coarse, seen, gathering, tight, scaling } = *making;
+    fn add_records(&mut self, context: &FillContext<'_>, uncovered: Vec<u32>, rays: u32) {
+        let FillContext { world, coarse, visible, gathering, radius_factor, picture_scale } =
+            *context;
         let first = self.records.len();
         let sequences = self.sequences;
-        let new: Vec<Record> = wanted
+        let new: Vec<Record> = uncovered
             .into_par_iter()
             .enumerate()
             .with_max_len(16)
             .map(|(index, place)| {
-                let fragment = &seen.fragments[place as usize];
-                let footprint = scaling * seen.frame.footprint(fragment.point, seen.height);
+                let fragment = &visible.fragments[place as usize];
+                let footprint =
+                    picture_scale * visible.frame.footprint(fragment.point, visible.height);
                 let number = sequences.wrapping_add(index as u32);
-                let point = seen.middle_point(fragment);
+                let point = visible.middle_point(fragment);
                 let mut record = Record::new(point, fragment.normal, footprint, number);
                 record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
-                record.tight = tight.get(place as usize).copied().unwrap_or(1.0);
+                record.radius_factor = radius_factor.get(place as usize).copied().unwrap_or(1.0);
                 record.radius = radius(&record, gathering.spacing);
                 record
             })
             .collect();
         self.sequences = sequences.wrapping_add(new.len() as u32);
         self.records.extend(new);
-        self.cover(seen, first);
+        self.cover(visible, first);
     }
 
     /// Traces more rays of all records, whose radii then follow what these found.
-    fn gather_more(&mut self, making: &Making<'_>, rays: u32) {
-        let Making { world, coarse, seen, gathering, .. } = *making;
+    fn gather_more(&mut self, context: &FillContext<'_>, rays: u32) {
+        let FillContext { world, coarse, visible, gathering, .. } = *context;
         self.records.par_iter_mut().with_max_len(16).for_each(|record| {
             record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
             record.radius = radius(record, gathering.spacing);
         });
         self.coverage.fill(0.0);
-        self.cover(seen, 0);
+        self.cover(visible, 0);
     }
 
-    /// Rays of a record with which noise is as large as `allowed` beside all light, of which
-    /// `all_direct` is what is direct at the records.
-    fn worth(&self, all_direct: Rgb, allowed: f32) -> u32 {
+    /// Rays of a record with which its noise is `allowed` relative to the mean irradiance, a multiple
+    /// of eight. `all_direct` is the sum of the direct irradiance at the records.
+    fn rays_for_noise(&self, all_direct: Rgb, allowed: f32) -> u32 {
         let (mut light, mut noise) = (all_direct.element_sum(), 0.0);
         for record in &self.records {
             light += record.irradiance().element_sum();
@@ -260,9 +282,9 @@ impl Cache {
         (noise / (allowed * mean).powi(2) / 8.0).ceil().min(1e6) as u32 * 8
     }
 
-    /// Tightens the records that are off the planes through them by more than most; returns how
-    /// tight new records have to be, per fragment.
-    fn tighten(&mut self, seen: &Seen) -> Vec<f32> {
+    /// Shrinks the radii of all records by [`BENT_RADIUS_FACTORS`]; returns the radius factor of new
+    /// records, by fragment, interpolated from those that are there.
+    fn shrink_bent(&mut self, visible: &VisibleSurfaces) -> Vec<f32> {
         if self.records.is_empty() {
             return Vec::new();
         }
@@ -274,29 +296,30 @@ impl Cache {
         let mean = sum / pixels;
         for record in &mut self.records {
             let bent = record.bent.element_sum();
-            let tighter = TIGHTER.iter().find(|(times, _)| bent > times * mean);
-            record.tight *= tighter.map_or(1.0, |(_, factor)| *factor);
+            let shrunk = BENT_RADIUS_FACTORS.iter().find(|(times, _)| bent > times * mean);
+            record.radius_factor *= shrunk.map_or(1.0, |(_, factor)| *factor);
         }
         splat(
-            seen,
+            visible,
             &self.records,
-            |record| LocalFit::even([record.tight]),
-            |[tight], weight| if weight > 0.0 { tight / weight } else { 1.0 },
+            |record| LocalFit::even([record.radius_factor]),
+            |[radius_factor], weight| if weight > 0.0 { radius_factor / weight } else { 1.0 },
         )
     }
 
-    /// Goes over to another camera: of the records, those stay that count for anything it sees.
-    pub fn turn(&mut self, seen: &Seen, spacing: Spacing) {
-        let scaling = scaling(seen);
+    /// Goes over to another camera: keeps the records that have weight at any fragment it sees.
+    pub fn change_camera(&mut self, visible: &VisibleSurfaces, spacing: Spacing) {
+        let picture_scale = picture_scale(visible);
         let counts = |record: &mut Record| {
-            record.footprint = scaling * seen.frame.footprint(record.point, seen.height);
+            record.footprint =
+                picture_scale * visible.frame.footprint(record.point, visible.height);
             record.radius = radius(record, spacing);
-            let around = record.reach(1.0);
-            let Some([x0, x1, y0, y1]) = record.window(seen, 1.0) else { return false };
+            let around = record.weight_function(1.0);
+            let Some([x0, x1, y0, y1]) = record.window(visible, 1.0) else { return false };
             (y0..y1).any(|row| {
-                let first = seen.start[(row * seen.width + x0) as usize] as usize;
-                let last = seen.start[(row * seen.width + x1) as usize] as usize;
-                let fragments = &mut seen.fragments[first..last].iter();
+                let first = visible.start[(row * visible.width + x0) as usize] as usize;
+                let last = visible.start[(row * visible.width + x1) as usize] as usize;
+                let fragments = &mut visible.fragments[first..last].iter();
                 fragments.any(|other| around.weight(other.point, other.normal) > 0.0)
             })
         };
@@ -306,41 +329,46 @@ impl Cache {
     }
 
     /// Adds the weights of the records from `first` on to the coverage.
-    fn cover(&mut self, seen: &Seen, first: usize) {
-        let added =
-            splat(seen, &self.records[first..], |_| LocalFit::even([]), |[], weight: f32| weight);
+    fn cover(&mut self, visible: &VisibleSurfaces, first: usize) {
+        let added = splat(
+            visible,
+            &self.records[first..],
+            |_| LocalFit::even([]),
+            |[], weight: f32| weight,
+        );
         for (sum, more) in self.coverage.iter_mut().zip(added) {
             *sum += more;
         }
     }
 
-    /// Lets every record hear its neighbours: a plane through their irradiances, weighted by how
-    /// much they count here, says what its own is and how it changes.
-    pub fn smooth(&mut self, seen: &Seen, fit: bool) {
+    /// Fits a plane, for every record, through the irradiances of it and its neighbours, weighted by
+    /// how much they count here: value and slope of the record are those of the plane. Without `fit`
+    /// a record keeps its own irradiance, and has no slope.
+    pub fn smooth(&mut self, visible: &VisibleSurfaces, fit: bool) {
         if !fit {
             for record in &mut self.records {
-                record.take(Fit::alone(record));
+                record.set_fit(FittedIrradiance::alone(record));
             }
             return;
         }
-        let across = seen.width.div_ceil(TILE);
-        let down = seen.height.div_ceil(TILE);
+        let across = visible.width.div_ceil(TILE);
+        let down = visible.height.div_ceil(TILE);
         let mut tiles: Vec<Vec<u32>> = vec![Vec::new(); (across * down) as usize];
         for (index, record) in self.records.iter().enumerate() {
-            if let Some([x, y]) = seen.frame.pixel(record.point, seen.width, seen.height) {
+            if let Some([x, y]) = visible.frame.pixel(record.point, visible.width, visible.height) {
                 tiles[(y / TILE * across + x / TILE) as usize].push(index as u32);
             }
         }
         let records = &self.records;
-        let fits: Vec<Fit> = records
+        let fits: Vec<FittedIrradiance> = records
             .par_iter()
             .with_min_len(16)
             .map(|record| {
-                let around = record.reach(HEARD);
-                let Some([x0, x1, y0, y1]) = record.window(seen, HEARD) else {
-                    return Plane::new().fit(record);
+                let around = record.weight_function(FIT_REACH);
+                let Some([x0, x1, y0, y1]) = record.window(visible, FIT_REACH) else {
+                    return RecordPlane::new().fit(record);
                 };
-                let mut plane = Plane::new();
+                let mut plane = RecordPlane::new();
                 for row in y0 / TILE..=(y1.max(1) - 1) / TILE {
                     for column in x0 / TILE..=(x1.max(1) - 1) / TILE {
                         for other in &tiles[(row * across + column) as usize] {
@@ -356,17 +384,18 @@ impl Cache {
             })
             .collect();
         for (record, fit) in self.records.iter_mut().zip(fits) {
-            record.take(fit);
+            record.set_fit(fit);
         }
     }
 
-    /// Indirect irradiance of every fragment; `None` where no record counts.
-    pub fn irradiance(&self, seen: &Seen) -> Vec<Option<Bounced>> {
-        let said = |record: &Record| {
+    /// Indirect irradiance of every fragment by weighted interpolation of the records; `None` where no
+    /// record counts.
+    pub fn irradiance(&self, visible: &VisibleSurfaces) -> Vec<Option<IndirectLight>> {
+        let contribution = |record: &Record| {
             let (value, noise, bent) = (record.value, record.noise, record.bent);
             let [a, b, c] = record.slope;
             let [d, e, f] = record.noise_slope;
-            // A slope is a guess: it must not turn light into darkness.
+            // An extrapolated slope could make light negative.
             let (least, most) = (0.5 * value, 2.0 * value);
             let any = f32::INFINITY;
             LocalFit {
@@ -380,61 +409,69 @@ impl Cache {
         };
         let mean = |sums: [f32; 9], weight: f32| {
             let mean = |first: usize| Rgb::from_slice(&sums[first..]) / weight;
-            (weight > 0.0).then(|| Bounced { irradiance: mean(0), noise: mean(3), bent: mean(6) })
+            (weight > 0.0).then(|| IndirectLight {
+                irradiance: mean(0),
+                noise: mean(3),
+                bent: mean(6),
+            })
         };
-        splat(seen, &self.records, said, mean)
+        splat(visible, &self.records, contribution, mean)
     }
 }
 
-/// Where the pixels of a grid lie within cells of twice its spacing: those of the grid before need
-/// no second look.
+/// Phases of a grid: positions of its pixels, in units of the spacing, within cells of twice the
+/// spacing. A finer grid leaves out the phase that the grid before has covered.
 fn phases(spacing: u32) -> &'static [[u32; 2]] {
-    if spacing == SPACINGS[0] {
+    if spacing == GRID_SPACINGS[0] {
         &[[0, 0], [1, 1], [0, 1], [1, 0]]
     } else {
         &[[1, 1], [0, 1], [1, 0]]
     }
 }
 
-/// Every n-th of more than [`MOST_NEW`].
-fn thinned(wanted: Vec<u32>) -> Vec<u32> {
-    let every = wanted.len().div_ceil(MOST_NEW).max(1);
-    wanted.into_iter().step_by(every).collect()
+/// At most [`MOST_NEW`] of the fragments: every n-th where there are more.
+fn thinned(uncovered: Vec<u32>) -> Vec<u32> {
+    let every = uncovered.len().div_ceil(MOST_NEW).max(1);
+    uncovered.into_iter().step_by(every).collect()
 }
 
 /// Indirect irradiance of a fragment.
 #[derive(Clone, Copy, Default)]
-pub struct Bounced {
+pub struct IndirectLight {
     /// The irradiance.
     pub irradiance: Rgb,
-    /// Half the difference that either half of all rays makes to it.
+    /// Half the difference between the irradiances by either half of the gather rays: its square is the
+    /// variance of the irradiance by noise.
     pub noise: Rgb,
-    /// Variance of the records about the planes through them that is not noise.
+    /// Variance of the records about the planes fitted through them, beyond their noise.
     pub bent: Rgb,
 }
 
-/// Small pictures want as many records as large ones: their error is a share of the whole.
-fn scaling(seen: &Seen) -> f32 {
-    ((seen.width * seen.height) as f32).sqrt() / SIDE
+/// Scale of all limits in pixels, so that small pictures have as many records as large ones: the
+/// error is relative to the whole picture.
+fn picture_scale(visible: &VisibleSurfaces) -> f32 {
+    ((visible.width * visible.height) as f32).sqrt() / ORDINARY_SIDE
 }
 
 /// The scale at which the smallest radius is as small as neighbouring pixels allow: with a smaller
 /// one records would stand alone.
-pub fn least_scale(seen: &Seen) -> f32 {
-    (LEAST_OWN_PIXELS / (LEAST_PIXELS * scaling(seen))).min(1.0)
+pub fn least_scale(visible: &VisibleSurfaces) -> f32 {
+    (LEAST_OWN_PIXELS / (LEAST_PIXELS * picture_scale(visible))).min(1.0)
 }
 
+/// Radius of a record, ray units.
 fn radius(record: &Record, Spacing { scale, least, even }: Spacing) -> f32 {
     if even {
         return EVEN_PIXELS * record.footprint * scale;
     }
     let pixels = [LEAST_PIXELS, MOST_PIXELS].map(|pixels| pixels * record.footprint);
-    let radius = (RADIUS * record.distance()).clamp(pixels[0], pixels[1]);
-    radius * (scale * record.tight).max(least)
+    let radius = (RADIUS_PER_DISTANCE * record.distance()).clamp(pixels[0], pixels[1]);
+    radius * (scale * record.radius_factor).max(least)
 }
 
-/// What a plane says of a record.
-struct Fit {
+/// Irradiance of a record by the plane fitted through its neighbours; the fields are those of
+/// [`Record`].
+struct FittedIrradiance {
     value: Rgb,
     slope: [Vec3; 3],
     noise: Rgb,
@@ -442,8 +479,8 @@ struct Fit {
     bent: Rgb,
 }
 
-impl Fit {
-    /// Of a record without neighbours.
+impl FittedIrradiance {
+    /// The record's own irradiance, where it has too few neighbours for a plane.
     fn alone(record: &Record) -> Self {
         let (value, noise) = (record.irradiance(), record.noise());
         Self { value, slope: [Vec3::ZERO; 3], noise, noise_slope: [Vec3::ZERO; 3], bent: Rgb::ZERO }
@@ -451,32 +488,35 @@ impl Fit {
 }
 
 impl Record {
-    fn take(&mut self, fit: Fit) {
+    fn set_fit(&mut self, fit: FittedIrradiance) {
         (self.value, self.slope) = (fit.value, fit.slope);
         (self.noise, self.noise_slope) = (fit.noise, fit.noise_slope);
         self.bent = fit.bent;
     }
 }
 
-/// Sums of a least-squares plane.
-struct Plane {
+/// Sums of a weighted least-squares plane through records' irradiances over their places along the
+/// surface, in radii of the record in the middle. (The plane of [`crate::filter`] is one through
+/// pixels.)
+struct RecordPlane {
     /// Σ w (1, x, y)ᵀ(1, x, y).
     matrix: Mat3,
     /// Σ w (1, x, y)ᵀ E, per channel.
     right: Mat3,
     /// The same of the noise.
     noise: Mat3,
+    /// Σ w².
     squares: f32,
     /// Σ w E².
     energy: Rgb,
     /// Σ w noise².
     noise_energy: Rgb,
-    /// Least and largest irradiance heard.
+    /// Least and largest irradiance of the records.
     range: Option<(Rgb, Rgb)>,
 }
 
-impl Plane {
-    /// Of nothing. (A matrix is one by default.)
+impl RecordPlane {
+    /// A plane through no records yet. (`Mat3::default()` is the identity.)
     fn new() -> Self {
         Self {
             matrix: Mat3::ZERO,
@@ -505,25 +545,25 @@ impl Plane {
         self.squares += weight * weight;
     }
 
-    fn fit(mut self, record: &Record) -> Fit {
+    fn fit(mut self, record: &Record) -> FittedIrradiance {
         let total = self.matrix.x_axis.x;
         // Effective number of records.
         let count = total * total / self.squares.max(f32::MIN_POSITIVE);
         if total.is_nan() || total <= 0.0 || count < 3.0 {
-            return Fit::alone(record);
+            return FittedIrradiance::alone(record);
         }
         let ridge = 0.01 * total;
         self.matrix.y_axis.y += ridge;
         self.matrix.z_axis.z += ridge;
         let inverse = self.matrix.inverse();
         if !inverse.is_finite() {
-            return Fit::alone(record);
+            return FittedIrradiance::alone(record);
         }
         let [tangent, bitangent] = record.tangents;
         let along = |channel: Vec3| (tangent * channel.y + bitangent * channel.z) / record.radius;
         let solved = inverse * self.right;
         let channels = [solved.x_axis, solved.y_axis, solved.z_axis];
-        // Neither value nor slope may leave what was heard.
+        // Value and slope stay within the records' range: docs/decisions/0012.
         let (least, most) = self.range.unwrap_or_default();
         let value = Rgb::from_array(channels.map(|c| c.x)).clamp(least, most);
         let range = (most - least) / record.radius;
@@ -535,7 +575,7 @@ impl Plane {
             Rgb::from_array(std::array::from_fn(|k| channels[k].dot(self.right.col(k))));
         let scatter = (self.energy - explained) / total * (count / (count - 2.0).max(1.0));
         let bent = (scatter - self.noise_energy / total).max(Rgb::ZERO);
-        Fit {
+        FittedIrradiance {
             value,
             slope,
             noise: Rgb::from_array(noise.map(|c| c.x)),

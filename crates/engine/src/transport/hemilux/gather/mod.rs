@@ -1,8 +1,8 @@
 //! Tier 2: indirect irradiance at records on what the camera sees, by rays over the hemisphere.
 
 mod cache;
-mod kept_record;
 mod record;
 mod splat;
+mod stored_record;
 
-pub use cache::{Bounced, Cache, FirstLook, Gathering, Spacing, least_scale};
+pub use cache::{Gathering, IndirectLight, IrradianceCache, PilotSampling, Spacing, least_scale};

@@ -1,5 +1,5 @@
-//! Tier 2, gather: rays all over the hemisphere of a point turn the coarse solution into its
-//! indirect irradiance, and tell how far that may be carried to the neighbours.
+//! A record of the irradiance cache (tier 2): rays over the hemisphere of a point turn the coarse
+//! solution into its indirect irradiance, and say how far around it that counts.
 
 use crate::patches::PatchIndex;
 use crate::radiometry::Rgb;
@@ -7,25 +7,26 @@ use crate::random::Stream;
 use crate::rays::{Eye, Hit, Ray};
 use crate::sampling::{Afresh, Seed, Shifted, cosine_local, frame};
 use crate::surface::World;
-use crate::transport::hemilux::coarse::Coarse;
-use crate::transport::hemilux::fragments::Seen;
+use crate::transport::hemilux::coarse::CoarseSolution;
+use crate::transport::hemilux::fragments::VisibleSurfaces;
 use crate::transport::hemilux::gloss::reflected_at;
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 
-/// Sectors of the horizon.
+/// Sectors around the normal, of about 30° each, for which a record keeps the nearest obstacle.
 pub const SECTORS: usize = 12;
-/// Nearer than this share of the nearest thing in its sector, a record is fully valid.
-const NEAR: f32 = 0.6;
-/// Farther than this share it is not: something stands in between.
-const BEHIND: f32 = 0.9;
-/// What is less behind a plane than this share of its distance is not behind it.
+/// Share of the distance to a sector's nearest obstacle up to which the record counts in full.
+const CLEAR_UP_TO: f32 = 0.6;
+/// Share of that distance from which the record does not count behind the obstacle's plane.
+const HIDDEN_FROM: f32 = 0.9;
+/// Tolerance for rounding: a point less far behind an obstacle's plane than this share of its
+/// distance from the record is not behind it.
 const IN_FRONT: f32 = 1e-3;
 
-/// Every so many rays one is aimed at bright patches, where there are such.
-const AIMED: u32 = 4;
+/// One in so many gather rays is aimed at bright patches, where there are such.
+const AIMED_EVERY: u32 = 4;
 
-/// The nearest thing in a sector of a record's horizon.
+/// The nearest obstacle in a sector of a record's horizon, as the plane of its surface.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Obstacle {
@@ -37,9 +38,10 @@ pub struct Obstacle {
     pub offset: f32,
 }
 
-const NOTHING: Obstacle = Obstacle { distance: f32::INFINITY, normal: Vec3::ZERO, offset: 0.0 };
+/// A sector in which no ray has met anything.
+const NO_OBSTACLE: Obstacle = Obstacle { distance: f32::INFINITY, normal: Vec3::ZERO, offset: 0.0 };
 
-/// Indirect irradiance at a point of a surface, ray units.
+/// A record: indirect irradiance at a point of a surface, in ray units.
 #[derive(Clone)]
 pub struct Record {
     /// Where; off the surface by the rounding error.
@@ -56,64 +58,65 @@ pub struct Record {
     pub rays: u32,
     /// Σ radiance over rays.
     pub sum: Rgb,
-    /// The same with the sign changed in the second half of each stretch of rays.
+    /// The same with the sign changed in the second half of each batch of rays: the difference between
+    /// the two halves.
     pub split: Rgb,
     /// Σ 1/distance over rays.
     pub nearness: f32,
     /// What is nearest in each sector of the horizon.
     pub horizon: [Obstacle; SECTORS],
-    /// Irradiance after the neighbours were heard.
+    /// Irradiance by the plane through the neighbouring records.
     pub value: Rgb,
-    /// Half the difference that either half of all rays makes to it.
+    /// Half the difference of `value` between either half of all records' rays.
     pub noise: Rgb,
-    /// Variance of the records heard about the plane through them that is not noise.
+    /// Variance of the neighbouring records about that plane, beyond their noise.
     pub bent: Rgb,
-    /// Its change along the surface, per ray unit, in world axes.
+    /// Gradient of `value` along the surface, per ray unit, in world axes, a vector per channel.
     pub slope: [Vec3; 3],
-    /// The same of the noise.
+    /// The same of `noise`.
     pub noise_slope: [Vec3; 3],
-    /// Factor of its radius: small where light is bent.
-    pub tight: f32,
+    /// Factor of its radius: small where irradiance is not linear along the surface.
+    pub radius_factor: f32,
     /// Radius within which it counts.
     pub radius: f32,
 }
 
-/// A ray of a record.
-struct Probe {
-    /// Its number in the stretch.
+/// A gather ray of a record, beside its direction.
+struct GatherRay {
+    /// Its number in the batch.
     number: u32,
     /// The patch that it is aimed at, if any.
     aim: Option<PatchIndex>,
-    /// To find light out afresh with where it ends.
+    /// Random numbers to find light afresh where it ends.
     numbers: Afresh,
 }
 
-/// Rays that a record traces together.
-struct Stretch {
-    /// Rays of the record before.
+/// A batch of gather rays that a record traces together.
+struct RayBatch {
+    /// Rays of the record before this batch.
     first: u32,
     rays: u32,
     /// Whether some of them are aimed at bright patches.
     is_guided: bool,
-    /// Shares of those all over the hemisphere and of those that are aimed.
-    of_each: [f32; 2],
+    /// Shares of the rays that are spread over the hemisphere, and of those that are aimed.
+    shares: [f32; 2],
 }
 
-impl Stretch {
-    fn new(coarse: &Coarse, first: u32, rays: u32) -> Self {
-        let is_guided = coarse.guide.is_some() && rays >= AIMED;
-        let mut this = Self { first, rays, is_guided, of_each: [1.0, 0.0] };
+impl RayBatch {
+    fn new(coarse: &CoarseSolution, first: u32, rays: u32) -> Self {
+        let is_guided = coarse.guide.is_some() && rays >= AIMED_EVERY;
+        let mut this = Self { first, rays, is_guided, shares: [1.0, 0.0] };
         let aimed = this.aimed(first + rays) - this.aimed(first);
-        this.of_each = [rays - aimed, aimed].map(|count| count as f32 / rays as f32);
+        this.shares = [rays - aimed, aimed].map(|count| count as f32 / rays as f32);
         this
     }
 
     /// How many of the record's first so many rays are aimed, or would have been.
     fn aimed(&self, rays: u32) -> u32 {
-        if self.is_guided { rays / AIMED } else { 0 }
+        if self.is_guided { rays / AIMED_EVERY } else { 0 }
     }
 
-    /// Whether a ray of the stretch is.
+    /// Whether a ray of the batch is aimed.
     fn is_aimed(&self, number: u32) -> bool {
         self.aimed(self.first + number + 1) > self.aimed(self.first + number)
     }
@@ -133,83 +136,96 @@ impl Record {
             sum: Rgb::ZERO,
             split: Rgb::ZERO,
             nearness: 0.0,
-            horizon: [NOTHING; SECTORS],
+            horizon: [NO_OBSTACLE; SECTORS],
             value: Rgb::ZERO,
             noise: Rgb::ZERO,
             bent: Rgb::ZERO,
             slope: [Vec3::ZERO; 3],
             noise_slope: [Vec3::ZERO; 3],
-            tight: 1.0,
+            radius_factor: 1.0,
             radius: 0.0,
         }
     }
 
     /// Traces more rays.
-    pub fn gather(&mut self, world: &World, coarse: &Coarse, seed: Seed, rays: u32, afresh: bool) {
-        let stretch = Stretch::new(coarse, self.rays, rays);
-        let (probes, batch) = self.probes(coarse, seed, &stretch);
-        let mut hits = Vec::with_capacity(batch.len());
-        world.rays.closest_many(Eye::Light, &batch, &mut hits);
-        for ((probe, Ray { direction, .. }), hit) in probes.iter().zip(&batch).zip(&hits) {
+    pub fn gather(
+        &mut self,
+        world: &World,
+        coarse: &CoarseSolution,
+        seed: Seed,
+        rays: u32,
+        afresh: bool,
+    ) {
+        let batch = RayBatch::new(coarse, self.rays, rays);
+        let (gather_rays, traced) = self.gather_rays(coarse, seed, &batch);
+        let mut hits = Vec::with_capacity(traced.len());
+        world.rays.closest_many(Eye::Light, &traced, &mut hits);
+        for ((ray, Ray { direction, .. }), hit) in gather_rays.iter().zip(&traced).zip(&hits) {
             let Some(hit) = hit else { continue };
-            let weight = self.weight(coarse, &stretch, probe, *direction, hit);
+            let weight = self.weight(coarse, &batch, ray, *direction, hit);
             let Some(weight) = weight else { continue };
-            if probe.aim.is_none() {
-                self.nearness += 1.0 / (stretch.of_each[0] * hit.distance.max(1e-3));
+            if ray.aim.is_none() {
+                self.nearness += 1.0 / (batch.shares[0] * hit.distance.max(1e-3));
             }
-            self.look(world, *direction, hit);
-            let numbers = afresh.then_some(probe.numbers);
+            self.update_horizon(world, *direction, hit);
+            let numbers = afresh.then_some(ray.numbers);
             let radiance = weight * reflected_at(coarse, hit, *direction, numbers);
             self.sum += radiance;
-            self.split += if 2 * probe.number < rays { radiance } else { -radiance };
+            self.split += if 2 * ray.number < rays { radiance } else { -radiance };
         }
         self.rays += rays;
     }
 
-    /// The rays of a stretch, and where they go.
-    fn probes(&self, coarse: &Coarse, seed: Seed, stretch: &Stretch) -> (Vec<Probe>, Vec<Ray>) {
+    /// The rays of a batch: what belongs to each, and origin and direction.
+    fn gather_rays(
+        &self,
+        coarse: &CoarseSolution,
+        seed: Seed,
+        batch: &RayBatch,
+    ) -> (Vec<GatherRay>, Vec<Ray>) {
         let [tangent, bitangent] = self.tangents;
         let sequence = |number: u64, at| Shifted::new(seed, Stream::Gather, number).at(at);
-        let so_far = stretch.aimed(stretch.first);
-        let mut all_over = sequence(u64::from(self.number), stretch.first - so_far);
-        let mut at_bright = sequence(u64::from(self.number) | 1 << 32, so_far);
-        let count = stretch.rays as usize;
-        let (mut probes, mut batch) = (Vec::with_capacity(count), Vec::with_capacity(count));
-        for number in 0..stretch.rays {
-            let (direction, aim, numbers) = if stretch.is_aimed(number) {
-                at_bright.next_pair();
-                let xi = at_bright.triple();
+        let so_far = batch.aimed(batch.first);
+        let mut hemisphere = sequence(u64::from(self.number), batch.first - so_far);
+        let mut aimed_at_bright = sequence(u64::from(self.number) | 1 << 32, so_far);
+        let count = batch.rays as usize;
+        let (mut gather_rays, mut traced) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        for number in 0..batch.rays {
+            let (direction, aim, numbers) = if batch.is_aimed(number) {
+                aimed_at_bright.next_pair();
+                let xi = aimed_at_bright.triple();
                 let guide = coarse.guide.as_ref();
                 let aim = guide.and_then(|guide| guide.aim(self.point, self.normal, xi));
                 let Some(aim) = aim else { continue };
                 // Other numbers than those that the aim was taken by.
-                (aim.direction, Some(aim.patch), at_bright.apart())
+                (aim.direction, Some(aim.patch), aimed_at_bright.apart())
             } else {
-                let (local, height) = cosine_local(all_over.next_pair());
+                let (local, height) = cosine_local(hemisphere.next_pair());
                 let direction = tangent * local.x + bitangent * local.y + self.normal * height;
-                (direction.normalize(), None, all_over.afresh())
+                (direction.normalize(), None, hemisphere.afresh())
             };
-            probes.push(Probe { number, aim, numbers });
-            batch.push(Ray { origin: self.point, direction });
+            gather_rays.push(GatherRay { number, aim, numbers });
+            traced.push(Ray { origin: self.point, direction });
         }
-        (probes, batch)
+        (gather_rays, traced)
     }
 
-    /// What a ray counts for; `None` of one that was aimed at something else than it met.
+    /// Weight of a ray by the balance heuristic; `None` for a ray that was aimed at another patch than
+    /// it met.
     fn weight(
         &self,
-        coarse: &Coarse,
-        stretch: &Stretch,
-        probe: &Probe,
+        coarse: &CoarseSolution,
+        batch: &RayBatch,
+        ray: &GatherRay,
         direction: Vec3,
         hit: &Hit,
     ) -> Option<f32> {
-        let [all_over, at_bright] = stretch.of_each;
-        let Some(guide) = coarse.guide.as_ref().filter(|_| stretch.is_guided) else {
-            return Some(1.0 / all_over);
+        let [hemisphere, aimed_at_bright] = batch.shares;
+        let Some(guide) = coarse.guide.as_ref().filter(|_| batch.is_guided) else {
+            return Some(1.0 / hemisphere);
         };
         let patch = coarse.mesh.patch_at(hit);
-        if probe.aim.is_some() && probe.aim != patch {
+        if ray.aim.is_some() && ray.aim != patch {
             return None;
         }
         let cosine = coarse.world.rays.spot(hit).normal.dot(direction);
@@ -218,11 +234,11 @@ impl Record {
         });
         // The balance heuristic (Veach 1997): what either way of picking it makes of a place.
         let height = self.normal.dot(direction).max(f32::MIN_POSITIVE);
-        Some(height / (all_over * height + at_bright * PI * density))
+        Some(height / (hemisphere * height + aimed_at_bright * PI * density))
     }
 
-    /// Takes what a ray met into the horizon.
-    fn look(&mut self, world: &World, direction: Vec3, hit: &Hit) {
+    /// Takes what a ray met into the horizon, if it is the nearest in its sector.
+    fn update_horizon(&mut self, world: &World, direction: Vec3, hit: &Hit) {
         let [tangent, bitangent] = self.tangents;
         let local = Vec2::new(direction.dot(tangent), direction.dot(bitangent));
         let along = hit.distance * local.length();
@@ -236,9 +252,9 @@ impl Record {
     }
 
     /// Pixels [x0, x1) × [y0, y1) where it may count for `reach` times its radius.
-    pub fn window(&self, seen: &Seen, reach: f32) -> Option<[u32; 4]> {
-        let size = [seen.width, seen.height];
-        seen.frame.window(self.point, self.normal, self.radius * reach, size)
+    pub fn window(&self, visible: &VisibleSurfaces, reach: f32) -> Option<[u32; 4]> {
+        let size = [visible.width, visible.height];
+        visible.frame.window(self.point, self.normal, self.radius * reach, size)
     }
 
     /// Mean irradiance of the rays.
@@ -257,22 +273,22 @@ impl Record {
         self.rays as f32 / self.nearness.max(f32::MIN_POSITIVE)
     }
 
-    /// How much it counts around it, for `reach` times its radius.
-    pub fn reach(&self, reach: f32) -> Reach<'_> {
+    /// Its weight around it, within `reach` times its radius.
+    pub fn weight_function(&self, reach: f32) -> WeightFunction<'_> {
         let nearest = self.horizon.iter().fold(f32::INFINITY, |least, one| least.min(one.distance));
         let radius = self.radius * reach;
-        Reach {
+        WeightFunction {
             record: self,
             point: self.point,
             normal: self.normal,
             per_square: 1.0 / (radius * radius),
-            free_square: (NEAR * nearest) * (NEAR * nearest),
+            free_square: (CLEAR_UP_TO * nearest) * (CLEAR_UP_TO * nearest),
         }
     }
 }
 
-/// How much a record counts around it.
-pub struct Reach<'a> {
+/// A record's weight function around it.
+pub struct WeightFunction<'a> {
     record: &'a Record,
     /// Where the record is.
     pub point: Vec3,
@@ -280,11 +296,11 @@ pub struct Reach<'a> {
     pub normal: Vec3,
     /// One over the square of the radius.
     per_square: f32,
-    /// Square of the distance within which nothing stands between.
+    /// Square of the distance within which no obstacle stands in between.
     pub free_square: f32,
 }
 
-impl Reach<'_> {
+impl WeightFunction<'_> {
     /// How much the record counts at a point with the given unit normal, 0 to 1.
     #[inline]
     pub fn weight(&self, point: Vec3, normal: Vec3) -> f32 {
@@ -318,12 +334,14 @@ impl Reach<'_> {
         let local = Vec2::new(along.dot(tangent), along.dot(bitangent));
         let nearest = &self.record.horizon[sector(local)];
         let distance = square.sqrt();
-        if distance <= NEAR * nearest.distance
+        if distance <= CLEAR_UP_TO * nearest.distance
             || nearest.normal.dot(between) + nearest.offset >= -IN_FRONT * distance
         {
             return 1.0;
         }
-        ((BEHIND * nearest.distance - distance) / ((BEHIND - NEAR) * nearest.distance)).max(0.0)
+        ((HIDDEN_FROM * nearest.distance - distance)
+            / ((HIDDEN_FROM - CLEAR_UP_TO) * nearest.distance))
+            .max(0.0)
     }
 }
 
@@ -342,8 +360,8 @@ mod tests {
     use crate::transport::hemilux::specimen::{ALBEDO, EMISSION, SEED, Specimen, is_near};
 
     fn record(specimen: &Specimen) -> Record {
-        let seen = specimen.seen();
-        let fragment = &seen.fragments[seen.fragments.len() / 2];
+        let visible = specimen.visible();
+        let fragment = &visible.fragments[visible.fragments.len() / 2];
         Record::new(fragment.point, fragment.normal, 1.0, 3)
     }
 
@@ -367,12 +385,14 @@ mod tests {
         let mut record = record(&specimen);
         record.radius = 10.0;
         let weight = |at: f32| {
-            record.reach(1.0).weight(record.point + record.tangents[0] * at, record.normal)
+            record
+                .weight_function(1.0)
+                .weight(record.point + record.tangents[0] * at, record.normal)
         };
         assert!((weight(0.0) - 1.0).abs() < 1e-6);
         assert!(weight(2.0) > weight(5.0) && weight(5.0) > 0.0);
         assert_eq!((weight(10.0), weight(50.0)), (0.0, 0.0));
-        let turned = record.reach(1.0).weight(record.point, record.tangents[0]);
+        let turned = record.weight_function(1.0).weight(record.point, record.tangents[0]);
         assert_eq!(turned, 0.0, "a surface across hears nothing");
     }
 
@@ -385,7 +405,8 @@ mod tests {
         let toward = record.tangents[0];
         let wall = Obstacle { distance: 20.0, normal: -toward, offset: 20.0 };
         record.horizon[sector(Vec2::X)] = wall;
-        let weight = |at: f32| record.reach(1.0).weight(record.point + toward * at, record.normal);
+        let weight =
+            |at: f32| record.weight_function(1.0).weight(record.point + toward * at, record.normal);
         assert!(weight(15.0) > 0.0 && weight(-40.0) > 0.0);
         assert_eq!(weight(40.0), 0.0);
     }

@@ -1,56 +1,61 @@
-//! What records add up to at the fragments of a picture: along the rows of the picture, eight
-//! fragments at a time.
+//! Interpolation from records to the fragments of a picture: each record adds its weighted values to
+//! the fragments within its radius, along the rows of the picture, eight fragments at a time.
 
-use super::record::{Reach, Record};
-use crate::transport::hemilux::fragments::Seen;
-use crate::transport::hemilux::places::{Eight, LANES};
+use super::record::{Record, WeightFunction};
+use crate::transport::hemilux::fragments::VisibleSurfaces;
+use crate::transport::hemilux::places::{EightPlaces, LANES};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Rows of a task.
+/// Rows of pixels of a parallel task.
 const BAND: u32 = 8;
 
 type Lanes = [f32; LANES];
 
-/// What a record says of N quantities: their values where it stands, and how the first S of them
+/// N quantities around a record: their values where it stands, and for the first S of them a linear
 /// change along its surface, within limits.
 pub struct LocalFit<const N: usize, const S: usize> {
+    /// Values at the record.
     pub value: [f32; N],
+    /// Gradients of the first S, per ray unit.
     pub slope: [Vec3; S],
+    /// Lower limits of the first S.
     pub least: [f32; S],
+    /// Upper limits of the first S.
     pub most: [f32; S],
 }
 
 impl<const N: usize> LocalFit<N, 0> {
-    /// The same everywhere.
+    /// The same values everywhere around the record.
     pub fn even(value: [f32; N]) -> Self {
         Self { value, slope: [], least: [], most: [] }
     }
 }
 
-/// Sums over the records at eight fragments.
+/// Sums over the records at eight fragments: Σ w, and Σ w value of each quantity.
 #[derive(Clone, Copy)]
 struct WeightedSums<const N: usize> {
     weight: Lanes,
     weighted: [Lanes; N],
 }
 
-/// For every fragment, what `finish` makes of the sums over the records: of what `each` record
-/// says times its weight there, and of the weights. Records are added in their order.
+/// For every fragment, what `finish` makes of two sums over the records: of the quantities by `each`
+/// record times its weight there, and of the weights. Records are added in their order, so that the
+/// bits do not depend on the threads.
 pub fn splat<const N: usize, const S: usize, T: Clone + Default + Send>(
-    seen: &Seen,
+    visible: &VisibleSurfaces,
     records: &[Record],
     each: impl Fn(&Record) -> LocalFit<N, S> + Sync,
     finish: impl Fn([f32; N], f32) -> T + Sync,
 ) -> Vec<T> {
-    let window = |record: &Record| record.window(seen, 1.0);
+    let window = |record: &Record| record.window(visible, 1.0);
     let windows: Vec<Option<[u32; 4]>> = records.par_iter().with_min_len(256).map(window).collect();
-    let mut all = vec![T::default(); seen.fragments.len()];
+    let mut all = vec![T::default(); visible.fragments.len()];
     let mut bands = Vec::new();
     let mut rest = &mut all[..];
-    for first_row in (0..seen.height).step_by(BAND as usize) {
-        let rows = [first_row, (first_row + BAND).min(seen.height)];
-        let ends = rows.map(|row| seen.start[(row * seen.width) as usize] as usize);
+    for first_row in (0..visible.height).step_by(BAND as usize) {
+        let rows = [first_row, (first_row + BAND).min(visible.height)];
+        let ends = rows.map(|row| visible.start[(row * visible.width) as usize] as usize);
         let (band, after) = rest.split_at_mut(ends[1] - ends[0]);
         bands.push((rows, ends, band));
         rest = after;
@@ -69,15 +74,15 @@ pub fn splat<const N: usize, const S: usize, T: Clone + Default + Send>(
             if y0 >= y1 {
                 continue;
             }
-            let (reach, said) = (record.reach(1.0), each(record));
+            let (weight_at, contribution) = (record.weight_function(1.0), each(record));
             for row in y0..y1 {
                 let [from, to] =
-                    [x0, x1].map(|x| seen.start[(row * seen.width + x) as usize] as usize);
+                    [x0, x1].map(|x| visible.start[(row * visible.width + x) as usize] as usize);
                 if from < to {
                     let eights = from / LANES..to.div_ceil(LANES);
                     let there = &mut sums[eights.start - first_eight..eights.end - first_eight];
                     let skipped = [from - eights.start * LANES, eights.end * LANES - to];
-                    add(&reach, &said, &seen.places.eights[eights], skipped, there);
+                    add(&weight_at, &contribution, &visible.places.eights[eights], skipped, there);
                 }
             }
         }
@@ -90,12 +95,12 @@ pub fn splat<const N: usize, const S: usize, T: Clone + Default + Send>(
     all
 }
 
-/// Adds what a record says to the sums of a stretch of fragments, but for so many of the first
-/// and last eight.
+/// Adds a record's weighted quantities to the sums of consecutive fragments, leaving out the first
+/// `skipped[0]` of the first eight and the last `skipped[1]` of the last eight.
 fn add<const N: usize, const S: usize>(
-    reach: &Reach<'_>,
-    said: &LocalFit<N, S>,
-    places: &[Eight],
+    weight_at: &WeightFunction<'_>,
+    contribution: &LocalFit<N, S>,
+    places: &[EightPlaces],
     skipped: [usize; 2],
     sums: &mut [WeightedSums<N>],
 ) {
@@ -103,27 +108,27 @@ fn add<const N: usize, const S: usize>(
     {
         #[target_feature(enable = "avx2")]
         fn with_avx2<const N: usize, const S: usize>(
-            reach: &Reach<'_>,
-            said: &LocalFit<N, S>,
-            places: &[Eight],
+            weight_at: &WeightFunction<'_>,
+            contribution: &LocalFit<N, S>,
+            places: &[EightPlaces],
             skipped: [usize; 2],
             sums: &mut [WeightedSums<N>],
         ) {
-            add_by_eights(reach, said, places, skipped, sums);
+            add_by_eights(weight_at, contribution, places, skipped, sums);
         }
         if is_x86_feature_detected!("avx2") {
             // SAFETY: the processor has AVX2.
-            return unsafe { with_avx2(reach, said, places, skipped, sums) };
+            return unsafe { with_avx2(weight_at, contribution, places, skipped, sums) };
         }
     }
-    add_by_eights(reach, said, places, skipped, sums);
+    add_by_eights(weight_at, contribution, places, skipped, sums);
 }
 
 #[inline(always)]
 fn add_by_eights<const N: usize, const S: usize>(
-    reach: &Reach<'_>,
-    said: &LocalFit<N, S>,
-    places: &[Eight],
+    weight_at: &WeightFunction<'_>,
+    contribution: &LocalFit<N, S>,
+    places: &[EightPlaces],
     [before, after]: [usize; 2],
     sums: &mut [WeightedSums<N>],
 ) {
@@ -134,14 +139,14 @@ fn add_by_eights<const N: usize, const S: usize>(
         let (mut across, mut up, mut along) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         let (mut square, mut height, mut weight) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         for l in 0..LANES {
-            across[l] = x[l] - reach.point.x;
-            up[l] = y[l] - reach.point.y;
-            along[l] = z[l] - reach.point.z;
+            across[l] = x[l] - weight_at.point.x;
+            up[l] = y[l] - weight_at.point.y;
+            along[l] = z[l] - weight_at.point.z;
             square[l] = across[l] * across[l] + up[l] * up[l] + along[l] * along[l];
-            let n = reach.normal;
+            let n = weight_at.normal;
             height[l] = n.x * across[l] + n.y * up[l] + n.z * along[l];
             let cosine = n.x * nx[l] + n.y * ny[l] + n.z * nz[l];
-            weight[l] = reach.fading(square[l], height[l], cosine);
+            weight[l] = weight_at.fading(square[l], height[l], cosine);
         }
         if index == 0 {
             weight[..before].fill(0.0);
@@ -153,9 +158,9 @@ fn add_by_eights<const N: usize, const S: usize>(
             continue;
         }
         for (l, weight) in weight.iter_mut().enumerate() {
-            if *weight > 0.0 && square[l] > reach.free_square {
+            if *weight > 0.0 && square[l] > weight_at.free_square {
                 let between = Vec3::new(across[l], up[l], along[l]);
-                *weight *= reach.clearance(between, height[l], square[l]);
+                *weight *= weight_at.clearance(between, height[l], square[l]);
             }
         }
         for (sum, weight) in sums.weight.iter_mut().zip(weight) {
@@ -163,11 +168,11 @@ fn add_by_eights<const N: usize, const S: usize>(
         }
         for k in 0..N {
             for l in 0..LANES {
-                let mut value = said.value[k];
+                let mut value = contribution.value[k];
                 if k < S {
-                    let slope = said.slope[k];
+                    let slope = contribution.slope[k];
                     value += slope.x * across[l] + slope.y * up[l] + slope.z * along[l];
-                    value = value.max(said.least[k]).min(said.most[k]);
+                    value = value.max(contribution.least[k]).min(contribution.most[k]);
                 }
                 sums.weighted[k][l] += value * weight[l];
             }
@@ -191,30 +196,30 @@ mod tests {
         let scene = Arc::new(scene.unwrap());
         let world = World::new(scene.clone());
         let patched = Arc::new(PatchedScene::new(scene.clone(), 500));
-        let seen = Seen::new(&world, patched, &scene.cameras[0], [61, 47], 16);
-        let records: Vec<Record> = (0..seen.fragments.len())
+        let visible = VisibleSurfaces::new(&world, patched, &scene.cameras[0], [61, 47], 16);
+        let records: Vec<Record> = (0..visible.fragments.len())
             .step_by(37)
             .map(|index| {
-                let at = &seen.fragments[index];
-                let footprint = seen.frame.footprint(at.point, seen.height);
+                let at = &visible.fragments[index];
+                let footprint = visible.frame.footprint(at.point, visible.height);
                 let mut record = Record::new(at.point, at.normal, footprint, index as u32);
                 record.radius = footprint * (2 + index % 11) as f32;
                 record
             })
             .collect();
         let place = |record: &Record| record.number as f32;
-        let said = |record: &Record| LocalFit {
+        let contribution = |record: &Record| LocalFit {
             value: [1.0, place(record)],
             slope: [record.tangents[0]],
             least: [0.9],
             most: [1.5],
         };
-        let sums = splat(&seen, &records, said, |[a, b], weight| [a, b, weight]);
+        let sums = splat(&visible, &records, contribution, |[a, b], weight| [a, b, weight]);
         let mut counted = 0;
-        for (fragment, sums) in seen.fragments.iter().zip(sums) {
+        for (fragment, sums) in visible.fragments.iter().zip(sums) {
             let mut expected = [0.0; 3];
             for record in &records {
-                let weight = record.reach(1.0).weight(fragment.point, fragment.normal);
+                let weight = record.weight_function(1.0).weight(fragment.point, fragment.normal);
                 let slope = record.tangents[0].dot(fragment.point - record.point);
                 expected[0] += (1.0 + slope).clamp(0.9, 1.5) * weight;
                 expected[1] += place(record) * weight;
@@ -225,6 +230,6 @@ mod tests {
                 assert!((sum - expected).abs() <= 1e-4 * expected.abs() + 1e-5, "{sum} {expected}");
             }
         }
-        assert!(counted > seen.fragments.len(), "the test tests nothing: {counted}");
+        assert!(counted > visible.fragments.len(), "the test tests nothing: {counted}");
     }
 }

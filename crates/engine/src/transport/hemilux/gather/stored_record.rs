@@ -6,28 +6,30 @@ use crate::radiometry::Rgb;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// Records and rays of one that no run comes to.
+/// Bounds on records, and on rays of one, in a checkpoint: more than any run makes, so larger
+/// numbers mean damage.
 const MOST_RECORDS: usize = 1 << 30;
 const MOST_RAYS: u32 = 1 << 30;
 
 /// Writes records.
 pub fn save(records: &[Record], to: &mut Writer) {
-    to.slice(&records.iter().map(KeptRecord::from).collect::<Vec<_>>());
+    to.slice(&records.iter().map(StoredRecord::from).collect::<Vec<_>>());
 }
 
-/// Takes what [`save`] wrote.
+/// Reads what [`save`] wrote.
 pub fn restore(from: &mut Reader<'_>) -> Result<Vec<Record>, CheckpointError> {
-    let records: Vec<KeptRecord> = from.slice()?;
-    if records.len() > MOST_RECORDS || !records.iter().all(KeptRecord::is_sound) {
+    let records: Vec<StoredRecord> = from.slice()?;
+    if records.len() > MOST_RECORDS || !records.iter().all(StoredRecord::is_sound) {
         return Err(CheckpointError::damaged("there can't be such a record"));
     }
     Ok(records.iter().map(Record::from).collect())
 }
 
-/// A record without what follows from its neighbours.
+/// A record as checkpoints store it, without what is fitted from its neighbours. The order of the
+/// fields is part of the format.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-struct KeptRecord {
+struct StoredRecord {
     point: Vec3,
     normal: Vec3,
     footprint: f32,
@@ -36,12 +38,12 @@ struct KeptRecord {
     sum: Rgb,
     split: Rgb,
     nearness: f32,
-    tight: f32,
+    radius_factor: f32,
     radius: f32,
     horizon: [Obstacle; SECTORS],
 }
 
-impl From<&Record> for KeptRecord {
+impl From<&Record> for StoredRecord {
     fn from(record: &Record) -> Self {
         Self {
             point: record.point,
@@ -52,21 +54,21 @@ impl From<&Record> for KeptRecord {
             sum: record.sum,
             split: record.split,
             nearness: record.nearness,
-            tight: record.tight,
+            radius_factor: record.radius_factor,
             radius: record.radius,
             horizon: record.horizon,
         }
     }
 }
 
-impl From<&KeptRecord> for Record {
-    fn from(kept: &KeptRecord) -> Self {
+impl From<&StoredRecord> for Record {
+    fn from(kept: &StoredRecord) -> Self {
         Record {
             rays: kept.rays,
             sum: kept.sum,
             split: kept.split,
             nearness: kept.nearness,
-            tight: kept.tight,
+            radius_factor: kept.radius_factor,
             radius: kept.radius,
             horizon: kept.horizon,
             ..Record::new(kept.point, kept.normal, kept.footprint, kept.number)
@@ -74,10 +76,10 @@ impl From<&KeptRecord> for Record {
     }
 }
 
-impl KeptRecord {
+impl StoredRecord {
     /// Whether it may be what gathering makes: numbers that are none have no place anywhere.
     fn is_sound(&self) -> bool {
-        let numbers = [self.footprint, self.nearness, self.tight, self.radius];
+        let numbers = [self.footprint, self.nearness, self.radius_factor, self.radius];
         let positive = numbers.iter().all(|number| *number >= 0.0 && number.is_finite());
         let unit = (self.normal.length_squared() - 1.0).abs() < 1e-2;
         let obstacle = |one: &Obstacle| one.distance >= 0.0 && one.normal.is_finite();
@@ -98,7 +100,7 @@ mod tests {
     fn record() -> Record {
         let mut record = Record::new(Vec3::ONE, Vec3::Z, 0.5, 9);
         (record.rays, record.sum, record.split) = (4, Rgb::ONE, Rgb::splat(0.25));
-        (record.nearness, record.tight, record.radius) = (3.0, 0.5, 7.0);
+        (record.nearness, record.radius_factor, record.radius) = (3.0, 0.5, 7.0);
         record.horizon[2] = Obstacle { distance: 2.0, normal: Vec3::X, offset: 1.0 };
         record
     }
@@ -114,7 +116,7 @@ mod tests {
         let (one, again) = (record(), kept(&record()).expect("sound").remove(0));
         assert_eq!((again.point, again.normal, again.number), (one.point, one.normal, one.number));
         assert_eq!((again.rays, again.sum, again.split), (one.rays, one.sum, one.split));
-        assert_eq!((again.tight, again.radius), (one.tight, one.radius));
+        assert_eq!((again.radius_factor, again.radius), (one.radius_factor, one.radius));
         assert_eq!(again.horizon[2].distance, one.horizon[2].distance);
     }
 

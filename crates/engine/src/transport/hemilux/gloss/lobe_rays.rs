@@ -1,54 +1,56 @@
-//! What a lobe reflects: rays by the lobe and rays to the lights, weighed against each other (Veach
-//! and Guibas 1995), from lobe to lobe. What a lobe ray meets that is diffuse has its direct light
-//! found out afresh, and the rest is the coarse solution's.
+//! Radiance that a glossy lobe reflects: rays sampled by the lobe and rays sampled by the lights,
+//! combined by the power heuristic (Veach and Guibas 1995), from lobe to lobe. Where such a ray ends
+//! on a diffuse surface, direct light is found afresh, and bounced light is the coarse solution's.
 
-use crate::emitters::Axis;
+use crate::emitters::LobeAxis;
 use crate::radiometry::Rgb;
 use crate::rays::{Eye, Hit};
 use crate::sampling::{Afresh, power_heuristic};
 use crate::surface::{Reflection, Surface};
-use crate::transport::hemilux::coarse::Coarse;
+use crate::transport::hemilux::coarse::CoarseSolution;
 use glam::Vec3;
 
-/// A lobe is followed if it carries at least such a share of its light to the first; what is
-/// fainter, or comes later, is taken to be diffuse.
-const FAINT: f32 = 0.02;
+/// A path goes on by the next lobe if at least this share of its radiance would get to the first one;
+/// else that lobe is taken to be diffuse.
+const LEAST_CARRIED: f32 = 0.02;
 
-/// How often a lobe that a gather ray meets is followed: so many times its share of what the surface
-/// reflects, and at least so often; and how many lobes from there.
-const LOBES: f32 = 2.0;
-const LEAST_LOBES: f32 = 0.1;
+/// Probability at which a gather ray follows a lobe that it meets, as a multiple of the lobe's share of
+/// what the surface reflects.
+const FOLLOWED_PER_SHARE: f32 = 2.0;
+/// Lower bound of that probability: its inverse, 10, is the largest weight of such a path.
+const LEAST_FOLLOWED: f32 = 0.1;
+/// Most lobes that a gather ray follows one after the other.
 const MOST_LOBES: u32 = 2;
 
-/// Random numbers of a ray through lobes.
-pub struct Through {
+/// Random numbers of a path from lobe to lobe, and its greatest length.
+pub struct LobePathNumbers {
     /// Its direction from the first.
     pub xi: [f32; 2],
-    /// Those for lights, and for what lies behind.
+    /// Numbers for the lights, and for what comes after.
     pub numbers: Afresh,
-    /// Most lobes.
-    pub most: u32,
+    /// Most lobes that it follows.
+    pub most_lobes: u32,
 }
 
 /// Radiance that a surface's lobe reflects towards the unit vector `viewer`, by one ray, and by one
 /// to the lights from each lobe on its way; and 1 over the distance to what it met first, 0 where
-/// that is nothing. Ray by ray: many ways that are kept side by side and traced together take 0.5 to
-/// 1.6 % longer.
-pub fn reflected(
-    coarse: &Coarse,
+/// that is nothing. Paths are traced one by one: many paths side by side took 0.5 to 1.6 % longer.
+pub fn radiance_by_lobe(
+    coarse: &CoarseSolution,
     surface: Surface,
     mut viewer: Vec3,
-    through: Through,
+    path_numbers: LobePathNumbers,
 ) -> (Rgb, f32) {
-    let Through { mut xi, mut numbers, most } = through;
+    let LobePathNumbers { mut xi, mut numbers, most_lobes } = path_numbers;
     let (world, lights) = (&*coarse.world, &*coarse.lights);
     let mut surface = surface.lobe_only();
     let (mut sum, mut carried, mut nearness) = (Rgb::ZERO, Rgb::ONE, 0.0);
     for lobe in 1.. {
         let start = surface.start();
         let reflection = surface.reflection();
-        let axis = Axis { direction: surface.mirrored(viewer), exponent: reflection.exponent() };
-        let unoccluded = lights.toward(start, surface.normal, axis);
+        let axis =
+            LobeAxis { direction: surface.mirrored(viewer), exponent: reflection.exponent() };
+        let unoccluded = lights.for_lobe(start, surface.normal, axis);
         if let Some(light) = lights.sample(&unoccluded, start, surface.normal, numbers.light) {
             let direction = (light.end - start).normalize_or_zero();
             let (parts, density) = reflection.evaluate_with_pdf(viewer, direction, 0.0);
@@ -70,8 +72,9 @@ pub fn reflected(
             let other = lights.density(&unoccluded, place, &hit, met.normal, direction);
             sum += carried * met.emission * power_heuristic(scattered.pdf, other);
         }
-        let worth = (carried * met.reflection().specular()).max_element();
-        let Some(next) = numbers.next.filter(|_| worth > FAINT && lobe < most) else {
+        let next_carried = (carried * met.reflection().specular()).max_element();
+        let Some(next) = numbers.next.filter(|_| next_carried > LEAST_CARRIED && lobe < most_lobes)
+        else {
             sum += carried * coarse.reflected_as_diffuse(&hit, Some(numbers));
             break;
         };
@@ -87,19 +90,24 @@ pub fn reflected(
 /// light there is found out afresh: the emitters' by a shadow ray, what a lobe reflects, at
 /// times, by another ray, and, where the patch is so near that its mean will not do, what has
 /// bounced by one more.
-pub fn reflected_at(coarse: &Coarse, hit: &Hit, direction: Vec3, afresh: Option<Afresh>) -> Rgb {
+pub fn reflected_at(
+    coarse: &CoarseSolution,
+    hit: &Hit,
+    direction: Vec3,
+    afresh: Option<Afresh>,
+) -> Rgb {
     let Some(surface) = coarse.world.surface(hit) else { return Rgb::ZERO };
     let numbers = afresh.filter(|_| surface.reflection().is_glossy());
     let Some((numbers, next)) = numbers.and_then(|numbers| Some((numbers, numbers.next?))) else {
         return coarse.by_albedo(&surface, surface.reflection().mean_albedo(), hit, afresh);
     };
     let diffuse = coarse.by_albedo(&surface, surface.reflection().diffuse(), hit, Some(numbers));
-    let probability =
-        (LOBES * (1.0 - surface.reflection().diffuse_share(-direction))).clamp(LEAST_LOBES, 1.0);
+    let probability = (FOLLOWED_PER_SHARE * (1.0 - surface.reflection().diffuse_share(-direction)))
+        .clamp(LEAST_FOLLOWED, 1.0);
     if next.number() >= probability {
         return diffuse;
     }
     let numbers = Afresh { next: Some(next.after()), ..next.afresh() };
-    let through = Through { xi: numbers.bounce, numbers, most: MOST_LOBES };
-    diffuse + reflected(coarse, surface, -direction, through).0 / probability
+    let path_numbers = LobePathNumbers { xi: numbers.bounce, numbers, most_lobes: MOST_LOBES };
+    diffuse + radiance_by_lobe(coarse, surface, -direction, path_numbers).0 / probability
 }

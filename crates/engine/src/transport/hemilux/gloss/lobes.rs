@@ -1,45 +1,49 @@
-//! Gloss: what the lobes of the fragments show of the scene, by rays pixel by pixel. Neighbouring
-//! pixels share their rays as far as the lobes blur what they show.
+//! Glossy reflection seen by the camera: rays by the lobe of every glossy fragment. Neighbouring
+//! pixels share these rays as far as the lobes blur what they show (docs/decisions/0024).
 
-use super::lobe_rays::{Through, reflected};
+use super::lobe_rays::{LobePathNumbers, radiance_by_lobe};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::filter::Plane;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::sampling::{BAYER, Seed, Shifted};
 use crate::surface::{Reflection, World};
-use crate::transport::hemilux::coarse::Coarse;
-use crate::transport::hemilux::fragments::{Lobe, Seen};
+use crate::transport::hemilux::coarse::CoarseSolution;
+use crate::transport::hemilux::fragments::{Lobe, VisibleSurfaces};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Lobe rays of a whole pixel in each pass, and as many to the lights.
-const RAYS: f32 = 4.0;
-/// An error of the first picture that is small beside the rest of its, and how much neighbours lower
-/// the variance.
-const ENOUGH: f64 = 0.004;
-const HELPED: f64 = 0.5;
-/// Where lobes scatter most, up to so many times as many.
-const MOST_WORTH: f32 = 16.0;
-/// Lobes that a ray follows from one to the next.
+/// Lobe rays of a whole pixel in the first pass, with as many rays to the lights.
+const RAYS_PER_PIXEL: f32 = 4.0;
+/// Error of the lobes, relative to the mean radiance, that is negligible in the first picture; after
+/// n iterations it is this over √n.
+const NEGLIGIBLE_ERROR: f64 = 0.004;
+/// Factor by which sharing rays with neighbours is taken to lower the variance.
+const NEIGHBOUR_VARIANCE_FACTOR: f64 = 0.5;
+/// Most lobe rays in a pass, as a multiple of those in the first pass, where lobes scatter most.
+const MOST_RAYS_FACTOR: f32 = 16.0;
+/// Most lobes that a ray from the camera follows one after the other.
 const MOST_LOBES: u32 = 8;
-/// Pixels around, in each direction, that share rays.
-const AROUND: i32 = 2;
-/// What a lobe does not resolve: 1/√this of the angle where it has fallen to e^−½.
-const NARROW: f32 = 4.0;
-/// Squared differences of neighbours, in variances, up to which they count in full, and from which
-/// they don't.
-const ALIKE: f32 = 6.0;
-const UNLIKE: f32 = 24.0;
+/// Pixels in each direction that share rays.
+const NEIGHBOUR_REACH: i32 = 2;
+/// Lobes share rays if they look less than 1/√this beside each other, as a share of the angle at
+/// which a lobe has fallen to e^−½: half of it. A wider reach flattens highlights on balls.
+const NARROWNESS: f32 = 4.0;
+/// Squared difference between two neighbours' means, in units of its variance, up to which they count
+/// in full: 2.4 standard deviations. As with shadows.
+const ALIKE_VARIANCES: f32 = 6.0;
+/// The same from which they do not count: 4.9 standard deviations.
+const UNLIKE_VARIANCES: f32 = 24.0;
 
-/// Rays of a lobe that no run comes to.
+/// Bound on rays of a lobe read from a checkpoint: more than any run traces, so a larger number means
+/// damage.
 const MOST_RAYS_OF_ALL: u32 = 1 << 30;
 
 /// Light that the lobes of glossy fragments reflect towards the camera.
 pub struct Gloss {
-    lobes: Vec<Mirror>,
-    /// Of each of [`Seen::lobes`].
+    lobes: Vec<PlacedLobe>,
+    /// Of each of [`VisibleSurfaces::lobes`].
     sums: Vec<LobeSums>,
     /// Lobes of pixel p: `start[p]..start[p + 1]`.
     start: Vec<u32>,
@@ -49,7 +53,8 @@ pub struct Gloss {
     pub brightness: f32,
 }
 
-/// What the rays of a lobe found.
+/// Sums over the rays of a lobe. Checkpoints store them as they are: the order of the fields is part
+/// of the format.
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 struct LobeSums {
@@ -63,9 +68,9 @@ struct LobeSums {
     pub rays: u32,
 }
 
-/// Where a lobe looks.
+/// The lobe of a fragment: its place, and the mirrored direction to the camera.
 #[derive(Clone, Copy)]
-struct Mirror {
+struct PlacedLobe {
     point: Vec3,
     /// Unit vector.
     direction: Vec3,
@@ -80,7 +85,7 @@ impl Gloss {
         to.slice(&self.sums);
     }
 
-    /// Takes what [`Gloss::save`] wrote of the same lobes.
+    /// Reads what [`Gloss::save`] wrote of the same lobes.
     pub fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
         self.passes = from.value()?;
         self.brightness = from.value()?;
@@ -91,23 +96,24 @@ impl Gloss {
         Ok(())
     }
 
-    /// Without a ray.
-    pub fn new(world: &World, seen: &Seen) -> Self {
-        let mirror = |lobe: &Lobe| {
-            let surface = seen.surface(world, lobe, 0);
-            let viewer = seen.frame.towards_eye(surface.spot.point);
-            Mirror {
+    /// The lobes that a camera sees, without a ray yet.
+    pub fn new(world: &World, visible: &VisibleSurfaces) -> Self {
+        let placed = |lobe: &Lobe| {
+            let surface = visible.surface(world, lobe, 0);
+            let viewer = visible.frame.towards_eye(surface.spot.point);
+            PlacedLobe {
                 point: surface.spot.point,
                 direction: surface.mirrored(viewer),
                 exponent: surface.reflection().exponent(),
             }
         };
-        let lobes: Vec<Mirror> = seen.lobes.par_iter().with_min_len(1024).map(mirror).collect();
+        let lobes: Vec<PlacedLobe> =
+            visible.lobes.par_iter().with_min_len(1024).map(placed).collect();
         let mut start = Vec::new();
         if !lobes.is_empty() {
-            start = vec![0; seen.shine.len() + 1];
-            for lobe in &seen.lobes {
-                start[seen.fragments[lobe.fragment as usize].pixel as usize + 1] += 1;
+            start = vec![0; visible.shine.len() + 1];
+            for lobe in &visible.lobes {
+                start[visible.fragments[lobe.fragment as usize].pixel as usize + 1] += 1;
             }
             for pixel in 1..start.len() {
                 start[pixel] += start[pixel - 1];
@@ -127,41 +133,52 @@ impl Gloss {
         self.sums.len()
     }
 
-    /// Whether lobes may matter for the picture's error after so many iterations: what is far below
-    /// the error of the rest can wait.
-    pub fn matters(&self, seen: &Seen, iterations: u64) -> bool {
-        let chunks = self.sums.par_chunks(1024).zip(seen.lobes.par_chunks(1024));
+    /// Whether the lobes' error may matter in the picture after so many iterations, rather than lie far
+    /// below that of the rest ([`NEGLIGIBLE_ERROR`]).
+    pub fn may_matter(&self, visible: &VisibleSurfaces, iterations: u64) -> bool {
+        let chunks = self.sums.par_chunks(1024).zip(visible.lobes.par_chunks(1024));
         let of_chunk = |(sums, lobes): (&[LobeSums], &[Lobe])| {
             let of_lobe = |(sums, lobe): (&LobeSums, &Lobe)| {
-                f64::from(seen.share(lobe).powi(2) * sums.variance().element_sum())
+                f64::from(visible.share(lobe).powi(2) * sums.variance().element_sum())
             };
             sums.iter().zip(lobes).map(of_lobe).sum::<f64>()
         };
         let sums: Vec<f64> = chunks.map(of_chunk).collect();
-        let square = HELPED * sums.iter().sum::<f64>() / (3 * seen.shine.len()) as f64;
-        let enough = ENOUGH * f64::from(self.brightness);
+        let square =
+            NEIGHBOUR_VARIANCE_FACTOR * sums.iter().sum::<f64>() / (3 * visible.shine.len()) as f64;
+        let enough = NEGLIGIBLE_ERROR * f64::from(self.brightness);
         square * (iterations + 1) as f64 > enough * enough
     }
 
     /// Casts another pass of rays: of all lobes alike at first; later, if `adaptive`, by how much
     /// they scatter.
-    pub fn pass(&mut self, coarse: &Coarse, seen: &Seen, seed: Seed, adaptive: bool) {
-        let wanted = (adaptive && self.passes > 0).then(|| self.wanted(seen));
-        let all = self.sums.par_iter_mut().zip(&seen.lobes).enumerate().with_max_len(256);
+    pub fn pass(
+        &mut self,
+        coarse: &CoarseSolution,
+        visible: &VisibleSurfaces,
+        seed: Seed,
+        adaptive: bool,
+    ) {
+        let rays_by_scatter = (adaptive && self.passes > 0).then(|| self.rays_by_scatter(visible));
+        let all = self.sums.par_iter_mut().zip(&visible.lobes).enumerate().with_max_len(256);
         all.for_each(|(index, (sums, lobe))| {
-            let rays = wanted.as_ref().map_or_else(|| rays(seen, lobe), |wanted| wanted[index]);
+            let rays = rays_by_scatter.as_ref().map_or_else(
+                || first_pass_rays(visible, lobe),
+                |rays_by_scatter| rays_by_scatter[index],
+            );
             // Pixels of a tile take the points of a sequence in turn.
-            let pixel = seen.fragments[lobe.fragment as usize].pixel;
-            let (x, y) = (pixel % seen.width, pixel / seen.width);
+            let pixel = visible.fragments[lobe.fragment as usize].pixel;
+            let (x, y) = (pixel % visible.width, pixel / visible.width);
             let tile = u64::from(y / 4) << 32 | u64::from(x / 4);
             let sequence = Shifted::new(seed, Stream::Gloss, tile);
             let place = BAYER[(y % 4 * 4 + x % 4) as usize];
             for ray in sums.rays..sums.rays + rays {
                 let at = sequence.at(ray.wrapping_mul(16).wrapping_add(place));
-                let surface = seen.surface(&coarse.world, lobe, ray);
-                let viewer = seen.frame.towards_eye(surface.spot.point);
-                let through = Through { xi: at.pair(), numbers: at.afresh(), most: MOST_LOBES };
-                let (radiance, nearness) = reflected(coarse, surface, viewer, through);
+                let surface = visible.surface(&coarse.world, lobe, ray);
+                let viewer = visible.frame.towards_eye(surface.spot.point);
+                let path_numbers =
+                    LobePathNumbers { xi: at.pair(), numbers: at.afresh(), most_lobes: MOST_LOBES };
+                let (radiance, nearness) = radiance_by_lobe(coarse, surface, viewer, path_numbers);
                 sums.radiance += radiance;
                 sums.squares += radiance * radiance;
                 sums.nearness += nearness;
@@ -171,18 +188,19 @@ impl Gloss {
         self.passes += 1;
     }
 
-    /// Rays of each lobe in the next pass: as many together as if all had the same, spread so that
-    /// the variance of the picture gets least.
-    fn wanted(&self, seen: &Seen) -> Vec<u32> {
+    /// Rays of each lobe in the next pass: about as many altogether as in the first pass, in
+    /// proportion to the standard deviation that each adds to the picture, which minimises variance
+    /// (Neyman allocation).
+    fn rays_by_scatter(&self, visible: &VisibleSurfaces) -> Vec<u32> {
         let scatter = |lobe: usize| {
             let variance = self.sums[lobe].variance() * self.sums[lobe].rays as f32;
-            seen.share(&seen.lobes[lobe]) * variance.element_sum().sqrt()
+            visible.share(&visible.lobes[lobe]) * variance.element_sum().sqrt()
         };
         let own: Vec<f32> = (0..self.len()).into_par_iter().map(scatter).collect();
-        // What the few rays of a lobe missed those beside it may have met.
+        // Few rays may have missed a highlight that those of a lobe beside it met.
         let around = |lobe: usize| {
             let mut most = own[lobe];
-            self.around(seen, lobe, 1, |other, _, _| most = most.max(own[other]));
+            self.around(visible, lobe, 1, |other, _, _| most = most.max(own[other]));
             most
         };
         let around: Vec<f32> =
@@ -190,25 +208,28 @@ impl Gloss {
         let mean = around.iter().map(|scatter| f64::from(*scatter)).sum::<f64>() as f32
             / self.len() as f32;
         let rays = |(scatter, lobe): (&f32, &Lobe)| {
-            let worth = (scatter / mean.max(f32::MIN_POSITIVE)).min(MOST_WORTH);
-            (RAYS * worth).round().max(1.0).min(MOST_WORTH * rays(seen, lobe) as f32) as u32
+            let factor = (scatter / mean.max(f32::MIN_POSITIVE)).min(MOST_RAYS_FACTOR);
+            (RAYS_PER_PIXEL * factor)
+                .round()
+                .max(1.0)
+                .min(MOST_RAYS_FACTOR * first_pass_rays(visible, lobe) as f32) as u32
         };
-        around.iter().zip(&seen.lobes).map(rays).collect()
+        around.iter().zip(&visible.lobes).map(rays).collect()
     }
 
-    /// Radiance of each fragment, and the variance of it; with the help of the neighbours if
-    /// `filtered`.
-    pub fn of_fragments(&self, seen: &Seen, filtered: bool) -> Vec<(Rgb, Rgb)> {
+    /// Radiance that each fragment's lobes reflect to the camera, with its variance; shared between
+    /// neighbouring pixels if `filtered`.
+    pub fn of_fragments(&self, visible: &VisibleSurfaces, filtered: bool) -> Vec<(Rgb, Rgb)> {
         let own = |lobe| match filtered {
-            true => self.with_neighbours(seen, lobe),
+            true => self.with_neighbours(visible, lobe),
             false => (self.sums[lobe].mean(), self.sums[lobe].variance()),
         };
         let lobes: Vec<(Rgb, Rgb)> =
             (0..self.len()).into_par_iter().with_min_len(1024).map(own).collect();
-        let mut fragments = vec![(Rgb::ZERO, Rgb::ZERO); seen.fragments.len()];
-        for (lobe, (mean, own_variance)) in seen.lobes.iter().zip(lobes) {
+        let mut fragments = vec![(Rgb::ZERO, Rgb::ZERO); visible.fragments.len()];
+        for (lobe, (mean, own_variance)) in visible.lobes.iter().zip(lobes) {
             let fragment = lobe.fragment as usize;
-            let weight = seen.share(lobe) / seen.fragments[fragment].share;
+            let weight = visible.share(lobe) / visible.fragments[fragment].share;
             let (radiance, variance) = &mut fragments[fragment];
             *radiance += mean * weight;
             *variance += own_variance * (weight * weight);
@@ -216,13 +237,14 @@ impl Gloss {
         fragments
     }
 
-    /// Mean and variance by a plane through what the lobes around say that look at about the same.
-    fn with_neighbours(&self, seen: &Seen, index: usize) -> (Rgb, Rgb) {
+    /// Mean and variance by a plane fitted through the means of neighbouring lobes that look at about
+    /// the same place.
+    fn with_neighbours(&self, visible: &VisibleSurfaces, index: usize) -> (Rgb, Rgb) {
         let mine = &self.sums[index];
         let (mean, variance) = (mine.mean(), mine.variance());
         let mut plane = Plane::new();
         plane.add(0, 0, mean, mine.rays as f32);
-        self.around(seen, index, AROUND, |other, across, down| {
+        self.around(visible, index, NEIGHBOUR_REACH, |other, across, down| {
             let same = self.looks_at_the_same(index, other);
             if same <= 0.0 {
                 return;
@@ -230,7 +252,8 @@ impl Gloss {
             let theirs = &self.sums[other];
             let off = (theirs.mean() - mean).length_squared();
             let chance = (variance + theirs.variance()).element_sum();
-            let alike = (UNLIKE - off / chance.max(f32::MIN_POSITIVE)) / (UNLIKE - ALIKE);
+            let alike = (UNLIKE_VARIANCES - off / chance.max(f32::MIN_POSITIVE))
+                / (UNLIKE_VARIANCES - ALIKE_VARIANCES);
             let weight = same * alike.clamp(0.0, 1.0) * theirs.rays as f32;
             if weight > 0.0 {
                 plane.add(across, down, theirs.mean(), weight);
@@ -242,10 +265,16 @@ impl Gloss {
 
     /// Calls `each` with the lobes of neighbouring pixels, and how many pixels they are to the right
     /// and down.
-    fn around(&self, seen: &Seen, index: usize, reach: i32, mut each: impl FnMut(usize, i32, i32)) {
-        let pixel = seen.fragments[seen.lobes[index].fragment as usize].pixel;
-        let (x, y) = ((pixel % seen.width) as i32, (pixel / seen.width) as i32);
-        let (width, height) = (seen.width as i32, seen.height as i32);
+    fn around(
+        &self,
+        visible: &VisibleSurfaces,
+        index: usize,
+        reach: i32,
+        mut each: impl FnMut(usize, i32, i32),
+    ) {
+        let pixel = visible.fragments[visible.lobes[index].fragment as usize].pixel;
+        let (x, y) = ((pixel % visible.width) as i32, (pixel / visible.width) as i32);
+        let (width, height) = (visible.width as i32, visible.height as i32);
         for row in (y - reach).max(0)..=(y + reach).min(height - 1) {
             for column in (x - reach).max(0)..=(x + reach).min(width - 1) {
                 let near = (row * width + column) as usize;
@@ -259,8 +288,9 @@ impl Gloss {
         }
     }
 
-    /// 1 for lobes that look at the same place, 0 for those that look a lobe's width beside it: it
-    /// is as far away as what they meet is on the harmonic mean.
+    /// Weight of two lobes for each other: 1 where they look at the same place, 0 where they look half a
+    /// lobe's width beside each other. The place is as far away as the harmonic mean distance of their
+    /// rays.
     fn looks_at_the_same(&self, one: usize, other: usize) -> f32 {
         let (a, b) = (&self.lobes[one], &self.lobes[other]);
         if a.exponent != b.exponent {
@@ -270,7 +300,7 @@ impl Gloss {
         let nearness = 0.5 * (nearness(one) + nearness(other));
         let between = (b.point - a.point) * nearness + (b.direction - a.direction);
         let across = between - a.direction * a.direction.dot(between);
-        1.0 - (across.length_squared() * a.exponent * NARROW).min(1.0)
+        1.0 - (across.length_squared() * a.exponent * NARROWNESS).min(1.0)
     }
 }
 
@@ -279,7 +309,7 @@ impl LobeSums {
         self.radiance / self.rays.max(1) as f32
     }
 
-    /// Of the mean.
+    /// Variance of the mean.
     fn variance(&self) -> Rgb {
         let (count, mean) = (self.rays.max(2) as f32, self.mean());
         (self.squares / count - mean * mean).max(Rgb::ZERO) / (count - 1.0)
@@ -287,6 +317,6 @@ impl LobeSums {
 }
 
 /// Rays of the first pass: by the share of the pixel, and as many as a variance takes.
-fn rays(seen: &Seen, lobe: &Lobe) -> u32 {
-    (RAYS * seen.share(lobe)).ceil().max(2.0) as u32
+fn first_pass_rays(visible: &VisibleSurfaces, lobe: &Lobe) -> u32 {
+    (RAYS_PER_PIXEL * visible.share(lobe)).ceil().max(2.0) as u32
 }

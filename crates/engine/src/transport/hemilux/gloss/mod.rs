@@ -1,4 +1,4 @@
-//! Gloss: what lobes reflect, seen by the camera or met by other rays.
+//! Glossy reflection: radiance by the lobes of surfaces that the camera sees or that other rays meet.
 
 mod lobe_rays;
 mod lobes;
