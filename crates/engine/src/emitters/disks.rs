@@ -1,5 +1,6 @@
 //! Lights as disks (Lange 1994, as Rogers prints it): a disk stands for each connected group of
-//! emissive triangles, and is sampled at its centre and at random points of its area or of its edge.
+//! emissive triangles, and is sampled at its centre and at random points of its area or of its
+//! edge.
 
 use super::triangles::{Emitter, TriangleLights};
 use crate::radiometry::{Rgb, importance};
@@ -13,8 +14,8 @@ use std::f32::consts::{PI, TAU};
 
 /// Group of a triangle that emits nothing.
 const NO_GROUP: u32 = u32::MAX;
-/// A group is a sheet if its vector area is over this share of its area, else a closed body: that of
-/// a closed surface is zero, that of a flat one the area.
+/// A group is a sheet if its vector area is over this share of its area, else a closed body: that
+/// of a closed surface is zero, that of a flat one the area.
 const SHEET: f32 = 0.2;
 
 /// The lights of a scene as disks.

@@ -143,9 +143,9 @@ fn bodies(triangles: &[UntexturedEmitter]) -> Vec<Body> {
     bodies
 }
 
-/// Adds a polygon light for each triangle, or for two that share an edge, lie in one plane, emit the
-/// same and form a convex quadrilateral: that halves the edges to sum over in Lambert's formula.
-/// `of_triangle` gets each triangle's light, as in [`super::PolygonLights`].
+/// Adds a polygon light for each triangle, or for two that share an edge, lie in one plane, emit
+/// the same and form a convex quadrilateral: that halves the edges to sum over in Lambert's
+/// formula. `of_triangle` gets each triangle's light, as in [`super::PolygonLights`].
 pub fn merge_into_polygons(
     triangles: &[UntexturedEmitter],
     lights: &mut Vec<PolygonLight>,

@@ -1,6 +1,6 @@
-//! Importance sampling of many lights by a tree over them, descended by bounds on what either half may
-//! shine on a point (Conty Estevez and Kulla 2018, "Importance sampling of many lights with adaptive
-//! tree splitting"). A light that shines on the point never has the bound zero.
+//! Importance sampling of many lights by a tree over them, descended by bounds on what either half
+//! may shine on a point (Conty Estevez and Kulla 2018, "Importance sampling of many lights with
+//! adaptive tree splitting"). A light that shines on the point never has the bound zero.
 
 use glam::Vec3;
 
@@ -130,7 +130,6 @@ fn new_node(lights: &[LightBounds], group: &[u32], parent: u32) -> Node {
     Node {
         center,
         radius: group.iter().map(reach).fold(0.0, f32::max),
-        // A light without power may still be asked for, by nobody.
         power: group.iter().map(|l| of(l).power).sum(),
         axis,
         spread: if axis == Vec3::ZERO { -1.0 } else { group.iter().map(off).fold(1.0, f32::min) },
@@ -141,7 +140,8 @@ fn new_node(lights: &[LightBounds], group: &[u32], parent: u32) -> Node {
 }
 
 impl Node {
-    /// Bound on the group's irradiance, as one number, on a surface at `point`, up to a constant factor.
+    /// Bound on the group's irradiance, as one number, on a surface at `point`, up to a constant
+    /// factor.
     fn importance_bound(&self, point: Vec3, normal: Vec3) -> f32 {
         let between = self.center - point;
         let square = between.length_squared();

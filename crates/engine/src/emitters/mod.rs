@@ -1,5 +1,5 @@
-//! Emitters, and how their direct light is found: triangles sampled by power, polygons in closed form
-//! with a tree for very many, and disks in place of them.
+//! Emitters, and how their direct light is found: triangles sampled by power, polygons in closed
+//! form with a tree for very many, and disks in place of them.
 
 mod disks;
 mod from_triangles;

@@ -11,8 +11,8 @@ use glam::{Vec3, Vec4};
 const POINT_LIKE: f32 = 24.0;
 /// Distance, in diameters, within which points are picked by solid angle.
 const NEAR: f32 = 2.0;
-/// A polygon shines nothing on points that are nearer to its plane than this share of their distance:
-/// rounding could not tell on which side they are.
+/// A polygon shines nothing on points that are nearer to its plane than this share of their
+/// distance: rounding could not tell on which side they are.
 const IN_PLANE: f32 = 1e-5;
 
 /// An emissive polygon, triangle or convex quadrilateral, in ray units.
@@ -97,8 +97,8 @@ impl PolygonLight {
         }
     }
 
-    /// Quadrature points with areas as weights: the 2 × 2 Gauss points of a quadrilateral; of a triangle
-    /// the three points halfway between corners and centre, and one without weight.
+    /// Quadrature points with areas as weights: the 2 × 2 Gauss points of a quadrilateral; of a
+    /// triangle the three points halfway between corners and centre, and one without weight.
     pub fn quadrature(&self) -> [(Vec3, f32); 4] {
         let [a, b, c, d] = self.corners;
         if self.count == 3 {
@@ -136,8 +136,8 @@ impl PolygonLight {
         importance(self.radiance) * self.area * sides
     }
 
-    /// Projected solid angle ∫ cosθ dω of the polygon at `point` with unit `normal`: its irradiance over
-    /// its radiance.
+    /// Projected solid angle ∫ cosθ dω of the polygon at `point` with unit `normal`: its irradiance
+    /// over its radiance.
     pub fn projected(&self, point: Vec3, normal: Vec3) -> f32 {
         let to_center = self.center - point;
         let square = to_center.length_squared();

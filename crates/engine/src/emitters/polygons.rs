@@ -16,8 +16,8 @@ use std::collections::HashMap;
 pub const TRIES: u32 = 4;
 /// Divisions of each edge of an emissive triangle whose texture varies: it becomes 8² = 64 lights.
 const TEXTURE_DIVISIONS: u32 = 8;
-/// Most emissive triangles of a scene for textures to be divided; with more, each triangle shines by
-/// its mean radiance. Divided they would be up to 262,144 lights.
+/// Most emissive triangles of a scene for textures to be divided; with more, each triangle shines
+/// by its mean radiance. Divided they would be up to 262,144 lights.
 const MOST_TEXTURED: usize = 4096;
 
 /// The lights of a scene as polygons of constant radiance.
@@ -35,8 +35,8 @@ pub struct PolygonLights {
 pub struct LightPoint {
     /// Where rays to it end.
     pub end: Vec3,
-    /// Irradiance that it stands for, emitted radiance × cosθ over density: its mean over random points
-    /// is the irradiance of all lights without occlusion.
+    /// Irradiance that it stands for, emitted radiance × cosθ over density: its mean over random
+    /// points is the irradiance of all lights without occlusion.
     pub irradiance: Rgb,
     /// Density per solid angle at which it was picked.
     pub density: f32,
@@ -54,8 +54,8 @@ pub struct ShadowSample {
 }
 
 impl ShadowSample {
-    /// Unbiased irradiance with a control variate: `share` is a guess of the share of the light that
-    /// arrives. Where the guess is right and all or nothing is occluded, there is no noise
+    /// Unbiased irradiance with a control variate: `share` is a guess of the share of the light
+    /// that arrives. Where the guess is right and all or nothing is occluded, there is no noise
     /// (docs/decisions/0017).
     pub fn irradiance(&self, share: f32) -> Rgb {
         let seen = if self.seen { 1.0 } else { 0.0 };
@@ -130,8 +130,8 @@ impl PolygonLights {
         self.count() <= MOST_LIGHTS
     }
 
-    /// Irradiance of all lights on a surface at `point` with unit `normal` without occlusion, by which
-    /// lights are picked; zero where lights are too many for the closed form.
+    /// Irradiance of all lights on a surface at `point` with unit `normal` without occlusion, by
+    /// which lights are picked; zero where lights are too many for the closed form.
     pub fn unoccluded(&self, point: Vec3, normal: Vec3) -> Unoccluded {
         if !self.is_exact() {
             return Unoccluded::none();
@@ -148,8 +148,8 @@ impl PolygonLights {
     }
 
     /// Samples a point of the lights for a surface at `point`, by three uniform numbers. A light is
-    /// picked in proportion to its irradiance or, where they are too many, by the tree. `None` where
-    /// the point shines nothing on the surface.
+    /// picked in proportion to its irradiance or, where they are too many, by the tree. `None`
+    /// where the point shines nothing on the surface.
     pub fn sample(
         &self,
         unoccluded: &Unoccluded,
@@ -199,9 +199,9 @@ impl PolygonLights {
         self.closed_forms.pick(unoccluded, point, normal, x)
     }
 
-    /// Samples one of many lights by the tree: returns where a shadow ray to it ends, and its irradiance
-    /// in closed form over the probability of the pick, which has no singularity near the light.
-    /// `None` where it shines nothing.
+    /// Samples one of many lights by the tree: returns where a shadow ray to it ends, and its
+    /// irradiance in closed form over the probability of the pick, which has no singularity near
+    /// the light. `None` where it shines nothing.
     pub fn one_of_many(&self, point: Vec3, normal: Vec3, xi: Vec3) -> Option<(Vec3, Rgb)> {
         let (pick, probability) = self.tree.pick(point, normal, xi.x)?;
         let light = &self.closed_forms.lights()[pick];
@@ -249,8 +249,8 @@ impl PolygonLights {
         ShadowSample { unoccluded: unoccluded.irradiance, cast, seen }
     }
 
-    /// Density per solid angle at which [`PolygonLights::sample`] picks the place of a light that a ray
-    /// along the unit `direction` from the surface met; `normal` is the light's there.
+    /// Density per solid angle at which [`PolygonLights::sample`] picks the place of a light that a
+    /// ray along the unit `direction` from the surface met; `normal` is the light's there.
     pub fn density(
         &self,
         unoccluded: &Unoccluded,

@@ -1,4 +1,5 @@
-//! Emissive triangles, sampled by their power: for direct light, and for paths that begin at lights.
+//! Emissive triangles, sampled by their power: for direct light, and for paths that begin at
+//! lights.
 
 use crate::patches::cells;
 use crate::radiometry::{Rgb, importance};
@@ -7,8 +8,8 @@ use crate::sampling::Discrete;
 use crate::surface::{Surface, World};
 use glam::Vec3;
 
-/// Share of the pick that goes by the material's emission factor without its texture, so that bright
-/// parts of a texture that the 64 samples of its mean missed are still picked.
+/// Share of the pick that goes by the material's emission factor without its texture, so that
+/// bright parts of a texture that the 64 samples of its mean missed are still picked.
 const FACTOR_SHARE: f64 = 0.1;
 
 /// An emissive triangle.
@@ -125,8 +126,8 @@ impl TriangleLights {
         Some(LightSample { end, direction, radiance, density })
     }
 
-    /// Density per solid angle at which [`TriangleLights::sample`] picks the place of `light` that a ray
-    /// along the unit `direction` met at `distance`.
+    /// Density per solid angle at which [`TriangleLights::sample`] picks the place of `light` that
+    /// a ray along the unit `direction` met at `distance`.
     pub fn density(&self, light: &Surface, direction: Vec3, distance: f32) -> f32 {
         let cosine = light.normal.dot(direction).abs().max(f32::MIN_POSITIVE);
         self.density[light.triangle as usize] * distance * distance / cosine

@@ -1,5 +1,5 @@
-//! Irradiance of all lights at a point without occlusion: near lights in closed form, farther ones by
-//! four quadrature points each, eight lights at a time. Lights are picked by it, too.
+//! Irradiance of all lights at a point without occlusion: near lights in closed form, farther ones
+//! by four quadrature points each, eight lights at a time. Lights are picked by it, too.
 
 use super::polygon::PolygonLight;
 use crate::radiometry::{Rgb, importance};
@@ -17,8 +17,8 @@ const BLOCK_EIGHTS: usize = MOST_LIGHTS / BLOCKS / LANES;
 /// quadrature points are off by 3 % (rms) of this one light among many.
 const CLOSE: f32 = 1.0;
 
-/// Lower bound of the share that a lobe is taken to reflect of a light, of what it reflects at most: it
-/// keeps the probability of every light that shines above zero.
+/// Lower bound of the share that a lobe is taken to reflect of a light, of what it reflects at
+/// most: it keeps the probability of every light that shines above zero.
 const LEAST_LOBE_SHARE: f32 = 0.02;
 
 type Lanes = [f32; LANES];
@@ -123,8 +123,8 @@ impl ClosedForms {
         all
     }
 
-    /// Sums by which a lobe picks lights: irradiance times about what the lobe reflects of it. Their
-    /// irradiance is left zero.
+    /// Sums by which a lobe picks lights: irradiance times about what the lobe reflects of it.
+    /// Their irradiance is left zero.
     pub fn for_lobe(&self, point: Vec3, normal: Vec3, axis: LobeAxis) -> Unoccluded {
         let mut all = Unoccluded { lobe: Some(axis), ..Unoccluded::none() };
         let mut sum = 0.0;
@@ -316,8 +316,8 @@ impl EightLights {
         }
     }
 
-    /// Projected solid angle ∫ cosθ dω of each by quadrature; zero for those that are too near for that,
-    /// which the bits of the second value mark.
+    /// Projected solid angle ∫ cosθ dω of each by quadrature; zero for those that are too near for
+    /// that, which the bits of the second value mark.
     #[inline(always)]
     fn projected(&self, point: Vec3, normal: Vec3) -> (Lanes, u32) {
         let [nx, ny, nz] = &self.normals;
@@ -356,8 +356,8 @@ impl EightLights {
     }
 }
 
-/// Adds the lights' irradiance by quadrature to `shine`, by channel, but for those that are too near,
-/// which the bits of `near` mark.
+/// Adds the lights' irradiance by quadrature to `shine`, by channel, but for those that are too
+/// near, which the bits of `near` mark.
 fn add_irradiance(
     eights: &[EightLights],
     point: Vec3,

@@ -29,8 +29,9 @@ impl Moments {
         Vec3::new(weight, along.x, along.y)
     }
 
-    /// Inverse of the matrix of the normal equations. The `ridge`, a share of the weights that is added to the
-    /// second moments, pulls slopes towards 0, so that a plane through few places is flat.
+    /// Inverse of the matrix of the normal equations. The `ridge`, a share of the weights that is
+    /// added to the second moments, pulls slopes towards 0, so that a plane through few places is
+    /// flat.
     pub fn inverse(&self, ridge: f32) -> Mat3 {
         let ridge = ridge * self.total;
         let (Vec2 { x, y }, [xx, xy, yy]) = (self.first, self.second);

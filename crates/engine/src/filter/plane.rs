@@ -7,8 +7,8 @@ use glam::{Mat3, Vec2};
 /// Ridge of the regression, in squared pixels: it makes planes through few neighbours flat.
 const RIDGE: f32 = 0.05;
 
-/// Weighted least-squares plane through colours of pixels. Beside an edge, where neighbours are on one
-/// side only, their mean would be biased by the gradient; the plane is not.
+/// Weighted least-squares plane through colours of pixels. Beside an edge, where neighbours are on
+/// one side only, their mean would be biased by the gradient; the plane is not.
 pub struct Plane {
     /// Moments of the pixels' places.
     moments: Moments,
@@ -39,8 +39,9 @@ impl Plane {
         self.squares += weight * weight;
     }
 
-    /// Value of the plane in the middle, within the range of the pixels' values, and its variance by
-    /// the residuals; no variance for fewer than five effective values, of which the plane takes three.
+    /// Value of the plane in the middle, within the range of the pixels' values, and its variance
+    /// by the residuals; no variance for fewer than five effective values, of which the plane takes
+    /// three.
     pub fn center(self) -> (Rgb, Option<Rgb>) {
         let Some((least, most)) = self.range else { return (Rgb::ZERO, None) };
         let total = self.moments.total;

@@ -150,8 +150,8 @@ impl Frame {
         (x0 < x1 && y0 < y1).then_some([x0, x1, y0, y1])
     }
 
-    /// What of a triangle is in front of an orthographic camera, as up to two of them. (A
-    /// perspective one tells by the sign of its homogeneous coordinates.)
+    /// The part of a triangle in front of an orthographic camera, as up to two triangles. (For a
+    /// perspective camera the sign of homogeneous coordinates clips.)
     fn in_front(&self, corners: [Vec3; 3]) -> [Option<[Vec3; 3]>; 2] {
         let depths = corners.map(|corner| self.project(corner).1);
         if self.perspective || depths.iter().all(|depth| *depth >= 0.0) {

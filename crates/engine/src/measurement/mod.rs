@@ -1,5 +1,6 @@
 //! The camera's picture from a solution on patches (Antal eq. 3): the surface that each sub-pixel
-//! sample sees, interpolated irradiance there, and reflection with the scene's full-detail textures.
+//! sample sees, interpolated irradiance there, and reflection with the scene's full-detail
+//! textures.
 
 mod camera;
 pub mod reconstruction;
@@ -150,8 +151,8 @@ impl Measurement {
     }
 }
 
-/// `count` well-spread points in [−½, ½)²: the additive recurrence by the plastic number (Roberts 2018,
-/// the sequence R2).
+/// `count` well-spread points in [−½, ½)²: the additive recurrence by the plastic number (Roberts
+/// 2018, the sequence R2).
 pub fn sample_pattern(count: u32) -> Vec<Vec2> {
     if count == 1 {
         return vec![Vec2::ZERO];

@@ -1,5 +1,5 @@
-//! Smooth reconstruction from one value a patch: values at the patches' corners (vertices) by a local
-//! linear fit, interpolated linearly in between.
+//! Smooth reconstruction from one value a patch: values at the patches' corners (vertices) by a
+//! local linear fit, interpolated linearly in between.
 //!
 //! Corners are shared by facets that meet there with about the same shading normal, so curved
 //! meshes show no facets and creases stay sharp. The fit is linear in the patch values: its
@@ -15,8 +15,8 @@ use rayon::prelude::*;
 /// Facets share a corner where their shading normals there differ by less than this angle's
 /// cosine (18°).
 const SMOOTH_COSINE: f32 = 0.95;
-/// Fewest patches of a fit: a vertex with fewer around it takes its neighbours' neighbours, too. A plane
-/// takes three.
+/// Fewest patches of a fit: a vertex with fewer around it takes its neighbours' neighbours, too. A
+/// plane takes three.
 const LEAST_PATCHES: usize = 5;
 /// Ridge of the fit, relative to the patches' mean squared distance: it pulls slopes towards zero.
 const RIDGE: f32 = 0.02;

@@ -1,5 +1,5 @@
-//! Radiance, reflected and emitted, that each sub-pixel sample sees; and the weights of vertices in the
-//! picture.
+//! Radiance, reflected and emitted, that each sub-pixel sample sees; and the weights of vertices in
+//! the picture.
 
 use super::camera::View;
 use super::reconstruction::Reconstruction;

@@ -12,8 +12,8 @@ use crate::radiometry::Rgb;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
-/// Variance of a surface's share of a pixel is this times (number of samples)^−1.5, for samples that
-/// are well spread.
+/// Variance of a surface's share of a pixel is this times (number of samples)^−1.5, for samples
+/// that are well spread.
 const COVERAGE_VARIANCE: f32 = 0.04;
 /// Relative error assumed of indirect light where a fragment shows the coarse mesh itself.
 const COARSE_ERROR: f32 = 0.2;

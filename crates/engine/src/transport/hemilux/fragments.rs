@@ -1,5 +1,5 @@
-//! What the camera sees, found once for a picture: the sub-pixel samples of each pixel are rasterised
-//! and grouped by surface into fragments.
+//! What the camera sees, found once for a picture: the sub-pixel samples of each pixel are
+//! rasterised and grouped by surface into fragments.
 
 use super::places::FragmentPlaces;
 use crate::hemicube::item;

@@ -59,7 +59,7 @@ static WELL_SPREAD: Setting<Switch> = Setting::new("well_spread", "true", Switch
     .means("draw points from well-spread sequences; otherwise plain random numbers")
     .for_studies();
 
-/// All of them.
+/// The settings of the method `hemilux`, in the order in which they are listed.
 pub static SETTINGS: &[&dyn AnySetting] = &[
     &COARSE_PATCHES,
     &GATHER_RAYS,
@@ -87,9 +87,9 @@ pub struct HemiluxSettings {
     pub gather: bool,
     /// Rays of a record in each iteration.
     pub gather_rays: u32,
-    /// Whether direct light is found out afresh where gather rays end.
+    /// Whether direct light is found afresh, by a shadow ray, where gather rays end.
     pub gather_direct: bool,
-    /// Whether records hear their neighbours.
+    /// Whether records are fitted by a plane through their neighbours.
     pub gather_fit: bool,
     /// Whether direct light is found per pixel, rather than shown as the coarse mesh has it.
     pub light: bool,
@@ -97,11 +97,11 @@ pub struct HemiluxSettings {
     pub shadow_filter: bool,
     /// Whether neighbouring pixels share lobe rays.
     pub lobe_filter: bool,
-    /// Whether what gather rays meet nearby is looked at more closely than by its patch's mean.
+    /// Whether a gather ray that ends in the near field finds bounced light by one more ray.
     pub near_field: bool,
     /// Whether random points are well spread, rather than plainly random.
     pub well_spread: bool,
-    /// Whether records and shadow rays follow what they find, rather than being evenly spread.
+    /// Whether records and shadow rays go where they are needed, rather than being evenly spread.
     pub adaptive: bool,
     /// Sub-pixel samples.
     pub samples: u32,

@@ -35,8 +35,8 @@ const REFILL_ITERATIONS: [u64; 4] = [1, 4, 12, 28];
 const REFILL_RADIUS_FACTOR: f32 = 0.85;
 /// Most rays of an element in one round of links, as a multiple of those in the first round.
 const MOST_ROUNDS: u32 = 64;
-/// Most rays of a record that is made in a later iteration, as a multiple of `gather_rays`, the most
-/// that a record gets in one iteration.
+/// Most rays of a record that is made in a later iteration, as a multiple of `gather_rays`, the
+/// most that a record gets in one iteration.
 const MOST_CATCH_UP: u32 = 8;
 /// Passes of shadow rays in each iteration of a second camera while it reuses links and records of
 /// the first: only the shadows are new then.
@@ -169,8 +169,8 @@ impl Tiers {
         Spacing { scale: scale(iterations).max(least), least, even: !self.options.adaptive }
     }
 
-    /// Reads the rest of the checkpoint's section for any camera: links and records. The direct light
-    /// of the elements, before them, was read when tier 1 was made.
+    /// Reads the rest of the checkpoint's section for any camera: links and records. The direct
+    /// light of the elements, before them, was read when tier 1 was made.
     pub fn restore_shared(&mut self, mut from: Reader<'_>) -> Result<(), CheckpointError> {
         self.coarse.restore_links(&mut from)?;
         self.cache.restore(&mut from)?;
@@ -192,7 +192,7 @@ impl Tiers {
         self.cache.change_camera(&self.visible, self.spacing(iterations));
     }
 
-    /// One iteration: every tier gets better, as far as its number says.
+    /// One iteration, which improves every tier; what it does depends on its number alone.
     fn iterate(&mut self, run: &mut Run<'_>) {
         let number = run.standing.tally.iterations;
         // Another camera's iterations have done links and records up to that number.
@@ -227,8 +227,8 @@ impl Tiers {
         self.done = tally.iterations;
     }
 
-    /// Doubles the number of links and solves for all of them. Iterations do so whenever their number
-    /// has doubled, because the time to solve goes by all links, not by the new ones.
+    /// Doubles the number of links and solves for all of them. Iterations do so whenever their
+    /// number has doubled, because the time to solve goes by all links, not by the new ones.
     fn link(&mut self, number: u64) {
         let rounds = (number as u32).div_ceil(2).clamp(1, MOST_ROUNDS);
         // The first points there are already.
@@ -267,8 +267,8 @@ impl Tiers {
         follows.then_some(rays)
     }
 
-    /// Traces another pass of lobe rays, unless their error is far below that of the rest. The first
-    /// iteration makes two: the second one sends rays where the first has found scatter.
+    /// Traces another pass of lobe rays, unless their error is far below that of the rest. The
+    /// first iteration makes two: the second one sends rays where the first has found scatter.
     fn trace_lobes(&mut self, iterations: u64) {
         let first = self.gloss.passes == 0;
         if first {

@@ -10,9 +10,9 @@ use crate::sampling::{Seed, Shifted, cosine_direction};
 use crate::surface::World;
 use bytemuck::{Pod, Zeroable};
 
-/// A point of an element lies in a crevice if its random ray ends within this share of the element's
-/// side. Such points are seen from inside the crevice rather than from the room, so they do not count
-/// for the element's light (docs/decisions/0005).
+/// A point of an element lies in a crevice if its random ray ends within this share of the
+/// element's side. Such points are seen from inside the crevice rather than from the room, so they
+/// do not count for the element's light (docs/decisions/0005).
 const CREVICE: f32 = 0.25;
 
 /// Direct light on an element.
@@ -26,8 +26,8 @@ pub struct DirectLight {
     pub open: f32,
 }
 
-/// Sums over sampled points of an element. Checkpoints store them as they are: the order of the fields
-/// is part of the format.
+/// Sums over sampled points of an element. Checkpoints store them as they are: the order of the
+/// fields is part of the format.
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct SampledLight {
@@ -42,7 +42,8 @@ pub struct SampledLight {
     escaped: u32,
 }
 
-/// Sums over shadow rays, as in [`ShadowSample`]: `seen` is the part of `cast` that is not occluded.
+/// Sums over shadow rays, as in [`ShadowSample`]: `seen` is the part of `cast` that is not
+/// occluded.
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 struct LightSums {
@@ -92,7 +93,8 @@ impl SampledLight {
         }
     }
 
-    /// Direct light of the element by its points outside crevices, or by all others if there are none.
+    /// Direct light of the element by its points outside crevices, or by all others if there are
+    /// none.
     pub fn mean(&self) -> DirectLight {
         let sums = if self.visible.count > 0 { self.visible } else { self.hidden };
         let open = self.open as f32 / self.points.max(1) as f32;

@@ -1,6 +1,6 @@
 //! Elements: the unknowns that tier 1 solves for. An element is mostly one patch; where a mesh has
-//! many more patches than are wanted, those small ones in one cell of space that face the same way and
-//! have one material are one element (docs/decisions/0006).
+//! many more patches than are wanted, those small ones in one cell of space that face the same way
+//! and have one material are one element (docs/decisions/0006).
 
 use super::patch_points::PatchPoints;
 use crate::patches::{NO_PATCH, PatchIndex, PatchedScene};
@@ -10,7 +10,7 @@ use crate::transport::known::albedo;
 use foldhash::{HashMap, HashMapExt};
 use glam::Vec3;
 
-/// "Of no element": the inside of a closed body, where light never comes.
+/// Element of patches that have none: the insides of closed bodies, where light never comes.
 const NONE: u32 = u32::MAX;
 
 /// An element by its place in the lists of [`Elements`].
@@ -109,7 +109,7 @@ impl Elements {
         self.area.len()
     }
 
-    /// Every one of them.
+    /// All elements by their indices.
     pub fn all(&self) -> impl Iterator<Item = ElementIndex> + use<> {
         (0..self.len() as u32).map(ElementIndex)
     }

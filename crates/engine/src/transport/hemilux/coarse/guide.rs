@@ -13,11 +13,11 @@ use std::collections::HashMap;
 
 /// An element is bright if its radiosity is over so many times the mean.
 const BRIGHT_FACTOR: f32 = 8.0;
-/// Share of all reflected power that others must receive from bright elements for aiming to be worth
-/// its cost; the Cornell box has 3 % (docs/decisions/0013).
+/// Share of all reflected power that others must receive from bright elements for aiming to be
+/// worth its cost; the Cornell box has 3 % (docs/decisions/0013).
 const LEAST_BRIGHT_SHARE: f32 = 0.06;
-/// Least distance, in sides of a bright element, of another one that counts as lit by it: nearer ones
-/// meet it by many rays anyway.
+/// Least distance, in sides of a bright element, of another one that counts as lit by it: nearer
+/// ones meet it by many rays anyway.
 const LEAST_DISTANCE: f32 = 3.0;
 
 /// The bright patches of the coarse mesh, to aim rays at.
@@ -40,7 +40,8 @@ pub struct Aim {
 }
 
 impl Guide {
-    /// Bright patches by the elements' radiosities, a number each; `None` where aiming does not pay.
+    /// Bright patches by the elements' radiosities, a number each; `None` where aiming does not
+    /// pay.
     pub fn new(
         world: &World,
         scene: &PatchedScene,
@@ -99,8 +100,8 @@ impl Guide {
     }
 }
 
-/// Bright elements that light others which seldom meet them by chance, each with the power that those
-/// receive of it; `None` where that is too little altogether.
+/// Bright elements that light others which seldom meet them by chance, each with the power that
+/// those receive of it; `None` where that is too little altogether.
 fn aiming_targets(
     world: &World,
     scene: &PatchedScene,
@@ -130,9 +131,9 @@ fn aiming_targets(
     Some(bright.iter().map(|element| (*element, useful(element))).collect())
 }
 
-/// Power that others receive of each element by the links, without those near it: what is near, as in
-/// the gap between a lamp and the ceiling, is met without being aimed at. `bright` gives the radiosity
-/// of an element that counts.
+/// Power that others receive of each element by the links, without those near it: what is near, as
+/// in the gap between a lamp and the ceiling, is met without being aimed at. `bright` gives the
+/// radiosity of an element that counts.
 fn received(
     world: &World,
     scene: &PatchedScene,

@@ -1,11 +1,11 @@
-//! Links of the coarse mesh (tier 1): each element, mostly a patch, traces rays over its hemisphere and
-//! remembers the elements that they meet, its *links*; the radiosity equation over the links is then
-//! solved by Jacobi sweeps.
+//! Links of the coarse mesh (tier 1): each element, mostly a patch, traces rays over its hemisphere
+//! and remembers the elements that they meet, its *links*; the radiosity equation over the links is
+//! then solved by Jacobi sweeps.
 //!
 //! A hemicube shot serves all receivers, but they share its noise, which is large next to the
-//! shooter. Links of different elements are independent, so that a gather over many elements averages
-//! their noise: on the Cornell box this is 100 times cheaper than shots for the same error of the
-//! picture.
+//! shooter. Links of different elements are independent, so that a gather over many elements
+//! averages their noise: on the Cornell box this is 100 times cheaper than shots for the same error
+//! of the picture.
 
 use super::direct::DirectLight;
 use super::elements::ElementIndex;
@@ -102,8 +102,8 @@ impl Links {
         self.rounds.push(Round { start, links });
     }
 
-    /// Solves the radiosity equation E_bounced = Σ ρ_link (E_direct + E_bounced)_link / N over the links so
-    /// far, beginning with the solution before.
+    /// Solves the radiosity equation E_bounced = Σ ρ_link (E_direct + E_bounced)_link / N over the
+    /// links so far, beginning with the solution before.
     pub fn solve(&mut self, albedo: &[Rgb], direct: &[DirectLight]) {
         let elements = direct.len() as u32;
         self.bounced.resize(direct.len(), Rgb::ZERO);
@@ -234,8 +234,8 @@ mod tests {
         DirectLight { irradiance: Rgb::splat(irradiance), share: 1.0, open: 1.0 }
     }
 
-    /// Element 0 sees element 1 by half of its rays and nothing else, element 1 sees only element 0:
-    /// E_0 = ½ a_1 (D_1 + E_1), E_1 = a_0 (D_0 + E_0).
+    /// Element 0 sees element 1 by half of its rays and nothing else, element 1 sees only element
+    /// 0: E_0 = ½ a_1 (D_1 + E_1), E_1 = a_0 (D_0 + E_0).
     fn two_elements() -> Links {
         let round = Round { start: vec![0, 2, 3], links: vec![1, DARK, 0] };
         Links { rounds: vec![round], bounced: Vec::new() }

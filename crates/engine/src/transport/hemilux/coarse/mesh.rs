@@ -1,5 +1,5 @@
-//! The coarse mesh (tier 1): finds the patch or element that a ray has hit, and interpolates values of
-//! patches.
+//! The coarse mesh (tier 1): finds the patch or element that a ray has hit, and interpolates values
+//! of patches.
 
 use super::elements::{ElementIndex, Elements};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
@@ -9,8 +9,8 @@ use crate::rays::{Hit, Rays};
 use glam::Vec2;
 use std::sync::Arc;
 
-/// Near field: a ray that ends within so many sides of the patch it meets sees a small part of it, on
-/// which the patch's mean is not the light (docs/decisions/0004).
+/// Near field: a ray that ends within so many sides of the patch it meets sees a small part of it,
+/// on which the patch's mean is not the light (docs/decisions/0004).
 const NEAR_FIELD: f32 = 2.0;
 /// Factor by which an interpolated value may differ from its patch's own: interpolation may take
 /// values from the other side of a wall.
@@ -118,7 +118,7 @@ impl CoarseMesh {
         let all = corners.iter();
         let smooth: Rgb =
             all.map(|(vertex, weight)| values.vertices[*vertex as usize] * *weight).sum();
-        // A vertex may hear patches on the other side of a wall that stands there.
+        // A vertex's value may come from patches on the other side of a wall that stands there.
         let Some(first) = piece.first_patch(back) else { return Rgb::ZERO };
         let own = values.patches[(first + cell_index(piece.divisions, u, v)) as usize];
         smooth.clamp(own / MOST_CHANGE, own * MOST_CHANGE)

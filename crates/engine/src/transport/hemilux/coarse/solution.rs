@@ -21,8 +21,8 @@ use std::sync::Arc;
 
 /// Points of an element whose direct light is found at first.
 pub const PATCH_POINTS: u32 = 2;
-/// Most points of all elements together whose direct light is found at a time, unless one an element
-/// is more: it bounds the time of an iteration.
+/// Most points of all elements together whose direct light is found at a time, unless one an
+/// element is more: it bounds the time of an iteration.
 const MOST_POINTS: usize = 1 << 20;
 
 /// Share of the near field's further rays that are aimed at bright patches, where there are such.
@@ -49,8 +49,8 @@ pub struct CoarseSolution {
 }
 
 impl CoarseSolution {
-    /// A solution with direct light only, by [`PATCH_POINTS`] points of each element, or by the points
-    /// in `sampled` from a checkpoint.
+    /// A solution with direct light only, by [`PATCH_POINTS`] points of each element, or by the
+    /// points in `sampled` from a checkpoint.
     pub fn new(
         world: Arc<World>,
         lights: Arc<PolygonLights>,
@@ -93,8 +93,8 @@ impl CoarseSolution {
         self.direct = self.sampled.iter().map(SampledLight::mean).collect();
     }
 
-    /// Samples direct light at `points` more points of each element, traces links by `rays` more rays
-    /// of an ordinary element, solves over all links and updates the irradiance.
+    /// Samples direct light at `points` more points of each element, traces links by `rays` more
+    /// rays of an ordinary element, solves over all links and updates the irradiance.
     pub fn link(&mut self, seed: Seed, points: u32, rays: u32) {
         if points > 0 {
             self.sample_direct(seed, points.min(most_points(self.mesh.elements.len())));
@@ -111,8 +111,8 @@ impl CoarseSolution {
         self.links.save(self.sampled.len(), to);
     }
 
-    /// Reads the links that [`CoarseSolution::save`] wrote behind the points' direct light, with which it
-    /// was made ([`CoarseSolution::new`]).
+    /// Reads the links that [`CoarseSolution::save`] wrote behind the points' direct light, with
+    /// which it was made ([`CoarseSolution::new`]).
     pub fn restore_links(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
         self.links = Links::restore(self.sampled.len(), from)?;
         self.update_irradiance();
@@ -170,8 +170,8 @@ impl CoarseSolution {
     }
 
     /// Radiance that a hit reflects, as if all of it were reflected diffusely. With random numbers
-    /// the light there is found out afresh: the emitters' by a shadow ray and, where the patch is so
-    /// near that its mean will not do, what has bounced by one more.
+    /// the light there is found out afresh: the emitters' by a shadow ray and, where the patch is
+    /// so near that its mean will not do, what has bounced by one more.
     pub fn reflected_as_diffuse(&self, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
         let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
         self.by_albedo(&surface, surface.reflection().mean_albedo(), hit, afresh)

@@ -1,6 +1,6 @@
 //! Direct light on every fragment (tier 3): irradiance without occlusion in closed form, times the
-//! share of it that shadow rays find unoccluded. There are few rays where they agree, and many where
-//! they do not.
+//! share of it that shadow rays find unoccluded. There are few rays where they agree, and many
+//! where they do not.
 
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::{PolygonLights, TRIES};
@@ -39,13 +39,13 @@ const FEW_RAYS: u32 = 32;
 const CHUNK: usize = 1024;
 /// Shadow rays that are traced together, at least.
 const BATCH: usize = 512;
-/// Factor by which well-spread points are taken to lower the variance of random ones where lights are
-/// too many for the closed form.
+/// Factor by which well-spread points are taken to lower the variance of random ones where lights
+/// are too many for the closed form.
 const WELL_SPREAD_FACTOR: f32 = 0.5;
 /// Factor by which neighbours are taken to lower the variance where they are too few to measure it.
 const NEIGHBOUR_VARIANCE_FACTOR: f32 = 0.15;
-/// Squared difference between a neighbour's share of blocked rays and the fragment's own, in units of
-/// its variance by chance, up to which the neighbour counts in full: 2.4 standard deviations.
+/// Squared difference between a neighbour's share of blocked rays and the fragment's own, in units
+/// of its variance by chance, up to which the neighbour counts in full: 2.4 standard deviations.
 const ALIKE_VARIANCES: f32 = 6.0;
 /// The same from which it does not count, since a shadow's edge is in between: 4.9 standard
 /// deviations.
@@ -69,7 +69,8 @@ struct StoredShadowSums {
 }
 
 /// Sums over the shadow rays of a fragment. Where lights are too many for the closed form
-/// ([`PolygonLights::is_exact`]) the light points' irradiances are a Monte-Carlo estimate themselves.
+/// ([`PolygonLights::is_exact`]) the light points' irradiances are a Monte-Carlo estimate
+/// themselves.
 #[derive(Clone, Copy, Default)]
 pub struct ShadowSums {
     /// Irradiance without occlusion in closed form; zero where lights are too many for that.
@@ -294,8 +295,8 @@ impl DirectLighting {
 }
 
 impl ShadowSums {
-    /// Share of the direct light that arrives, `seen / cast`; where lights are too many for the closed
-    /// form, the estimated irradiance.
+    /// Share of the direct light that arrives, `seen / cast`; where lights are too many for the
+    /// closed form, the estimated irradiance.
     fn share(&self, exact: bool) -> Rgb {
         if !exact {
             return self.seen / self.rays as f32;
@@ -308,8 +309,8 @@ impl ShadowSums {
         self.disputed || (self.blocked > 0 && self.blocked < self.rays)
     }
 
-    /// Weight of a neighbour, 0 to 1, by how likely chance alone explains the difference between the
-    /// two shares of blocked rays.
+    /// Weight of a neighbour, 0 to 1, by how likely chance alone explains the difference between
+    /// the two shares of blocked rays.
     fn alike(&self, other: &ShadowSums) -> f32 {
         let off = self.blocked_share() - other.blocked_share();
         let chance = self.chance() + other.chance();
@@ -352,8 +353,8 @@ struct Caster<'a> {
 #[derive(Default)]
 struct Batch {
     segments: Vec<Segment>,
-    /// Of each ray, its fragment's index in the chunk, and the irradiance that its light point stands
-    /// for.
+    /// Of each ray, its fragment's index in the chunk, and the irradiance that its light point
+    /// stands for.
     ends: Vec<(usize, Rgb)>,
     blocked: Vec<bool>,
 }

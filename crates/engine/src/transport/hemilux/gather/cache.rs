@@ -163,7 +163,8 @@ impl IrradianceCache {
     }
 
     /// Adds records until every fragment is covered, and returns the rays of each: as many as
-    /// `gathering` says or, with a `pilot`, as many as the noise of the first grid's records asks for.
+    /// `gathering` says or, with a `pilot`, as many as the noise of the first grid's records asks
+    /// for.
     pub fn fill(
         &mut self,
         world: &World,
@@ -268,8 +269,8 @@ impl IrradianceCache {
         self.cover(visible, 0);
     }
 
-    /// Rays of a record with which its noise is `allowed` relative to the mean irradiance, a multiple
-    /// of eight. `all_direct` is the sum of the direct irradiance at the records.
+    /// Rays of a record with which its noise is `allowed` relative to the mean irradiance, a
+    /// multiple of eight. `all_direct` is the sum of the direct irradiance at the records.
     fn rays_for_noise(&self, all_direct: Rgb, allowed: f32) -> u32 {
         let (mut light, mut noise) = (all_direct.element_sum(), 0.0);
         for record in &self.records {
@@ -282,8 +283,8 @@ impl IrradianceCache {
         (noise / (allowed * mean).powi(2) / 8.0).ceil().min(1e6) as u32 * 8
     }
 
-    /// Shrinks the radii of all records by [`BENT_RADIUS_FACTORS`]; returns the radius factor of new
-    /// records, by fragment, interpolated from those that are there.
+    /// Shrinks the radii of all records by [`BENT_RADIUS_FACTORS`]; returns the radius factor of
+    /// new records, by fragment, interpolated from those that are there.
     fn shrink_bent(&mut self, visible: &VisibleSurfaces) -> Vec<f32> {
         if self.records.is_empty() {
             return Vec::new();
@@ -341,9 +342,9 @@ impl IrradianceCache {
         }
     }
 
-    /// Fits a plane, for every record, through the irradiances of it and its neighbours, weighted by
-    /// how much they count here: value and slope of the record are those of the plane. Without `fit`
-    /// a record keeps its own irradiance, and has no slope.
+    /// Fits a plane, for every record, through the irradiances of it and its neighbours, weighted
+    /// by how much they count here: value and slope of the record are those of the plane. Without
+    /// `fit` a record keeps its own irradiance, and has no slope.
     pub fn smooth(&mut self, visible: &VisibleSurfaces, fit: bool) {
         if !fit {
             for record in &mut self.records {
@@ -388,8 +389,8 @@ impl IrradianceCache {
         }
     }
 
-    /// Indirect irradiance of every fragment by weighted interpolation of the records; `None` where no
-    /// record counts.
+    /// Indirect irradiance of every fragment by weighted interpolation of the records; `None` where
+    /// no record counts.
     pub fn irradiance(&self, visible: &VisibleSurfaces) -> Vec<Option<IndirectLight>> {
         let contribution = |record: &Record| {
             let (value, noise, bent) = (record.value, record.noise, record.bent);
@@ -440,8 +441,8 @@ fn thinned(uncovered: Vec<u32>) -> Vec<u32> {
 pub struct IndirectLight {
     /// The irradiance.
     pub irradiance: Rgb,
-    /// Half the difference between the irradiances by either half of the gather rays: its square is the
-    /// variance of the irradiance by noise.
+    /// Half the difference between the irradiances by either half of the gather rays: its square is
+    /// the variance of the irradiance by noise.
     pub noise: Rgb,
     /// Variance of the records about the planes fitted through them, beyond their noise.
     pub bent: Rgb,

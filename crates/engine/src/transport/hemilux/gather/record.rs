@@ -50,7 +50,8 @@ pub struct Record {
     pub normal: Vec3,
     /// Unit vectors along the surface.
     pub tangents: [Vec3; 2],
-    /// Side of a pixel there, seen from the camera that asked for it, of a picture of ordinary size.
+    /// Side of a pixel there, seen from the camera that asked for it, of a picture of ordinary
+    /// size.
     pub footprint: f32,
     /// Number of its random sequence.
     pub number: u32,
@@ -58,8 +59,8 @@ pub struct Record {
     pub rays: u32,
     /// Σ radiance over rays.
     pub sum: Rgb,
-    /// The same with the sign changed in the second half of each batch of rays: the difference between
-    /// the two halves.
+    /// The same with the sign changed in the second half of each batch of rays: the difference
+    /// between the two halves.
     pub split: Rgb,
     /// Σ 1/distance over rays.
     pub nearness: f32,
@@ -210,8 +211,8 @@ impl Record {
         (gather_rays, traced)
     }
 
-    /// Weight of a ray by the balance heuristic; `None` for a ray that was aimed at another patch than
-    /// it met.
+    /// Weight of a ray by the balance heuristic; `None` for a ray that was aimed at another patch
+    /// than it met.
     fn weight(
         &self,
         coarse: &CoarseSolution,

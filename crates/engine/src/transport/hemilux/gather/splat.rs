@@ -1,5 +1,5 @@
-//! Interpolation from records to the fragments of a picture: each record adds its weighted values to
-//! the fragments within its radius, along the rows of the picture, eight fragments at a time.
+//! Interpolation from records to the fragments of a picture: each record adds its weighted values
+//! to the fragments within its radius, along the rows of the picture, eight fragments at a time.
 
 use super::record::{Record, WeightFunction};
 use crate::transport::hemilux::fragments::VisibleSurfaces;
@@ -39,9 +39,9 @@ struct WeightedSums<const N: usize> {
     weighted: [Lanes; N],
 }
 
-/// For every fragment, what `finish` makes of two sums over the records: of the quantities by `each`
-/// record times its weight there, and of the weights. Records are added in their order, so that the
-/// bits do not depend on the threads.
+/// For every fragment, what `finish` makes of two sums over the records: of the quantities by
+/// `each` record times its weight there, and of the weights. Records are added in their order, so
+/// that the bits do not depend on the threads.
 pub fn splat<const N: usize, const S: usize, T: Clone + Default + Send>(
     visible: &VisibleSurfaces,
     records: &[Record],

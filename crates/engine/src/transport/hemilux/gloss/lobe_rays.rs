@@ -1,6 +1,7 @@
 //! Radiance that a glossy lobe reflects: rays sampled by the lobe and rays sampled by the lights,
-//! combined by the power heuristic (Veach and Guibas 1995), from lobe to lobe. Where such a ray ends
-//! on a diffuse surface, direct light is found afresh, and bounced light is the coarse solution's.
+//! combined by the power heuristic (Veach and Guibas 1995), from lobe to lobe. Where such a ray
+//! ends on a diffuse surface, direct light is found afresh, and bounced light is the coarse
+//! solution's.
 
 use crate::emitters::LobeAxis;
 use crate::radiometry::Rgb;
@@ -10,12 +11,12 @@ use crate::surface::{Reflection, Surface};
 use crate::transport::hemilux::coarse::CoarseSolution;
 use glam::Vec3;
 
-/// A path goes on by the next lobe if at least this share of its radiance would get to the first one;
-/// else that lobe is taken to be diffuse.
+/// A path goes on by the next lobe if at least this share of its radiance would get to the first
+/// one; else that lobe is taken to be diffuse.
 const LEAST_CARRIED: f32 = 0.02;
 
-/// Probability at which a gather ray follows a lobe that it meets, as a multiple of the lobe's share of
-/// what the surface reflects.
+/// Probability at which a gather ray follows a lobe that it meets, as a multiple of the lobe's
+/// share of what the surface reflects.
 const FOLLOWED_PER_SHARE: f32 = 2.0;
 /// Lower bound of that probability: its inverse, 10, is the largest weight of such a path.
 const LEAST_FOLLOWED: f32 = 0.1;

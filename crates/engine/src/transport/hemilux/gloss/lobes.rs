@@ -16,8 +16,8 @@ use rayon::prelude::*;
 
 /// Lobe rays of a whole pixel in the first pass, with as many rays to the lights.
 const RAYS_PER_PIXEL: f32 = 4.0;
-/// Error of the lobes, relative to the mean radiance, that is negligible in the first picture; after
-/// n iterations it is this over √n.
+/// Error of the lobes, relative to the mean radiance, that is negligible in the first picture;
+/// after n iterations it is this over √n.
 const NEGLIGIBLE_ERROR: f64 = 0.004;
 /// Factor by which sharing rays with neighbours is taken to lower the variance.
 const NEIGHBOUR_VARIANCE_FACTOR: f64 = 0.5;
@@ -30,14 +30,14 @@ const NEIGHBOUR_REACH: i32 = 2;
 /// Lobes share rays if they look less than 1/√this beside each other, as a share of the angle at
 /// which a lobe has fallen to e^−½: half of it. A wider reach flattens highlights on balls.
 const NARROWNESS: f32 = 4.0;
-/// Squared difference between two neighbours' means, in units of its variance, up to which they count
-/// in full: 2.4 standard deviations. As with shadows.
+/// Squared difference between two neighbours' means, in units of its variance, up to which they
+/// count in full: 2.4 standard deviations. As with shadows.
 const ALIKE_VARIANCES: f32 = 6.0;
 /// The same from which they do not count: 4.9 standard deviations.
 const UNLIKE_VARIANCES: f32 = 24.0;
 
-/// Bound on rays of a lobe read from a checkpoint: more than any run traces, so a larger number means
-/// damage.
+/// Bound on rays of a lobe read from a checkpoint: more than any run traces, so a larger number
+/// means damage.
 const MOST_RAYS_OF_ALL: u32 = 1 << 30;
 
 /// Light that the lobes of glossy fragments reflect towards the camera.
@@ -53,8 +53,8 @@ pub struct Gloss {
     pub brightness: f32,
 }
 
-/// Sums over the rays of a lobe. Checkpoints store them as they are: the order of the fields is part
-/// of the format.
+/// Sums over the rays of a lobe. Checkpoints store them as they are: the order of the fields is
+/// part of the format.
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 struct LobeSums {
@@ -133,8 +133,8 @@ impl Gloss {
         self.sums.len()
     }
 
-    /// Whether the lobes' error may matter in the picture after so many iterations, rather than lie far
-    /// below that of the rest ([`NEGLIGIBLE_ERROR`]).
+    /// Whether the lobes' error may matter in the picture after so many iterations, rather than lie
+    /// far below that of the rest ([`NEGLIGIBLE_ERROR`]).
     pub fn may_matter(&self, visible: &VisibleSurfaces, iterations: u64) -> bool {
         let chunks = self.sums.par_chunks(1024).zip(visible.lobes.par_chunks(1024));
         let of_chunk = |(sums, lobes): (&[LobeSums], &[Lobe])| {
@@ -237,8 +237,8 @@ impl Gloss {
         fragments
     }
 
-    /// Mean and variance by a plane fitted through the means of neighbouring lobes that look at about
-    /// the same place.
+    /// Mean and variance by a plane fitted through the means of neighbouring lobes that look at
+    /// about the same place.
     fn with_neighbours(&self, visible: &VisibleSurfaces, index: usize) -> (Rgb, Rgb) {
         let mine = &self.sums[index];
         let (mean, variance) = (mine.mean(), mine.variance());
@@ -263,8 +263,8 @@ impl Gloss {
         (value, scatter.unwrap_or(variance))
     }
 
-    /// Calls `each` with the lobes of neighbouring pixels, and how many pixels they are to the right
-    /// and down.
+    /// Calls `each` with the lobes of neighbouring pixels, and how many pixels they are to the
+    /// right and down.
     fn around(
         &self,
         visible: &VisibleSurfaces,
@@ -288,9 +288,9 @@ impl Gloss {
         }
     }
 
-    /// Weight of two lobes for each other: 1 where they look at the same place, 0 where they look half a
-    /// lobe's width beside each other. The place is as far away as the harmonic mean distance of their
-    /// rays.
+    /// Weight of two lobes for each other: 1 where they look at the same place, 0 where they look
+    /// half a lobe's width beside each other. The place is as far away as the harmonic mean
+    /// distance of their rays.
     fn looks_at_the_same(&self, one: usize, other: usize) -> f32 {
         let (a, b) = (&self.lobes[one], &self.lobes[other]);
         if a.exponent != b.exponent {

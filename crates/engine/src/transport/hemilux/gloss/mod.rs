@@ -1,4 +1,5 @@
-//! Glossy reflection: radiance by the lobes of surfaces that the camera sees or that other rays meet.
+//! Glossy reflection: radiance by the lobes of surfaces that the camera sees or that other rays
+//! meet.
 
 mod lobe_rays;
 mod lobes;
