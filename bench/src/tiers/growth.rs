@@ -59,7 +59,7 @@ pub fn views(quick: bool) -> impl Iterator<Item = View> {
 }
 
 /// A view's way to the goal, or as near as the last number of iterations leads.
-struct Climb {
+struct ViewConvergence {
     /// Iterations that it took.
     iterations: u64,
     /// Seconds of them.
@@ -72,7 +72,7 @@ struct Climb {
     resolution: f64,
 }
 
-impl Climb {
+impl ViewConvergence {
     /// Renders with more and more iterations.
     fn of(study: &mut Study, view: &View) -> Result<Self, Failure> {
         let truth = study.truth(view)?;
@@ -143,7 +143,7 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
         eprintln!("growth: {}", axis.name);
         let mut points = Vec::new();
         for (x, view) in axis.steps {
-            let climb = Climb::of(study, &view)?;
+            let climb = ViewConvergence::of(study, &view)?;
             if climb.judges() {
                 good += usize::from(climb.is_well_predicted());
                 judged += 1;

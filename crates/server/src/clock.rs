@@ -69,7 +69,7 @@ pub struct Reading {
     pub doubt: Option<String>,
 }
 
-/// A doubt about the wall clock.
+/// A reason to distrust the wall clock.
 #[derive(Clone, Debug, PartialEq)]
 struct Doubt {
     /// When it began, by the monotonic clock.
@@ -82,7 +82,7 @@ struct Doubt {
 
 /// The clock by which things expire: pure, told of both clocks by its callers.
 #[derive(Clone, Debug)]
-pub struct Judge {
+pub struct ExpiryClock {
     grace: Duration,
     /// A believed time, and the monotonic time at that moment.
     anchor: (Timestamp, Duration),
@@ -93,7 +93,7 @@ fn signed(duration: Duration) -> SignedDuration {
     SignedDuration::try_from(duration).unwrap_or(SignedDuration::MAX)
 }
 
-impl Judge {
+impl ExpiryClock {
     /// A start at `wall`, by the monotonic clock `at`, where `memory` is what the run before left.
     pub fn new(grace: Duration, memory: Option<Memory>, wall: Timestamp, at: Duration) -> Self {
         let fresh = Self { grace, anchor: (wall, at), doubt: None };
@@ -185,13 +185,13 @@ impl Judge {
 /// The clock of a running service.
 pub struct Clock {
     began: Instant,
-    judge: Mutex<Judge>,
+    judge: Mutex<ExpiryClock>,
 }
 
 impl Clock {
     /// A clock that begins now.
     pub fn new(grace: Duration, memory: Option<Memory>) -> Self {
-        let judge = Judge::new(grace, memory, wall(), Duration::ZERO);
+        let judge = ExpiryClock::new(grace, memory, wall(), Duration::ZERO);
         let clock = Self { began: Instant::now(), judge: Mutex::new(judge) };
         clock.look();
         clock

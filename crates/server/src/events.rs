@@ -7,16 +7,17 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 use uuid::Uuid;
 
-type Heard = HashMap<Uuid, watch::Sender<()>>;
+/// The channel of each job that somebody waits for, by the job's id.
+type JobChannels = HashMap<Uuid, watch::Sender<()>>;
 
-/// Rings when a job has news.
+/// Wakes those who wait for a job's next event; it carries no data but the job's id.
 #[derive(Clone, Default)]
-pub struct Bell {
+pub struct JobNotifier {
     /// The jobs that somebody listens to.
-    heard: Arc<Mutex<Heard>>,
+    heard: Arc<Mutex<JobChannels>>,
 }
 
-impl Bell {
+impl JobNotifier {
     /// Tells who listens to `job` that it has news in the store.
     pub fn ring(&self, job: Uuid) {
         if let Some(listeners) = self.heard().get(&job) {
@@ -31,14 +32,14 @@ impl Bell {
         Listener { bell: self.clone(), job, receiver }
     }
 
-    fn heard(&self) -> MutexGuard<'_, Heard> {
+    fn heard(&self) -> MutexGuard<'_, JobChannels> {
         self.heard.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Hears the bell.
+/// A subscription to the events of one job, made by [`JobNotifier::listen`].
 pub struct Listener {
-    bell: Bell,
+    bell: JobNotifier,
     job: Uuid,
     receiver: watch::Receiver<()>,
 }
@@ -70,7 +71,7 @@ mod tests {
 
     #[tokio::test]
     async fn only_the_own_job_wakes_and_nothing_is_missed() {
-        let bell = Bell::default();
+        let bell = JobNotifier::default();
         let (mine, other) = (Uuid::now_v7(), Uuid::now_v7());
         let (mut listener, mut second) = (bell.listen(mine), bell.listen(mine));
         let short = Duration::from_millis(20);

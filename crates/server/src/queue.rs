@@ -3,7 +3,7 @@
 
 use crate::api::jobs::Job;
 use crate::disk::Disk;
-use crate::events::Bell;
+use crate::events::JobNotifier;
 use crate::failpoints;
 use crate::store::{Asking, Claim, Store};
 use std::collections::HashMap;
@@ -26,7 +26,7 @@ const MOST_PAUSES: usize = 1000;
 /// Hands jobs to workers.
 pub struct Queue {
     store: Arc<dyn Store>,
-    bell: Bell,
+    bell: JobNotifier,
     wake: Notify,
     pauses: Mutex<Pauses>,
     /// Whether the disk was short at the last look.
@@ -35,7 +35,7 @@ pub struct Queue {
 
 impl Queue {
     /// A queue over `store`.
-    pub fn new(store: Arc<dyn Store>, bell: Bell) -> Self {
+    pub fn new(store: Arc<dyn Store>, bell: JobNotifier) -> Self {
         let (pauses, is_short) = (Mutex::default(), AtomicBool::new(false));
         Self { store, bell, wake: Notify::new(), pauses, is_short }
     }

@@ -12,7 +12,7 @@ use crate::api::scenes::Scene;
 use crate::artifacts::{ArtifactError, Artifacts, Content};
 use crate::clock::{Clock, Memory, Reading};
 use crate::config::GuardConfig;
-use crate::events::Bell;
+use crate::events::JobNotifier;
 use crate::shared::Shared;
 use crate::store::bytes::Staying;
 use crate::store::{Store, StoreError};
@@ -78,13 +78,13 @@ pub struct Removed {
 pub struct Keeper {
     store: Arc<dyn Store>,
     artifacts: Artifacts,
-    bell: Bell,
+    bell: JobNotifier,
     collecting: Arc<RwLock<()>>,
 }
 
 impl Keeper {
     /// A keeper of these records and files; there must be only one of them, or copies of one.
-    pub fn new(store: Arc<dyn Store>, artifacts: Artifacts, bell: Bell) -> Self {
+    pub fn new(store: Arc<dyn Store>, artifacts: Artifacts, bell: JobNotifier) -> Self {
         Self { store, artifacts, bell, collecting: Arc::default() }
     }
 

@@ -5,7 +5,7 @@ use crate::artifacts::Artifacts;
 use crate::clock::Clock;
 use crate::config::Config;
 use crate::disk::Disk;
-use crate::events::Bell;
+use crate::events::JobNotifier;
 use crate::leases::Leases;
 use crate::metrics::Metrics;
 use crate::pool::Pool;
@@ -23,7 +23,7 @@ pub struct Shared {
     /// Files.
     pub artifacts: Artifacts,
     /// News of jobs.
-    pub bell: Bell,
+    pub bell: JobNotifier,
     /// Jobs for workers.
     pub queue: Queue,
     /// Claims that workers hold.
@@ -49,7 +49,7 @@ impl Shared {
         clock: Clock,
         shutdown: CancellationToken,
     ) -> Self {
-        let bell = Bell::default();
+        let bell = JobNotifier::default();
         Self {
             queue: Queue::new(store.clone(), bell.clone()),
             store,

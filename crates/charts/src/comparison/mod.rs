@@ -144,7 +144,7 @@ pub struct Cell {
     repetitions: Repetitions,
 }
 
-impl Contestant {
+impl MeasuredMethod {
     /// Adds a run to the cell number `at`; smaller budgets' pictures are not needed any more.
     fn add(&mut self, at: usize, run: Run, picture: &Picture) {
         let first = self.cells[at].runs.is_empty();
@@ -201,7 +201,7 @@ fn spread(runs: &[&Run], figure: &dyn Fn(&Run) -> f64) -> (f64, f64, f64) {
 }
 
 /// A method with everything that was measured.
-pub struct Contestant {
+pub struct MeasuredMethod {
     /// The method.
     pub contender: Contender,
     /// One entry a budget that has runs, ascending.
@@ -221,7 +221,7 @@ pub struct Outcome {
     /// What it was judged by.
     pub truth: Truth,
     /// The methods, in the order of the task.
-    pub contestants: Vec<Contestant>,
+    pub contestants: Vec<MeasuredMethod>,
     /// The device in words.
     pub device: String,
     /// Seconds for all runs.
@@ -238,8 +238,8 @@ pub fn compare(task: Task, truth: Truth, bench: &mut Bench<'_>) -> Result<Outcom
     check_memory(task.view.size, task.contenders.len(), task.budgets.len())?;
     let begun = Instant::now();
     let description = bench.device()?;
-    let mut contestants: Vec<Contestant> = (task.contenders.iter())
-        .map(|contender| Contestant {
+    let mut contestants: Vec<MeasuredMethod> = (task.contenders.iter())
+        .map(|contender| MeasuredMethod {
             contender: contender.clone(),
             cells: task.budgets.iter().map(|budget| Cell::new(*budget, task.view.size)).collect(),
             refusal: None,
@@ -282,7 +282,7 @@ pub fn compare(task: Task, truth: Truth, bench: &mut Bench<'_>) -> Result<Outcom
 
 /// The run of a method for a seed and the budget number `at`.
 fn run_one(
-    contestant: &mut Contestant,
+    contestant: &mut MeasuredMethod,
     task: &Task,
     truth: &Truth,
     bench: &mut Bench<'_>,

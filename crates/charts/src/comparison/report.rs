@@ -1,7 +1,7 @@
 //! What a comparison says: a table of all runs, a chart, a contact sheet, a page of tables.
 
 use super::difference;
-use super::{Cell, Contestant, Outcome, Run, spread};
+use super::{Cell, MeasuredMethod, Outcome, Run, spread};
 use crate::chart::{Chart, Line, Panel};
 use crate::sheet::{self, Row};
 use crate::table::Table;
@@ -37,7 +37,7 @@ pub fn files(outcome: &Outcome) -> Result<Vec<File>, String> {
 }
 
 /// Contestants that have something to show.
-fn shown(outcome: &Outcome) -> impl Iterator<Item = (&Contestant, &Cell)> {
+fn shown(outcome: &Outcome) -> impl Iterator<Item = (&MeasuredMethod, &Cell)> {
     outcome.contestants.iter().filter_map(|c| Some((c, c.cells.last()?)))
 }
 
@@ -113,7 +113,7 @@ fn stop_word(reason: StopReason) -> &'static str {
 
 /// Error against seconds, each method a line (median over the seeds) in its spread.
 pub fn chart(outcome: &Outcome) -> Chart {
-    let line = |contestant: &Contestant, figure: &dyn Fn(&Run) -> f64| {
+    let line = |contestant: &MeasuredMethod, figure: &dyn Fn(&Run) -> f64| {
         let mut line = Line { name: contestant.contender.method.clone(), ..Line::default() };
         for cell in &contestant.cells {
             // A run that solved nothing yet has no place on the way of the error.
@@ -158,7 +158,7 @@ pub fn sheet(outcome: &Outcome) -> Result<Vec<u8>, String> {
     let shrink = width.max(height).div_ceil(WIDEST);
     let enlarge = (WIDEST / width.max(height).max(1)).clamp(1, 8);
     let reference = outcome.truth.reference.picture();
-    let entries: Vec<(&Contestant, &Cell)> = shown(outcome).collect();
+    let entries: Vec<(&MeasuredMethod, &Cell)> = shown(outcome).collect();
     let differences: Vec<Vec<f32>> = entries
         .iter()
         .map(|(_, cell)| difference::relative(&cell.picture, &reference, &outcome.truth.counted))
@@ -355,7 +355,7 @@ pub fn diagnostics(outcome: &Outcome) -> String {
 /// nothing to say.
 pub fn remarks(outcome: &Outcome) -> String {
     let mut text = String::new();
-    for Contestant { contender, refusal, warnings, cells, .. } in &outcome.contestants {
+    for MeasuredMethod { contender, refusal, warnings, cells, .. } in &outcome.contestants {
         let method = &contender.method;
         if let Some(reason) = refusal {
             let when = if cells.is_empty() { "left out" } else { "gave up on the way" };

@@ -58,7 +58,7 @@ impl Hierarchy {
         let mut binary = vec![Binary::default(); 2 * boxes.len() - 1];
         let (root, below) = binary.split_at_mut(1);
         let (boxes, below) =
-            (Stretch { first: 0, items: boxes }, Stretch { first: 1, items: below });
+            (ArrayRange { first: 0, items: boxes }, ArrayRange { first: 1, items: below });
         build(boxes, &mut root[0], below, halve_below);
         let mut tree = Self::default();
         tree.nodes.push(Node::EMPTY);
@@ -233,28 +233,28 @@ impl Bounds {
     }
 }
 
-/// A stretch of a whole array, in which it starts at an index.
-struct Stretch<'a, T> {
+/// Consecutive items of a larger array, with the index of the first of them in that array.
+struct ArrayRange<'a, T> {
     first: usize,
     items: &'a mut [T],
 }
 
-impl<T> Stretch<'_, T> {
+impl<T> ArrayRange<'_, T> {
     /// The first so many, and the rest.
-    fn split_at(&mut self, count: usize) -> (Stretch<'_, T>, Stretch<'_, T>) {
+    fn split_at(&mut self, count: usize) -> (ArrayRange<'_, T>, ArrayRange<'_, T>) {
         let (left, right) = self.items.split_at_mut(count);
         (
-            Stretch { first: self.first, items: left },
-            Stretch { first: self.first + count, items: right },
+            ArrayRange { first: self.first, items: left },
+            ArrayRange { first: self.first + count, items: right },
         )
     }
 }
 
 /// Builds the tree over `boxes` into `node` and `below`, which holds exactly the nodes below it.
 fn build(
-    mut boxes: Stretch<'_, Boxed>,
+    mut boxes: ArrayRange<'_, Boxed>,
     node: &mut Binary,
-    mut below: Stretch<'_, Binary>,
+    mut below: ArrayRange<'_, Binary>,
     depth_left: usize,
 ) {
     let mut bounds = Bounds::NONE;

@@ -29,8 +29,8 @@ pub struct Clear {
 #[derive(Clone, Copy, Debug)]
 pub struct Inside(Rgb);
 
-/// A direction in which light goes on.
-pub struct Passed {
+/// The direction in which a ray leaves an interface, by reflection or through it.
+pub struct ExitDirection {
     /// Unit direction away from the surface.
     pub direction: Vec3,
     /// What is left of each channel.
@@ -74,7 +74,7 @@ impl Clear {
 
     /// Where light goes on that is met from `viewer`, mirrored or let through as a uniform number
     /// says; `None` where shading and geometric normals contradict each other.
-    pub fn pass(&self, surface: Side, viewer: Vec3, xi: f32) -> Option<Passed> {
+    pub fn pass(&self, surface: Side, viewer: Vec3, xi: f32) -> Option<ExitDirection> {
         let normal = surface.shading_normal;
         let cosine = normal.dot(viewer);
         if cosine <= 0.0 {
@@ -89,7 +89,7 @@ impl Clear {
             if self.ior < 1.0 || below <= 0.0 { 1.0 } else { fresnel(cosine, below.sqrt(), index) };
         if xi < mirrors {
             let direction = (2.0 * cosine * normal - viewer).normalize();
-            let passed = Passed { direction, tint: Rgb::ONE, through: false, inside: None };
+            let passed = ExitDirection { direction, tint: Rgb::ONE, through: false, inside: None };
             return (surface.normal.dot(direction) > 0.0).then_some(passed);
         }
         let direction = match self.inside {
@@ -97,12 +97,12 @@ impl Clear {
             None => -viewer,
         };
         let inside = if surface.back { None } else { self.inside };
-        let passed = Passed { direction, tint: self.tint, through: true, inside };
+        let passed = ExitDirection { direction, tint: self.tint, through: true, inside };
         (surface.normal.dot(direction) < 0.0).then_some(passed)
     }
 }
 
-impl Passed {
+impl ExitDirection {
     /// The change of power of light that comes from `source` and goes on in this direction.
     ///
     /// Radiance is kept, but where the shading normal n_s is not the geometric n_g, power is not:

@@ -2,7 +2,7 @@
 
 use super::content::{Content, PIECE};
 use super::error::{ArtifactError, failpoint};
-use super::sound::Sound;
+use super::sound::VerifiedFiles;
 use bytes::Bytes;
 use futures_util::TryStreamExt;
 use object_store::local::LocalFileSystem;
@@ -23,7 +23,7 @@ pub struct Artifacts {
     /// When this process began to use them: what lies half-written from before is nobody's.
     pub(super) since: SystemTime,
     /// Which of them were found to be sound.
-    pub(super) sound: Arc<Sound>,
+    pub(super) sound: Arc<VerifiedFiles>,
 }
 
 impl Artifacts {

@@ -37,20 +37,20 @@ struct Remembered {
 }
 
 /// Which files this process has found to be sound.
-pub(super) struct Sound {
+pub(super) struct VerifiedFiles {
     remembered: Mutex<Remembered>,
     /// Turns at hashing a file.
     pub(super) turns: Arc<Semaphore>,
 }
 
-impl Default for Sound {
+impl Default for VerifiedFiles {
     fn default() -> Self {
         let turns = Arc::new(Semaphore::new(HASHINGS_AT_ONCE));
         Self { remembered: Mutex::default(), turns }
     }
 }
 
-impl Sound {
+impl VerifiedFiles {
     /// Whether a file that looks like this was found to be sound.
     pub(super) fn knows(&self, key: &Key, stamp: &Stamp) -> bool {
         let remembered = self.remembered.lock().unwrap_or_else(PoisonError::into_inner);
@@ -77,7 +77,7 @@ mod tests {
 
     #[test]
     fn only_so_many_files_are_remembered() {
-        let sound = Sound::default();
+        let sound = VerifiedFiles::default();
         let stamp = Stamp { size: 1, modified: 2, tag: None };
         let key = |i: usize| Key::from(format!("jobs/{i}"));
         for i in 0..REMEMBERED + 10 {

@@ -18,9 +18,9 @@ use std::net::SocketAddr;
 use std::time::Instant;
 use uuid::Uuid;
 
-/// Where a request goes, as far as access is concerned.
+/// The kind of a route, which decides whether a request to it needs an API key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Door {
+enum RouteAccess {
     /// Probes, the description, the page: open to all.
     Open,
     /// `/metrics`.
@@ -29,13 +29,13 @@ enum Door {
     Api,
 }
 
-fn door(path: &str) -> Door {
+fn route_access(path: &str) -> RouteAccess {
     if path == "/metrics" {
-        Door::Metrics
+        RouteAccess::Metrics
     } else if path == "/v1" || path.starts_with("/v1/") {
-        Door::Api
+        RouteAccess::Api
     } else {
-        Door::Open
+        RouteAccess::Open
     }
 }
 
@@ -51,11 +51,11 @@ fn brings_work(method: &Method, path: &str) -> bool {
 
 /// Middleware: lets a request in and notes its [`Caller`], or refuses it.
 pub async fn check(State(app): State<App>, mut request: Request, next: Next) -> Response {
-    let door = door(request.uri().path());
-    if door == Door::Open {
+    let route_access = route_access(request.uri().path());
+    if route_access == RouteAccess::Open {
         return next.run(request).await;
     }
-    match admit(&app, door, &mut request).await {
+    match admit(&app, route_access, &mut request).await {
         Ok(None) => next.run(request).await,
         Ok(Some(answer)) => answer,
         Err(problem) => problem.into_response(),
@@ -63,17 +63,21 @@ pub async fn check(State(app): State<App>, mut request: Request, next: Next) -> 
 }
 
 /// Lets a request in; an answer where that is all there is to say.
-async fn admit(app: &App, door: Door, request: &mut Request) -> Result<Option<Response>, Problem> {
+async fn admit(
+    app: &App,
+    route_access: RouteAccess,
+    request: &mut Request,
+) -> Result<Option<Response>, Problem> {
     let address = request.extensions().get::<ConnectInfo<SocketAddr>>().map(|info| info.0.ip());
-    let needs_key = match door {
-        Door::Metrics => app.shared.config.guard.metrics_need_key,
+    let needs_key = match route_access {
+        RouteAccess::Metrics => app.shared.config.guard.metrics_need_key,
         _ => app.shared.config.guard.require_keys || app.shared.store.any_keys().await?,
     };
     let limits = app.shared.config.guard.limits(!app.shared.config.listen.ip().is_loopback());
     let caller = if needs_key {
         let key = good_key(app, request.headers()).await?;
         Caller::with_key(key, limits)
-    } else if door == Door::Metrics {
+    } else if route_access == RouteAccess::Metrics {
         return Ok(None);
     } else {
         Caller::without_key(address, limits)
@@ -82,7 +86,7 @@ async fn admit(app: &App, door: Door, request: &mut Request) -> Result<Option<Re
         admitted.is(&caller);
     }
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
-    if door == Door::Api {
+    if route_access == RouteAccess::Api {
         let scope = if method.is_safe() { Scope::Read } else { Scope::Submit };
         if !caller.may(scope) {
             let name = scope.as_str();
@@ -200,12 +204,12 @@ mod tests {
     #[test]
     fn the_api_is_closed_and_the_rest_is_open() {
         for path in ["/v1", "/v1/", "/v1/jobs", "/v1/anything/new"] {
-            assert_eq!(door(path), Door::Api, "{path}");
+            assert_eq!(route_access(path), RouteAccess::Api, "{path}");
         }
         for path in ["/", "/livez", "/readyz", "/openapi.yaml", "/docs/", "/assets/app.js"] {
-            assert_eq!(door(path), Door::Open, "{path}");
+            assert_eq!(route_access(path), RouteAccess::Open, "{path}");
         }
-        assert_eq!(door("/metrics"), Door::Metrics);
+        assert_eq!(route_access("/metrics"), RouteAccess::Metrics);
     }
 
     #[test]

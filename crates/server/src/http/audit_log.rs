@@ -14,18 +14,18 @@ const STRANGERS_A_SECOND: u32 = 20;
 pub struct AuditLog {
     is_on: bool,
     file: Option<PathBuf>,
-    strangers: Mutex<Strangers>,
+    refused: Mutex<RefusedRequests>,
 }
 
-/// How many lines there were of requests that were not let in.
+/// Counts the audit lines about requests that were refused, to limit their number.
 #[derive(Default)]
-struct Strangers {
+struct RefusedRequests {
     /// In the second that began then.
     lines: Option<(Instant, u32)>,
     left_out: u64,
 }
 
-impl Strangers {
+impl RefusedRequests {
     /// Whether there may be another line, and how many were left out since the last one.
     fn next(&mut self) -> Option<u64> {
         let now = Instant::now();
@@ -50,7 +50,7 @@ impl AuditLog {
         let audit = Self {
             is_on: config.audit.is_on(),
             file: config.audit_file.clone(),
-            strangers: Mutex::default(),
+            refused: Mutex::default(),
         };
         if audit.is_on {
             audit.write(b"")?;
@@ -75,7 +75,7 @@ impl AuditLog {
     /// Whether there may be another line of a request that was not let in, and how many were left
     /// out since the last one.
     pub fn next_of_strangers(&self) -> Option<u64> {
-        self.strangers.lock().unwrap_or_else(PoisonError::into_inner).next()
+        self.refused.lock().unwrap_or_else(PoisonError::into_inner).next()
     }
 }
 
@@ -85,12 +85,11 @@ mod tests {
 
     #[test]
     fn who_is_not_let_in_does_not_fill_the_log() {
-        let mut strangers = Strangers::default();
-        let written = (0..1000).filter(|_| strangers.next().is_some()).count() as u64;
+        let mut refused = RefusedRequests::default();
+        let written = (0..1000).filter(|_| refused.next().is_some()).count() as u64;
         assert_eq!(written, u64::from(STRANGERS_A_SECOND));
-        strangers.lines =
-            strangers.lines.map(|(began, lines)| (began - Duration::from_secs(1), lines));
-        assert_eq!(strangers.next(), Some(1000 - written), "they are counted");
-        assert_eq!(strangers.next(), Some(0));
+        refused.lines = refused.lines.map(|(began, lines)| (began - Duration::from_secs(1), lines));
+        assert_eq!(refused.next(), Some(1000 - written), "they are counted");
+        assert_eq!(refused.next(), Some(0));
     }
 }

@@ -28,9 +28,9 @@ const LARGE_SHARE: u64 = 10;
 /// Jobs looked at before others get a turn.
 const JOBS_A_TURN: usize = 64;
 
-/// What a sweep did.
+/// Counts of files that one sweep looked at, moved into quarantine and left.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Swept {
+pub struct SweepCounts {
     /// Files that were looked at.
     pub files: u64,
     /// Files that were moved into quarantine.
@@ -39,9 +39,9 @@ pub struct Swept {
     pub left: u64,
 }
 
-/// What became of what is in quarantine.
+/// Counts of the quarantined files that were put back and that were removed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tended {
+pub struct QuarantineCounts {
     /// Files that a record names again, and that are back where they belong.
     pub put_back: u64,
     /// Files that were there for long enough, and are gone.
@@ -54,8 +54,8 @@ impl Keeper {
     ///
     /// # Errors
     /// Where store or files fail.
-    pub async fn sweep(&self, now: Timestamp, large: bool) -> Result<Swept, RetentionError> {
-        let mut swept = Swept::default();
+    pub async fn sweep(&self, now: Timestamp, large: bool) -> Result<SweepCounts, RetentionError> {
+        let mut swept = SweepCounts::default();
         let mut orphans = Vec::new();
         for (number, job) in self.artifacts.jobs_with_files().await?.into_iter().enumerate() {
             if number % JOBS_A_TURN == 0 {
@@ -76,7 +76,7 @@ impl Keeper {
         }
         let found = orphans.len() as u64;
         if found > FEW_FILES && found > swept.files / LARGE_SHARE && !large {
-            return Ok(Swept { left: found, ..swept });
+            return Ok(SweepCounts { left: found, ..swept });
         }
         for place in orphans {
             swept.set_aside += u64::from(self.set_aside(&SetAside { at: now, place }).await?);
@@ -117,8 +117,8 @@ impl Keeper {
     pub async fn tend_quarantine(
         &self,
         before: Option<Timestamp>,
-    ) -> Result<Tended, RetentionError> {
-        let mut tended = Tended::default();
+    ) -> Result<QuarantineCounts, RetentionError> {
+        let mut tended = QuarantineCounts::default();
         for file in self.artifacts.all_set_aside().await? {
             let _alone = self.collecting.write().await;
             // Where there is another one in its place, it waits like the others.
@@ -184,7 +184,7 @@ async fn tend(shared: &Shared, keeper: &Keeper, reading: &Reading) -> Result<(),
         Some(_) => None,
     };
     let tended = keeper.tend_quarantine(before).await?;
-    if tended != Tended::default() {
+    if tended != QuarantineCounts::default() {
         tracing::info!(?tended, "quarantine");
     }
     shared.metrics.count_collected("quarantined", tended.removed);

@@ -31,7 +31,7 @@ impl World {
         let store: Arc<dyn Store> =
             Arc::new(SqliteStore::open(&folder.path().join("db")).await.unwrap());
         let artifacts = Artifacts::local(&folder.path().join("artifacts")).unwrap();
-        let keeper = Keeper::new(store.clone(), artifacts.clone(), Bell::default());
+        let keeper = Keeper::new(store.clone(), artifacts.clone(), JobNotifier::default());
         Self { keeper, store, artifacts, folder }
     }
 
@@ -207,8 +207,14 @@ async fn a_sweep_finds_what_a_crash_left_and_leaves_the_rest() {
     after.retain(|file| before.contains(file) || !file.contains("/scenes/"));
     assert_eq!(after, before);
     assert_eq!(world.keeper.sweep(now, false).await.unwrap().set_aside, 0);
-    assert_eq!(world.keeper.tend_quarantine(Some(now)).await.unwrap(), sweep::Tended::default());
-    assert_eq!(world.keeper.tend_quarantine(None).await.unwrap(), sweep::Tended::default());
+    assert_eq!(
+        world.keeper.tend_quarantine(Some(now)).await.unwrap(),
+        sweep::QuarantineCounts::default()
+    );
+    assert_eq!(
+        world.keeper.tend_quarantine(None).await.unwrap(),
+        sweep::QuarantineCounts::default()
+    );
     let later = now + SignedDuration::from_secs(1);
     assert_eq!(world.keeper.tend_quarantine(Some(later)).await.unwrap().removed, 4);
     assert_eq!(art.all_set_aside().await.unwrap(), []);
@@ -227,7 +233,7 @@ async fn a_large_share_stays_until_asked_for_and_comes_back_with_its_records() {
     let before = files(&folder);
     let wrong: Arc<dyn Store> =
         Arc::new(SqliteStore::open(&world.folder.path().join("wrong")).await.unwrap());
-    let keeper = Keeper::new(wrong, world.artifacts.clone(), Bell::default());
+    let keeper = Keeper::new(wrong, world.artifacts.clone(), JobNotifier::default());
     let now = Timestamp::from_second(1_700_000_000).unwrap();
     let swept = keeper.sweep(now, false).await.unwrap();
     assert_eq!((swept.set_aside, swept.left), (0, 25 + SCENES));
@@ -236,7 +242,7 @@ async fn a_large_share_stays_until_asked_for_and_comes_back_with_its_records() {
     assert!(!world.artifacts.any_files().await.unwrap());
     // However long they were there: what a record names is not removed.
     let tended = world.keeper.tend_quarantine(Some(Timestamp::MAX)).await.unwrap();
-    assert_eq!(tended, sweep::Tended { put_back: 25 + SCENES, removed: 0 });
+    assert_eq!(tended, sweep::QuarantineCounts { put_back: 25 + SCENES, removed: 0 });
     world.check().await;
 }
 

@@ -4,7 +4,7 @@
 use super::encode;
 use super::pacing::Pacing;
 use super::requests::without_idle_settings;
-use super::threads::Crew;
+use super::threads::TaskThreads;
 use super::translation::{finite_header, render_request, to_plan, to_progress, to_stats};
 use super::wire::{ExecutorEvent, Failure, Message, STORAGE, Task};
 use super::{devices, scenes};
@@ -104,7 +104,7 @@ pub fn perform(device_id: &str, tasks: &Tasks, switches: &Switches, events: &Eve
     if events.blocking_send(ExecutorEvent::Ready.into()).is_err() {
         return;
     }
-    let mut crew = Crew::default();
+    let mut crew = TaskThreads::default();
     while let Ok((task, parts)) = tasks.recv() {
         let attempted = catch_unwind(AssertUnwindSafe(|| {
             attempt((device.as_mut(), &mut crew), &task, parts, switches, events)
@@ -143,7 +143,7 @@ fn last_word(
 /// Renders with that device and those threads; everything that can go wrong on the way is a
 /// [`Failure`].
 fn attempt(
-    (device, crew): (&mut dyn Device, &mut Crew),
+    (device, crew): (&mut dyn Device, &mut TaskThreads),
     task: &Task,
     parts: Vec<Content>,
     switches: &Switches,

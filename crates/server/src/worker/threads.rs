@@ -34,9 +34,9 @@ pub fn available() -> usize {
 
 /// The threads that tasks compute on.
 #[derive(Default)]
-pub struct Crew(Option<ThreadPool>);
+pub struct TaskThreads(Option<ThreadPool>);
 
-impl Crew {
+impl TaskThreads {
     /// So many threads: those of the task before, where that had as many.
     ///
     /// # Errors
@@ -72,9 +72,9 @@ mod tests {
 
     #[test]
     fn threads_are_kept_while_their_number_is_the_same() {
-        let mut crew = Crew::default();
+        let mut crew = TaskThreads::default();
         let first = crew.of(2).unwrap().install(|| std::thread::current().id());
-        let all = |crew: &mut Crew, threads| {
+        let all = |crew: &mut TaskThreads, threads| {
             let pool = crew.of(threads).unwrap();
             assert_eq!(pool.install(rayon::current_num_threads), threads);
             pool.broadcast(|_| std::thread::current().id())

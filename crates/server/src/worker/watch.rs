@@ -57,7 +57,7 @@ pub async fn follow(
     run: u64,
     claim: Claim,
 ) -> Followed {
-    let mut scribe = Scribe {
+    let mut recorder = RunRecorder {
         shared: shared.clone(),
         claim,
         album: Arc::new(Mutex::new(Album::new(shared.config.guard.max_job_mb << 20))),
@@ -69,16 +69,16 @@ pub async fn follow(
         checkpoints: JoinSet::new(),
         turn: Arc::default(),
     };
-    let result = scribe.follow(executor, run).await;
-    scribe.flush().await;
-    while scribe.snapshots.join_next().await.is_some() {}
-    while scribe.checkpoints.join_next().await.is_some() {}
-    let Scribe { was_killed, stop, latest, .. } = scribe;
+    let result = recorder.follow(executor, run).await;
+    recorder.flush().await;
+    while recorder.snapshots.join_next().await.is_some() {}
+    while recorder.checkpoints.join_next().await.is_some() {}
+    let RunRecorder { was_killed, stop, latest, .. } = recorder;
     Followed { result, was_killed, stop, latest }
 }
 
-/// Writes down what a run says.
-struct Scribe {
+/// Stores the progress, snapshots and checkpoints that an attempt reports.
+struct RunRecorder {
     shared: Arc<Shared>,
     claim: Claim,
     album: Arc<Mutex<Album>>,
@@ -94,7 +94,7 @@ struct Scribe {
     turn: Arc<Mutex<()>>,
 }
 
-impl Scribe {
+impl RunRecorder {
     async fn follow(&mut self, executor: &mut Executor, run: u64) -> RunResult {
         let shared = self.shared.clone();
         let mut bell = shared.bell.listen(self.claim.job);

@@ -60,16 +60,16 @@ impl State {
         }
     }
 
-    /// Cuts what an iteration changes into stretches of [`CHUNK`] patches.
-    fn stretches(&mut self, glossy_row: &[u32], shot_count: usize) -> Vec<Stretch<'_>> {
+    /// Cuts what an iteration changes into ranges of [`CHUNK`] patches.
+    fn ranges(&mut self, glossy_row: &[u32], shot_count: usize) -> Vec<PatchRange<'_>> {
         let seen = !self.sums.glossy.is_empty();
-        // Glossy rows ascend with the patch index, so each stretch of patches owns a range of rows.
+        // Glossy rows ascend with the patch index, so each range of patches owns consecutive rows.
         let mut incoming = self.incoming.as_mut_slice();
         let mut glossy_sums = self.sums.glossy.as_mut_slice();
         let by_patch = (self.irradiance.chunks_mut(CHUNK))
             .zip(self.power.chunks_mut(CHUNK))
             .zip(self.sums.irradiance.chunks_mut(CHUNK));
-        let mut stretches = Vec::new();
+        let mut ranges = Vec::new();
         for (index, ((irradiance, power), sum)) in by_patch.enumerate() {
             let start = index * CHUNK;
             let rows = &glossy_row[start..start + irradiance.len()];
@@ -80,14 +80,14 @@ impl State {
                 glossy_sums.split_at_mut(if seen { irradiance.len() } else { 0 });
             glossy_sums = rest;
             let (incoming, glossy_sums) = (own, own_glossy);
-            stretches.push(Stretch { start, irradiance, power, sum, incoming, glossy_sums });
+            ranges.push(PatchRange { start, irradiance, power, sum, incoming, glossy_sums });
         }
-        stretches
+        ranges
     }
 }
 
-/// What an iteration changes of a stretch of patches; see [`State`].
-struct Stretch<'a> {
+/// The parts of [`State`] that an iteration changes, for a range of consecutive patches.
+struct PatchRange<'a> {
     /// The first patch.
     start: usize,
     irradiance: &'a mut [Rgb],
@@ -122,19 +122,19 @@ struct Update<'a> {
 }
 
 impl Update<'_> {
-    /// Irradiance of a stretch by all shots.
-    fn add_irradiance(&self, stretch: &mut Stretch<'_>) {
-        let (start, areas) = (stretch.start, &self.patches.area);
-        stretch.irradiance.fill(Rgb::ZERO);
+    /// Irradiance of a range by all shots.
+    fn add_irradiance(&self, range: &mut PatchRange<'_>) {
+        let (start, areas) = (range.start, &self.patches.area);
+        range.irradiance.fill(Rgb::ZERO);
         for (shot, sums) in self.shots.iter().zip(self.shot_sums) {
             let diffuse = shot.diffuse * (shot.scale * PI);
-            for (offset, total) in stretch.irradiance.iter_mut().enumerate() {
+            for (offset, total) in range.irradiance.iter_mut().enumerate() {
                 let i = start + offset;
                 *total += diffuse * (sums.form_factor[i] / areas[i]);
             }
             if shot.has_lobe() {
                 let lobe = shot.lobe * (shot.scale * PI);
-                for (offset, total) in stretch.irradiance.iter_mut().enumerate() {
+                for (offset, total) in range.irradiance.iter_mut().enumerate() {
                     let i = start + offset;
                     *total += lobe * (sums.lobe_factor[i] / areas[i]);
                 }
@@ -142,9 +142,9 @@ impl Update<'_> {
         }
     }
 
-    /// Adds that to the sums, and finds the power that each patch of the stretch would shoot.
-    fn add_up(&self, stretch: Stretch<'_>) {
-        let Stretch { start, irradiance, power, sum, incoming, glossy_sums } = stretch;
+    /// Adds that to the sums, and finds the power that each patch of the range would shoot.
+    fn add_up(&self, range: PatchRange<'_>) {
+        let PatchRange { start, irradiance, power, sum, incoming, glossy_sums } = range;
         let patches = self.patches;
         let mut rows = incoming.chunks_mut(self.most_shots);
         for offset in 0..irradiance.len() {
@@ -366,10 +366,10 @@ impl<'device> CpuShooting<'device> {
             known_power,
             viewpoint: settings.viewpoint.filter(|_| !state.sums.glossy.is_empty()),
         };
-        let stretches = state.stretches(glossy_row, update.most_shots);
-        stretches.into_par_iter().for_each(|mut stretch| {
-            update.add_irradiance(&mut stretch);
-            update.add_up(stretch);
+        let ranges = state.ranges(glossy_row, update.most_shots);
+        ranges.into_par_iter().for_each(|mut range| {
+            update.add_irradiance(&mut range);
+            update.add_up(range);
         });
         state.iteration += 1;
         state.sums.iterations += 1;

@@ -5,11 +5,11 @@
 
 mod deposit;
 mod iterate;
-mod kept;
 mod kernel;
 mod lobe;
 mod raster;
 mod select;
+mod state_bytes;
 mod visible;
 
 pub use visible::visible_share;

@@ -225,7 +225,7 @@ impl Raster {
             if outline.cull_back != 0 && corners[0].dot(corners[1].cross(corners[2])) > 0.0 {
                 continue;
             }
-            let mut facet = Seen {
+            let mut facet = VisibleFacet {
                 index: index as u32,
                 all,
                 any: codes[0] | codes[1] | codes[2],
@@ -249,7 +249,7 @@ impl Raster {
         &mut self,
         grids: &[Grid; FACES],
         drawn: &[bool; FACES],
-        facet: &mut Seen,
+        facet: &mut VisibleFacet,
     ) {
         let face = Face::ALL[FACE];
         if !drawn[FACE] || outside(face, facet.all, facet.any) {
@@ -282,8 +282,9 @@ impl Raster {
     }
 }
 
-/// A facet above the horizon, set up when the first face needs it.
-struct Seen {
+/// A facet of which a part lies above the hemicube's horizon. Its edge planes are computed when the
+/// first face needs them.
+struct VisibleFacet {
     index: u32,
     /// Places that all corners share, and places that any has.
     all: u8,

@@ -7,7 +7,7 @@
 //! p_b = 1/(their area). Since G = π p_a, no ray carries more than twice what it would by the cosine
 //! alone, and none is wasted where what makes the caustic is small.
 
-use super::map::Landing;
+use super::map::PowerDeposit;
 use crate::emitters::{EmissionSample, TriangleLights};
 use crate::radiometry::Rgb;
 use crate::random::{Numbers, Stream};
@@ -70,11 +70,11 @@ pub struct LightRays<'a> {
     pub seed: u64,
 }
 
-/// Rays that were shot.
+/// Results of a number of light rays shot from the emitters.
 #[derive(Default)]
 pub struct Shower {
     /// Where they landed on diffuse surfaces, in the order of the rays.
-    pub landings: Vec<Landing>,
+    pub deposits: Vec<PowerDeposit>,
     /// Rays that it took, with those between two mirrors.
     pub rays: u64,
 }
@@ -98,7 +98,7 @@ impl LightRays<'_> {
             .collect();
         let mut all = Shower::default();
         for shower in showers {
-            all.landings.extend(shower.landings);
+            all.deposits.extend(shower.deposits);
             all.rays += shower.rays;
         }
         all
@@ -117,7 +117,7 @@ impl LightRays<'_> {
             self.by_area(&light, [xi[3], xi[4], xi[5]], &mut walk)
         };
         if let Some((surface, source)) = first {
-            self.go_on(surface, source, &mut walk, &mut shower.landings);
+            self.go_on(surface, source, &mut walk, &mut shower.deposits);
         }
         shower.rays += walk.rays;
     }
@@ -204,7 +204,7 @@ impl LightRays<'_> {
         mut surface: Surface,
         mut source: Vec3,
         walk: &mut Walk,
-        landings: &mut Vec<Landing>,
+        deposits: &mut Vec<PowerDeposit>,
     ) {
         let start_power = walk.power.max_element();
         let mut inside = None;
@@ -214,7 +214,7 @@ impl LightRays<'_> {
             }
             if bounce > 0 && surface.reflection().diffuse() != Rgb::ZERO {
                 let Surface { triangle, back, at, .. } = surface;
-                landings.push(Landing { triangle, back, at, power: walk.power });
+                deposits.push(PowerDeposit { triangle, back, at, power: walk.power });
             }
             let clear = surface
                 .clear
@@ -304,7 +304,7 @@ mod tests {
                 for ray in (0..count).step_by(if alone { 2 } else { 1 }) {
                     rays.trace(0, ray, &[0.1, 0.7, 0.3, 0.9, 0.5, 0.2], &mut shower);
                 }
-                shower.landings.iter().map(|landing| f64::from(landing.power.x)).sum::<f64>()
+                shower.deposits.iter().map(|deposit| f64::from(deposit.power.x)).sum::<f64>()
             };
             let (both, alone) = (landed(false), landed(true));
             println!("{both} W by both ways, {alone} W by the cosine");
@@ -323,7 +323,7 @@ mod tests {
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let shower = pool.install(|| rays.shoot(3, 1000..4001));
-            (format!("{:?}", shower.landings), shower.rays)
+            (format!("{:?}", shower.deposits), shower.rays)
         };
         assert_eq!(on(1), on(3));
     }

@@ -35,7 +35,7 @@ pub struct Maker {
     count: u64,
     /// Rays of the shower that is under way.
     shot: u64,
-    landings: u64,
+    deposits: u64,
     /// Rays so far.
     pub rays: u64,
 }
@@ -48,7 +48,7 @@ impl Maker {
         let map = Map::new(Charts::new(&view.world.scene, &receivers, cells));
         let interval = (map.len() as u64).div_ceil(VALUES_PER_RAY * count).clamp(1, MOST_PASSES);
         let count = (count * interval).next_multiple_of(2);
-        Self { casters, seed, map, interval, count, shot: 0, landings: 0, rays: 0 }
+        Self { casters, seed, map, interval, count, shot: 0, deposits: 0, rays: 0 }
     }
 
     /// Whether the map needs another shower, or the rest of one, before that pass.
@@ -61,8 +61,8 @@ impl Maker {
         let light_rays = light_rays(view, &self.casters, self.count, self.seed);
         let block = self.shot..(self.shot + BLOCK).min(self.count);
         let shower = light_rays.shoot(self.map.showers(), block);
-        self.map.deposit(&shower.landings);
-        self.landings += shower.landings.len() as u64;
+        self.map.deposit(&shower.deposits);
+        self.deposits += shower.deposits.len() as u64;
         self.rays += shower.rays;
         self.shot += BLOCK;
         if self.shot >= self.count {
@@ -73,16 +73,16 @@ impl Maker {
 
     /// Writes the map and how it was made.
     pub fn save(&self, to: &mut Writer) {
-        to.value([self.shot, self.landings, self.rays]);
+        to.value([self.shot, self.deposits, self.rays]);
         self.map.save(to);
     }
 
     /// Takes what [`Maker::save`] wrote. Rays for another camera's picture, `others`, are not
     /// counted.
     pub fn restore(&mut self, from: &mut Reader<'_>, others: bool) -> Result<(), CheckpointError> {
-        [self.shot, self.landings, self.rays] = from.value()?;
+        [self.shot, self.deposits, self.rays] = from.value()?;
         if others {
-            (self.landings, self.rays) = (0, 0);
+            (self.deposits, self.rays) = (0, 0);
         }
         if !self.shot.is_multiple_of(BLOCK) || self.shot >= self.count {
             return Err(CheckpointError::damaged("no shower is that long"));
@@ -97,7 +97,7 @@ impl Maker {
         for (name, value) in [
             ("caustic_flux_landed_watts", watts(flux.landed)),
             ("caustic_flux_in_map_watts", watts(flux.mapped)),
-            ("light_ray_landings", self.landings as f64),
+            ("light_ray_landings", self.deposits as f64),
             ("light_rays", self.rays as f64),
             ("map_values", self.map.len() as f64),
         ] {
@@ -138,9 +138,9 @@ fn weigh(receivers: &mut [Receiver], world: &World, pilot: &LightRays<'_>) {
     // A pass that no picture has.
     let shower = pilot.shoot(u64::MAX / pilot.count - 1, 0..pilot.count);
     let mut landed = vec![[0.0; 2]; world.scene.triangles.len()];
-    for landing in &shower.landings {
-        landed[landing.triangle as usize][usize::from(landing.back)] +=
-            f64::from(importance(landing.power));
+    for deposit in &shower.deposits {
+        landed[deposit.triangle as usize][usize::from(deposit.back)] +=
+            f64::from(importance(deposit.power));
     }
     let landed =
         |receiver: &Receiver| landed[receiver.triangle as usize][usize::from(receiver.back)];

@@ -14,7 +14,7 @@ const MOST_SHOWERS: u64 = 1 << 40;
 
 /// Power that landed at a point of a surface.
 #[derive(Clone, Copy, Debug)]
-pub struct Landing {
+pub struct PowerDeposit {
     /// Index into [`crate::scene::Scene::triangles`].
     pub triangle: u32,
     /// Which side.
@@ -66,9 +66,9 @@ impl Map {
     }
 
     /// Adds light to the shower that is under way.
-    pub fn deposit(&mut self, landings: &[Landing]) {
+    pub fn deposit(&mut self, deposits: &[PowerDeposit]) {
         let half = &mut self.power[self.half()];
-        for Landing { triangle, back, at, power } in landings {
+        for PowerDeposit { triangle, back, at, power } in deposits {
             let Some(shares) = self.charts.shares(*triangle, *back, *at) else { continue };
             for (value, share) in shares {
                 half[value as usize] += *power * share;

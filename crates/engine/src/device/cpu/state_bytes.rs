@@ -1,11 +1,11 @@
-//! An iteration's state in checkpoints.
+//! Saves the state of the processor's stochastic iteration in a checkpoint, and restores it.
 
 use super::iterate::State;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 
-/// Says that the processor wrote it.
+/// Tag at the start of the state, “CPU” in ASCII: the processor wrote it, not a GPU.
 const CPU: u32 = 0x43_50_55;
-/// Iterations that no run comes to.
+/// Upper bound of a plausible count of iterations; a larger one means damaged bytes.
 const MOST_ITERATIONS: u64 = 1 << 48;
 
 impl State {
