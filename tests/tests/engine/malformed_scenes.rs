@@ -1,7 +1,8 @@
 //! Broken, hostile and odd scene files: each is refused or taken as it must be, and none panics.
 
+use glam::Vec4;
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
-use hemilux_engine::scene::{Scene, SceneError, made};
+use hemilux_engine::scene::{LightKind, Scene, SceneError, Triangle, made};
 use hemilux_tests::malformed::{Expect, cases, triangle};
 use serde_json::{Value, json};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -63,9 +64,20 @@ fn check_valid(scene: &Scene) {
         assert!(color.is_finite() && color.min_element() >= 0.0);
         let emission = scene.emission(triangle, 0.3, 0.3);
         assert!(emission.is_finite() && emission.min_element() >= 0.0);
+        check_point(scene, triangle);
+    }
+    for light in &scene.lights {
+        assert!(light.position.is_finite() && light.intensity.is_finite());
+        assert!(light.intensity.min_element() >= 0.0);
+        assert!((light.direction.length() - 1.0).abs() < 1e-3);
+        if let LightKind::Spot { inner_cone, outer_cone } = light.kind {
+            assert!(0.0 <= inner_cone && inner_cone < outer_cone);
+            assert!(outer_cone <= std::f32::consts::FRAC_PI_2);
+        }
+        assert!(light.range.is_none_or(|range| range > 0.0 && range.is_finite()));
     }
     for material in &scene.materials {
-        let reflectance = material.reflectance(material.base_color);
+        let reflectance = material.reflectance(&material.appearance(material.base_color));
         let albedo = reflectance.diffuse + reflectance.specular;
         assert!(albedo.max_element() <= 1.0 + 1e-6 && albedo.min_element() >= 0.0);
         assert!(reflectance.exponent.is_finite());
@@ -76,6 +88,24 @@ fn check_valid(scene: &Scene) {
     for camera in &scene.cameras {
         assert!(camera.to_world.is_finite());
         assert!((camera.to_world.determinant() - 1.0).abs() < 1e-3);
+    }
+}
+
+/// What it promises of a point of a triangle.
+fn check_point(scene: &Scene, triangle: &Triangle) {
+    let seen = scene.appearance(triangle, 0.3, 0.3);
+    for share in [seen.metallic, seen.roughness, seen.specular_factor, seen.transmission] {
+        assert!((0.0..=1.0).contains(&share), "{seen:?}");
+    }
+    assert!(seen.specular_color.is_finite() && seen.specular_color.min_element() >= 0.0);
+    assert!((0.0..=1.0).contains(&scene.coverage(triangle, 0.3, 0.3)));
+    if let Some(normal) = scene.shading_normal(triangle, 0.3, 0.3) {
+        assert!((normal.length() - 1.0).abs() < 1e-3, "{normal}");
+    }
+    for index in triangle.vertices {
+        let tangent = scene.vertices[index as usize].tangent;
+        let length = tangent.truncate().length();
+        assert!(tangent == Vec4::ZERO || ((length - 1.0).abs() < 1e-3 && tangent.w.abs() == 1.0));
     }
 }
 
@@ -103,6 +133,15 @@ fn rich() -> (Value, Vec<u8>) {
         { "camera": 1, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 4, 5, 6, 1] },
         { "mesh": 1, "skin": 0, "extensions": { "KHR_lights_punctual": { "light": 0 } } },
     ]);
+    let lights = json!([
+        { "type": "spot", "spot": { "innerConeAngle": 0.2, "outerConeAngle": 0.7 }, "range": 4,
+          "color": [1, 0.5, 0], "intensity": 20, "name": "spot" },
+        { "type": "directional" },
+    ]);
+    root["extensions"] = json!({
+        "KHR_lights_punctual": { "lights": lights },
+        "KHR_materials_variants": { "variants": [{ "name": "red" }] },
+    });
     let orthographic = json!({ "type": "orthographic", "orthographic":
         { "ymag": 2, "xmag": 2, "znear": 0, "zfar": 9 } });
     root["cameras"].as_array_mut().unwrap().push(orthographic);
@@ -119,10 +158,12 @@ fn rich() -> (Value, Vec<u8>) {
     ]);
     root["meshes"] = json!([
         { "primitives": [
-            { "attributes": { "POSITION": 0, "TEXCOORD_0": 2, "COLOR_0": 6 }, "indices": 1, "material": 0 },
+            { "attributes": { "POSITION": 0, "TEXCOORD_0": 2, "COLOR_0": 6 }, "indices": 1, "material": 0,
+              "extensions": { "KHR_materials_variants": { "mappings": [{ "material": 1, "variants": [0] }] } } },
             { "attributes": { "POSITION": 4, "NORMAL": 0, "TEXCOORD_1": 5 }, "mode": 5, "material": 1 },
         ] },
-        { "primitives": [{ "attributes": { "POSITION": 0 }, "mode": 6, "targets": [{}] }] },
+        { "primitives": [{ "attributes": { "POSITION": 0, "TEXCOORD_0": 2 }, "mode": 6, "material": 2,
+            "targets": [{}] }] },
     ]);
     root["materials"] = json!([
         { "name": "lamp", "pbrMetallicRoughness": {
@@ -133,7 +174,16 @@ fn rich() -> (Value, Vec<u8>) {
           "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 30 } } },
         { "doubleSided": true, "alphaMode": "MASK", "normalTexture": { "index": 0 },
           "extensions": { "KHR_materials_ior": { "ior": 1.8 }, "KHR_materials_sheen": {},
-            "KHR_materials_specular": { "specularFactor": 0.5, "specularColorFactor": [1, 0.5, 2] } } },
+            "KHR_materials_specular": { "specularFactor": 0.5, "specularColorFactor": [1, 0.5, 2],
+              "specularTexture": { "index": 1 }, "specularColorTexture": { "index": 0 } },
+            "KHR_materials_transmission":
+              { "transmissionFactor": 0.5, "transmissionTexture": { "index": 1 } } } },
+        { "extras": { "phong": true }, "alphaMode": "BLEND",
+          "normalTexture": { "index": 1, "scale": 0.5, "extensions": {
+            "KHR_texture_transform": { "rotation": 1 } } },
+          "extensions": { "KHR_materials_pbrSpecularGlossiness": {
+            "diffuseFactor": [1, 0.5, 0, 0.5], "glossinessFactor": 0.7,
+            "diffuseTexture": { "index": 0 }, "specularGlossinessTexture": { "index": 1 } } } },
     ]);
     (root, binary)
 }

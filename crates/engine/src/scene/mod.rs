@@ -1,15 +1,28 @@
-//! What is there: world-space triangles, materials, textures, cameras. Built by [`gltf`] or in
-//! code; always valid once built (finite positions, indices in range, reflectances ≤ 1).
+//! What is there: world-space triangles, materials, textures, lights without extent, cameras.
+//! Built by [`gltf`] or in code; always valid once built (finite positions, indices in range,
+//! reflectances ≤ 1).
 
+mod camera;
+pub mod daylight;
+pub mod environment;
 pub mod gltf;
 pub mod made;
+mod material;
+mod message;
+mod punctual;
+mod sky_file;
+pub mod sky_map;
 mod texture;
 
-use crate::radiometry::{Reflectance, Rgb};
-use glam::{Mat4, Vec2, Vec3};
-use serde::Serialize;
+use crate::radiometry::Rgb;
+use glam::{Vec2, Vec3, Vec4};
 
-pub use texture::{Texture, TextureSlot, Wrap, srgb_to_linear};
+pub use camera::{Camera, Projection};
+pub use environment::{Environment, PlacedMap, Sky, Sun};
+pub use material::{Alpha, Appearance, Material, Model, NormalMap, Volume};
+pub use message::{SceneError, Warning};
+pub use punctual::{LightKind, PunctualLight};
+pub use texture::{Encoding, Texture, TextureSlot, Wrap, srgb_to_linear};
 
 /// A scene in world space, metres, right-handed, +Y up.
 #[derive(Clone, Debug, Default)]
@@ -22,8 +35,13 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// Decoded textures that material slots name.
     pub textures: Vec<Texture>,
+    /// Lights without extent, in node order.
+    pub lights: Vec<PunctualLight>,
     /// Cameras, in node order.
     pub cameras: Vec<Camera>,
+    /// Names of the sets of materials that the file offers, in its order; the triangles have those
+    /// of the set that was chosen at import.
+    pub variants: Vec<String>,
     /// What was approximated or ignored at import.
     pub warnings: Vec<Warning>,
 }
@@ -39,6 +57,20 @@ pub struct Vertex {
     pub uv: [Vec2; 2],
     /// Linear vertex colour; multiplies the base colour.
     pub color: Rgb,
+    /// The vertex colour's alpha; multiplies the material's.
+    pub alpha: f32,
+    /// Unit tangent in world space (xyz), along which the texture coordinate u of the normal map
+    /// grows, and the sign of the bitangent (w = ±1): bitangent = w · normal × tangent. Zero where
+    /// no normal map needs it.
+    pub tangent: Vec4,
+}
+
+impl Vertex {
+    /// A white, opaque vertex without texture coordinates.
+    pub fn new(position: Vec3, normal: Vec3) -> Self {
+        let (uv, color, tangent) = ([Vec2::ZERO; 2], Rgb::ONE, Vec4::ZERO);
+        Self { position, normal, uv, color, alpha: 1.0, tangent }
+    }
 }
 
 /// One triangle: three vertex indices and a material index.
@@ -48,259 +80,6 @@ pub struct Triangle {
     pub vertices: [u32; 3],
     /// Index into [`Scene::materials`].
     pub material: u32,
-}
-
-/// A glTF metallic-roughness material with the extensions that change reflection.
-#[derive(Clone, Debug)]
-pub struct Material {
-    /// Name in the file, or a made-up one.
-    pub name: String,
-    /// Base colour factor, linear.
-    pub base_color: Rgb,
-    /// Base colour texture; multiplies the factor.
-    pub base_color_texture: Option<TextureSlot>,
-    /// Metallic factor (a texture enters by its mean).
-    pub metallic: f32,
-    /// Roughness factor (a texture enters by its mean); α = roughness².
-    pub roughness: f32,
-    /// KHR_materials_ior; 1.5 by default.
-    pub ior: f32,
-    /// KHR_materials_specular: strength; 1 by default, 0 makes a dielectric Lambertian.
-    pub specular_factor: f32,
-    /// KHR_materials_specular: colour; white by default.
-    pub specular_color: Rgb,
-    /// Emitted radiance: factor × KHR_materials_emissive_strength, in the file's unit.
-    pub emission: Rgb,
-    /// Emission texture; multiplies [`Material::emission`].
-    pub emission_texture: Option<TextureSlot>,
-    /// Whether the back reflects and emits too. The back of a one-sided material is black and
-    /// opaque to light, and invisible to cameras.
-    pub double_sided: bool,
-    /// KHR_materials_transmission: the share of a dielectric that is clear instead of as
-    /// [`Material::reflectance`] says; 0 by default. Rays know it, patches don't.
-    pub transmission: f32,
-    /// KHR_materials_volume: what a body bounded by the surface is filled with; without it, the
-    /// surface is a sheet that light passes straight through.
-    pub volume: Option<Volume>,
-}
-
-/// The inside of a clear body.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Volume {
-    /// What is left of white light after [`Volume::attenuation_distance`], in [0, 1].
-    pub attenuation_color: Rgb,
-    /// Metres, > 0; infinite without absorption.
-    pub attenuation_distance: f32,
-}
-
-impl Default for Volume {
-    fn default() -> Self {
-        Self { attenuation_color: Rgb::ONE, attenuation_distance: f32::INFINITY }
-    }
-}
-
-impl Default for Material {
-    fn default() -> Self {
-        Self {
-            name: "default".into(),
-            base_color: Rgb::ONE,
-            base_color_texture: None,
-            metallic: 0.0,
-            roughness: 1.0,
-            ior: 1.5,
-            specular_factor: 1.0,
-            specular_color: Rgb::ONE,
-            emission: Rgb::ZERO,
-            emission_texture: None,
-            double_sided: false,
-            transmission: 0.0,
-            volume: None,
-        }
-    }
-}
-
-impl Material {
-    /// A Lambertian, one-sided material (`specularFactor` 0).
-    pub fn lambertian(name: &str, albedo: Rgb) -> Self {
-        Self { name: name.into(), base_color: albedo, specular_factor: 0.0, ..Self::default() }
-    }
-
-    /// A dielectric whose [`Material::reflectance`] is the given diffuse albedo plus a grey Phong
-    /// lobe of albedo `specular` and exponent `exponent`.
-    ///
-    /// The lobe is authored by index of refraction and roughness alone, as a glTF file can:
-    /// α = (2n + 1)^(−½), roughness = √α; F0 = (21 ks − 1)/20, ior = (1 + √F0)/(1 − √F0).
-    /// `specular` is clamped to what that can say, [1/21, 0.99]; `exponent` to [0, 10⁵];
-    /// `diffuse` to 1 − ks.
-    pub fn phong(name: &str, diffuse: Rgb, specular: f32, exponent: f32) -> Self {
-        let specular = specular.clamp(1.0 / 21.0, 0.99);
-        let alpha = (2.0 * exponent.clamp(0.0, 1e5) + 1.0).sqrt().recip();
-        let amplitude = ((21.0 * specular - 1.0) / 20.0).max(0.0).sqrt();
-        Self {
-            name: name.into(),
-            base_color: (diffuse / (1.0 - specular)).clamp(Rgb::ZERO, Rgb::ONE),
-            roughness: alpha.sqrt(),
-            ior: (1.0 + amplitude) / (1.0 - amplitude),
-            ..Self::default()
-        }
-    }
-
-    /// A clear body of glass, its surface polished, without absorption.
-    pub fn glass(name: &str, ior: f32) -> Self {
-        Self {
-            name: name.into(),
-            roughness: 0.0,
-            ior,
-            transmission: 1.0,
-            volume: Some(Volume::default()),
-            ..Self::default()
-        }
-    }
-
-    /// A mirror of polished metal: all that it reflects is in a Phong lobe of the given exponent.
-    pub fn metal(name: &str, color: Rgb, exponent: f32) -> Self {
-        let alpha = (2.0 * exponent.clamp(0.0, 1e5) + 1.0).sqrt().recip();
-        Self {
-            name: name.into(),
-            base_color: color,
-            metallic: 1.0,
-            roughness: alpha.sqrt(),
-            ..Self::default()
-        }
-    }
-
-    /// The share of light that meets the material as a clear surface: transmission of what is not
-    /// metal.
-    pub fn clear_share(&self) -> f32 {
-        self.transmission.clamp(0.0, 1.0) * (1.0 - self.metallic.clamp(0.0, 1.0))
-    }
-
-    /// Whether light that it reflects or lets through makes caustics, which patches can't show: it
-    /// is clear, or its lobe is sharp.
-    pub fn casts_caustics(&self) -> bool {
-        self.clear_share() > 0.0 || self.reflectance(self.base_color).is_sharp()
-    }
-
-    /// Whether any point of the material can emit.
-    pub fn emits(&self) -> bool {
-        self.emission.max_element() > 0.0
-    }
-
-    /// Diffuse + modified-Phong reflectance for the given (textured) base colour.
-    ///
-    /// α = roughness², n = (1/α² − 1)/2 clamped to [0, 10⁵];
-    /// F0 = lerp(((ior−1)/(ior+1))²·specularColor·specularFactor, baseColor, metallic),
-    /// F90 = lerp(specularFactor, 1, metallic), ks = F0 + (F90 − F0)/21 (the cosine-weighted
-    /// mean of Schlick's term), kd = baseColor·(1 − metallic)·(1 − ks).
-    pub fn reflectance(&self, base_color: Rgb) -> Reflectance {
-        let base_color = base_color.clamp(Rgb::ZERO, Rgb::ONE);
-        let metallic = self.metallic.clamp(0.0, 1.0);
-        let alpha = self.roughness.clamp(0.0, 1.0).powi(2).max(1e-3);
-        let exponent = (0.5 * (1.0 / (alpha * alpha) - 1.0)).clamp(0.0, 1e5);
-        let normal_incidence = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
-        let dielectric = (normal_incidence * self.specular_color * self.specular_factor)
-            .clamp(Rgb::ZERO, Rgb::ONE);
-        let f0 = dielectric.lerp(base_color, metallic);
-        let f90 = Rgb::splat(self.specular_factor.clamp(0.0, 1.0)).lerp(Rgb::ONE, metallic);
-        let specular = (f0 + (f90 - f0) / 21.0).clamp(Rgb::ZERO, Rgb::ONE);
-        let diffuse = base_color * (1.0 - metallic) * (Rgb::ONE - specular);
-        Reflectance { diffuse, specular, exponent }
-    }
-}
-
-/// A perspective or orthographic camera looking along −Z of its own frame, +Y up.
-#[derive(Clone, Debug)]
-pub struct Camera {
-    /// Name in the file, or a made-up one.
-    pub name: String,
-    /// Camera-to-world transform without scale.
-    pub to_world: Mat4,
-    /// Field of view or extent.
-    pub projection: Projection,
-}
-
-/// Projection of a camera. The picture's aspect ratio, not the file's, sets the width.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Projection {
-    /// Vertical field of view in radians.
-    Perspective {
-        /// Full vertical angle in radians, in (0, π).
-        yfov: f32,
-    },
-    /// Half the visible height in metres.
-    Orthographic {
-        /// Half height in metres, > 0.
-        ymag: f32,
-    },
-}
-
-impl Camera {
-    /// A perspective camera at `eye` looking at `target`; `yfov` in radians.
-    pub fn look_at(name: &str, eye: Vec3, target: Vec3, up: Vec3, yfov: f32) -> Self {
-        let backward = (eye - target).normalize();
-        let right = up.cross(backward).normalize();
-        let up = backward.cross(right);
-        Self {
-            name: name.into(),
-            to_world: Mat4::from_cols(
-                right.extend(0.0),
-                up.extend(0.0),
-                backward.extend(0.0),
-                eye.extend(1.0),
-            ),
-            projection: Projection::Perspective { yfov },
-        }
-    }
-}
-
-/// Something of the input that the picture will not show as authored.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Warning {
-    /// Where: a path into the file (`materials[3].normalTexture`) or a stage of the job.
-    pub at: String,
-    /// What was approximated or ignored, and how to avoid it.
-    pub what: String,
-}
-
-impl Warning {
-    /// A warning about `at`.
-    pub fn new(at: impl Into<String>, what: impl Into<String>) -> Self {
-        Self { at: at.into(), what: what.into() }
-    }
-}
-
-/// Why a scene cannot be used: where, what, and what to do about it.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{at}: {what}; {fix}")]
-pub struct SceneError {
-    /// Where: a path into the file, or the file itself.
-    pub at: String,
-    /// What is wrong.
-    pub what: String,
-    /// What the sender can do.
-    pub fix: String,
-    /// Whether the input is well formed but exceeds a limit.
-    pub too_large: bool,
-}
-
-impl SceneError {
-    /// A malformed input.
-    pub fn malformed(
-        at: impl Into<String>,
-        what: impl Into<String>,
-        fix: impl Into<String>,
-    ) -> Self {
-        Self { at: at.into(), what: what.into(), fix: fix.into(), too_large: false }
-    }
-
-    /// An input over a limit.
-    pub fn too_large(
-        at: impl Into<String>,
-        what: impl Into<String>,
-        fix: impl Into<String>,
-    ) -> Self {
-        Self { at: at.into(), what: what.into(), fix: fix.into(), too_large: true }
-    }
 }
 
 impl Scene {
@@ -322,6 +101,11 @@ impl Scene {
         self.triangles.iter().filter(|t| self.materials[t.material as usize].emits()).count()
     }
 
+    /// Whether anything is shown in its colour whatever the light (KHR_materials_unlit).
+    pub fn has_unlit(&self) -> bool {
+        self.triangles.iter().any(|t| self.materials[t.material as usize].unlit)
+    }
+
     /// World positions of a triangle's corners.
     pub fn corners(&self, triangle: &Triangle) -> [Vec3; 3] {
         triangle.vertices.map(|v| self.vertices[v as usize].position)
@@ -331,8 +115,78 @@ impl Scene {
     pub fn base_color(&self, triangle: &Triangle, u: f32, v: f32) -> Rgb {
         let material = &self.materials[triangle.material as usize];
         let color = self.interpolate(triangle, u, v, |vertex| vertex.color);
-        let texel = self.sample(material.base_color_texture.as_ref(), triangle, u, v);
+        let texel = self.sample(material.base_color_texture.as_ref(), triangle, u, v).truncate();
         (material.base_color * color * texel).clamp(Rgb::ZERO, Rgb::ONE)
+    }
+
+    /// What the material is at barycentric (u, v) of a triangle, textures and vertex colours
+    /// applied.
+    pub fn appearance(&self, triangle: &Triangle, u: f32, v: f32) -> Appearance {
+        let material = &self.materials[triangle.material as usize];
+        let mut at = material.appearance(self.base_color(triangle, u, v));
+        let sample = |slot: &Option<TextureSlot>| self.sample(slot.as_ref(), triangle, u, v);
+        if material.metallic_roughness_texture.is_some() {
+            let texel = sample(&material.metallic_roughness_texture);
+            at.roughness *= texel.y;
+            at.metallic *= texel.z;
+        }
+        if material.specular_texture.is_some() {
+            at.specular_factor *= sample(&material.specular_texture).w;
+        }
+        if material.specular_color_texture.is_some() {
+            at.specular_color *= sample(&material.specular_color_texture).truncate();
+        }
+        if material.transmission_texture.is_some() {
+            at.transmission *= sample(&material.transmission_texture).x;
+        }
+        at
+    }
+
+    /// The share of light that meets the surface at barycentric (u, v) of a triangle instead of
+    /// passing through it as if it were not there: 1 of opaque materials, 0 or 1 of masked ones,
+    /// alpha (factor × texture × vertex alpha) of blended ones.
+    pub fn coverage(&self, triangle: &Triangle, u: f32, v: f32) -> f32 {
+        let material = &self.materials[triangle.material as usize];
+        if material.alpha == Alpha::Opaque {
+            return 1.0;
+        }
+        let [a, b, c] = triangle.vertices.map(|index| self.vertices[index as usize].alpha);
+        let vertex = a * (1.0 - u - v) + b * u + c * v;
+        let texel = self.sample(material.base_color_texture.as_ref(), triangle, u, v).w;
+        let alpha = (material.opacity * vertex * texel).clamp(0.0, 1.0);
+        match material.alpha {
+            Alpha::Opaque => 1.0,
+            Alpha::Mask { cutoff } => f32::from(u8::from(alpha >= cutoff)),
+            Alpha::Blend => alpha,
+        }
+    }
+
+    /// Unit shading normal of the front side at barycentric (u, v) of a triangle: the vertices'
+    /// normals interpolated, tilted by the normal map. `None` where they cancel each other out.
+    ///
+    /// With the interpolated normal N, tangent T and B = w · N × T, not normalised (Mikkelsen 2008,
+    /// "Simulation of wrinkled surfaces revisited", §3), and a texel (x, y, z) in [−1, 1]³, it is
+    /// the direction of s·x·T + s·y·B + z·N, where s is [`NormalMap::scale`]. A map may tilt it
+    /// behind the triangle's plane.
+    pub fn shading_normal(&self, triangle: &Triangle, u: f32, v: f32) -> Option<Vec3> {
+        let material = &self.materials[triangle.material as usize];
+        let normal = self.interpolate(triangle, u, v, |vertex| vertex.normal);
+        let plain = normal.try_normalize();
+        let Some(map) = &material.normal_map else { return plain };
+        let tangent = self.interpolate(triangle, u, v, |vertex| vertex.tangent.truncate());
+        let signs = triangle.vertices.map(|index| self.vertices[index as usize].tangent.w);
+        let sign: f32 = signs.iter().sum();
+        if tangent == Vec3::ZERO || sign == 0.0 {
+            return plain;
+        }
+        let texel = 2.0 * self.sample(Some(&map.slot), triangle, u, v).truncate() - Vec3::ONE;
+        if texel.z <= 0.0 {
+            // The format knows no such texel.
+            return plain;
+        }
+        let bitangent = sign.signum() * normal.cross(tangent);
+        let tilt = map.scale * (texel.x * tangent + texel.y * bitangent);
+        (tilt + texel.z * normal).try_normalize().or(plain)
     }
 
     /// Emitted radiance at barycentric (u, v) of a triangle.
@@ -341,7 +195,8 @@ impl Scene {
         if !material.emits() {
             return Rgb::ZERO;
         }
-        material.emission * self.sample(material.emission_texture.as_ref(), triangle, u, v)
+        let texel = self.sample(material.emission_texture.as_ref(), triangle, u, v);
+        material.emission * texel.truncate()
     }
 
     /// Barycentric interpolation of a vertex attribute: (1−u−v)·a₀ + u·a₁ + v·a₂.
@@ -356,11 +211,15 @@ impl Scene {
         a * (1.0 - u - v) + b * u + c * v
     }
 
-    fn sample(&self, slot: Option<&TextureSlot>, triangle: &Triangle, u: f32, v: f32) -> Rgb {
-        let Some(slot) = slot else { return Rgb::ONE };
+    /// Linear colour and alpha of a texture; ones without.
+    fn sample(&self, slot: Option<&TextureSlot>, triangle: &Triangle, u: f32, v: f32) -> Vec4 {
+        let Some(slot) = slot else { return Vec4::ONE };
         let [a, b, c] =
             triangle.vertices.map(|i| self.vertices[i as usize].uv[slot.uv_set as usize]);
         let uv = a * (1.0 - u - v) + b * u + c * v;
-        self.textures[slot.texture as usize].sample(slot, uv)
+        self.textures[slot.texture as usize].sample_rgba(slot, uv)
     }
 }
+
+#[cfg(test)]
+mod tests;

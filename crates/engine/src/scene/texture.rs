@@ -1,7 +1,7 @@
-//! Textures in linear RGB and how a material reads them.
+//! Textures and how a material reads them.
 
 use crate::radiometry::Rgb;
-use glam::{Mat2, Vec2};
+use glam::{Mat2, Vec2, Vec4};
 
 /// What happens outside [0, 1].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -15,6 +15,16 @@ pub enum Wrap {
     ClampToEdge,
 }
 
+/// What the stored codes of red, green and blue mean. Alpha is linear in both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Encoding {
+    /// Colour, encoded as sRGB has it.
+    #[default]
+    Srgb,
+    /// Data: the code over 255.
+    Linear,
+}
+
 /// A decoded image, 8 bits a channel as stored; decoded to linear when sampled.
 #[derive(Clone, Debug)]
 pub struct Texture {
@@ -22,15 +32,17 @@ pub struct Texture {
     pub width: u32,
     /// Height in texels, ≥ 1.
     pub height: u32,
-    /// Rows from the top, RGB.
-    pub texels: Vec<[u8; 3]>,
+    /// Rows from the top, RGBA; alpha is not multiplied into the colour.
+    pub texels: Vec<[u8; 4]>,
 }
 
-/// A material's use of a texture; the texture is sRGB-encoded colour.
+/// A material's use of a texture.
 #[derive(Clone, Copy, Debug)]
 pub struct TextureSlot {
     /// Index into [`super::Scene::textures`].
     pub texture: u32,
+    /// How the texels are to be read; one texture may be read in both ways.
+    pub encoding: Encoding,
     /// Which of the two coordinate sets.
     pub uv_set: u8,
     /// KHR_texture_transform, linear part (rotation × scale).
@@ -44,16 +56,27 @@ pub struct TextureSlot {
 }
 
 impl TextureSlot {
-    /// A slot with bilinear filter, repeat and no transform.
+    /// A colour slot with bilinear filter, repeat and no transform.
     pub fn plain(texture: u32) -> Self {
         Self {
             texture,
+            encoding: Encoding::Srgb,
             uv_set: 0,
             linear: Mat2::IDENTITY,
             offset: Vec2::ZERO,
             wrap: [Wrap::Repeat; 2],
             nearest: false,
         }
+    }
+
+    /// The same for data instead of colour.
+    pub fn data(texture: u32) -> Self {
+        Self { encoding: Encoding::Linear, ..Self::plain(texture) }
+    }
+
+    /// Where in the texture a coordinate of the mesh leads.
+    pub fn transformed(&self, uv: Vec2) -> Vec2 {
+        self.linear * uv + self.offset
     }
 }
 
@@ -79,12 +102,16 @@ impl Wrap {
 impl Texture {
     /// Linear colour at a texture coordinate (v down, as glTF has it).
     pub fn sample(&self, slot: &TextureSlot, uv: Vec2) -> Rgb {
-        let uv = slot.linear * uv + slot.offset;
-        if !uv.is_finite() {
-            return Rgb::ZERO;
-        }
+        self.sample_rgba(slot, uv).truncate()
+    }
+
+    /// Linear colour and alpha at a texture coordinate; black and opaque where that overflows.
+    pub fn sample_rgba(&self, slot: &TextureSlot, uv: Vec2) -> Vec4 {
         let size = Vec2::new(self.width as f32, self.height as f32);
-        let at = uv * size;
+        let at = slot.transformed(uv) * size;
+        if !at.is_finite() {
+            return Vec4::W;
+        }
         if slot.nearest {
             return self.texel(slot, at.x.floor() as i64, at.y.floor() as i64);
         }
@@ -92,21 +119,63 @@ impl Texture {
         let (x, y) = (at.x.floor(), at.y.floor());
         let (fx, fy) = (at.x - x, at.y - y);
         let (x, y) = (x as i64, y as i64);
-        let top = self.texel(slot, x, y).lerp(self.texel(slot, x + 1, y), fx);
-        let bottom = self.texel(slot, x, y + 1).lerp(self.texel(slot, x + 1, y + 1), fx);
+        let top = self.texel(slot, x, y).lerp(self.texel(slot, x.saturating_add(1), y), fx);
+        let below = y.saturating_add(1);
+        let bottom =
+            self.texel(slot, x, below).lerp(self.texel(slot, x.saturating_add(1), below), fx);
         top.lerp(bottom, fy)
     }
 
-    fn texel(&self, slot: &TextureSlot, x: i64, y: i64) -> Rgb {
+    fn texel(&self, slot: &TextureSlot, x: i64, y: i64) -> Vec4 {
         let x = slot.wrap[0].texel(x, i64::from(self.width));
         let y = slot.wrap[1].texel(y, i64::from(self.height));
-        let texel = self.texels[(y * i64::from(self.width) + x) as usize];
-        let linear = linear_table();
-        Rgb::new(linear[texel[0] as usize], linear[texel[1] as usize], linear[texel[2] as usize])
+        let [red, green, blue, alpha] = self.texels[(y * i64::from(self.width) + x) as usize];
+        let data = |code: u8| f32::from(code) / 255.0;
+        match slot.encoding {
+            Encoding::Linear => Vec4::new(data(red), data(green), data(blue), data(alpha)),
+            Encoding::Srgb => {
+                let linear = linear_table();
+                let color = |code: u8| linear[code as usize];
+                Vec4::new(color(red), color(green), color(blue), data(alpha))
+            }
+        }
     }
 }
 
 fn linear_table() -> &'static [f32; 256] {
     static TABLE: std::sync::OnceLock<[f32; 256]> = std::sync::OnceLock::new();
     TABLE.get_or_init(|| std::array::from_fn(|code| srgb_to_linear(code as u8)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One image, read as colour and as data: the colour is decoded, alpha never is.
+    #[test]
+    fn an_image_is_read_both_ways() {
+        let texels = vec![[188, 188, 0, 64], [188, 188, 0, 128]];
+        let texture = Texture { width: 2, height: 1, texels };
+        let middle = Vec2::new(0.5, 0.5);
+        let color = texture.sample_rgba(&TextureSlot::plain(0), middle);
+        assert!((color.x - srgb_to_linear(188)).abs() < 1e-6 && color.z == 0.0);
+        let data = texture.sample_rgba(&TextureSlot::data(0), middle);
+        assert!((data.x - 188.0 / 255.0).abs() < 1e-6);
+        for sampled in [color, data] {
+            assert!((sampled.w - 96.0 / 255.0).abs() < 1e-6, "{sampled}");
+        }
+    }
+
+    /// Coordinates beyond what a number holds must not stop the program.
+    #[test]
+    fn far_coordinates_are_read_without_a_panic() {
+        let texture = Texture { width: 2, height: 2, texels: vec![[255; 4]; 4] };
+        for far in [1e30, -1e30, f32::MAX, f32::INFINITY, f32::NAN] {
+            for wrap in [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge] {
+                let slot = TextureSlot { wrap: [wrap; 2], ..TextureSlot::plain(0) };
+                let sampled = texture.sample_rgba(&slot, Vec2::splat(far));
+                assert!(sampled.w == 1.0 && sampled.x.is_finite(), "{far} {sampled}");
+            }
+        }
+    }
 }

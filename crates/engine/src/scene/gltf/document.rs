@@ -53,7 +53,6 @@ const UNREAD: &[&str] = &[
     // Covers `extensionsRequired` too, which is checked where hints are given.
     "extensions",
     "skin",
-    "normalTexture",
     "occlusionTexture",
     ".target",
     ".minFilter",
@@ -86,10 +85,18 @@ pub(super) fn valid<T: Copy>(value: &Checked<T>, at: impl Into<String>) -> Resul
     }
 }
 
+/// The JSON part, typed.
+pub(super) struct Document {
+    /// All that the crate knows.
+    pub root: Root,
+    /// By material: whether its `extras.phong` is true.
+    pub phong: Vec<bool>,
+}
+
 /// Reads the JSON part. In what it returns, every index of a node, mesh, camera, material,
 /// texture, accessor or buffer view that the import follows is in range, but for the
-/// `source` of a texture, which may be absent.
-pub(super) fn read(text: &[u8]) -> Result<Root, SceneError> {
+/// `source` of a texture, which may be absent, and for those within extensions.
+pub(super) fn read(text: &[u8]) -> Result<Document, SceneError> {
     check_size(text)?;
     let mut json: Value = serde_json::from_slice(text).map_err(|error| {
         malformed(
@@ -101,6 +108,9 @@ pub(super) fn read(text: &[u8]) -> Result<Root, SceneError> {
         return Err(malformed("JSON", "the root is not an object"));
     }
     check_version(&json)?;
+    let materials = json.get("materials").and_then(Value::as_array).into_iter().flatten();
+    let phong = materials.map(|object| object.pointer("/extras/phong") == Some(&json!(true)));
+    let phong = phong.collect();
     adapt(&mut json);
     // Even an empty material is large once typed.
     let materials = length(&json, "materials");
@@ -125,7 +135,7 @@ pub(super) fn read(text: &[u8]) -> Result<Root, SceneError> {
             malformed(at, clip(&what))
         })?;
     validate(&root, &json)?;
-    Ok(root)
+    Ok(Document { root, phong })
 }
 
 /// Refuses what might take too much memory once parsed.

@@ -2,17 +2,18 @@
 //! front side, no degenerate triangles.
 
 use super::accessor::Accessor;
-use super::document::{FIX_FILE, malformed, valid};
+use super::attributes::{Primitive, Tables, primitives};
+use super::document::{FIX_FILE, malformed};
 use super::limits::{ImportLimits, MAX_COORDINATE};
+use super::local::{Local, LocalVertex};
 use super::node::Instance;
+use super::tangents;
+use super::variants::Variants;
 use super::warnings::Warnings;
-use crate::radiometry::Rgb;
-use crate::scene::{Scene, SceneError, Triangle, Vertex};
-use glam::{DMat3, DVec3, Vec2, Vec3};
-use gltf::Semantic;
-use gltf::json::accessor::{ComponentType, Type};
-use gltf::json::validation::Checked;
-use gltf::json::{self, Root};
+use crate::scene::{Scene, SceneError, TextureSlot, Triangle, Vertex};
+use glam::{DMat3, DVec3, Vec2, Vec3, Vec4};
+use gltf::json::Root;
+use gltf::json::accessor::Type;
 use std::collections::HashMap;
 
 /// A triangle whose area is below this, in square metres, is degenerate.
@@ -24,62 +25,6 @@ const MIN_AREA_RATIO: f64 = 1e-9;
 /// Least cosine between a shading normal and its triangle's own.
 const MIN_NORMAL_COSINE: f32 = 1e-3;
 
-/// How vertices join to triangles.
-#[derive(Clone, Copy, PartialEq)]
-enum Mode {
-    List,
-    Strip,
-    Fan,
-}
-
-impl Mode {
-    /// Triangles that `count` vertices make.
-    fn triangles(self, count: usize) -> usize {
-        match self {
-            Mode::List => count / 3,
-            Mode::Strip | Mode::Fan => count.saturating_sub(2),
-        }
-    }
-
-    /// Places of a triangle's corners in the vertex order.
-    fn corners(self, triangle: usize) -> [usize; 3] {
-        match self {
-            Mode::List => [3 * triangle, 3 * triangle + 1, 3 * triangle + 2],
-            Mode::Strip if triangle % 2 == 1 => [triangle + 1, triangle, triangle + 2],
-            Mode::Strip => [triangle, triangle + 1, triangle + 2],
-            Mode::Fan => [triangle + 1, triangle + 2, 0],
-        }
-    }
-}
-
-/// A primitive that makes triangles.
-struct Primitive {
-    at: String,
-    mode: Mode,
-    position: usize,
-    normal: Option<usize>,
-    uv: [Option<usize>; 2],
-    color: Option<usize>,
-    indices: Option<usize>,
-    material: Option<usize>,
-    triangles: usize,
-}
-
-/// A primitive's vertices in mesh space; only those that triangles use.
-struct Local {
-    vertices: Vec<LocalVertex>,
-    triangles: Vec<[u32; 3]>,
-    has_normals: bool,
-    material: u32,
-}
-
-struct LocalVertex {
-    position: DVec3,
-    normal: Vec3,
-    uv: [Vec2; 2],
-    color: Rgb,
-}
-
 /// Meshes of a file, and where they stand.
 pub(super) struct Geometry<'a> {
     /// The file.
@@ -88,6 +33,8 @@ pub(super) struct Geometry<'a> {
     pub accessors: &'a [Accessor<'a>],
     /// Where meshes stand.
     pub instances: &'a [Instance],
+    /// Which materials primitives get.
+    pub variants: &'a Variants,
 }
 
 impl Geometry<'_> {
@@ -98,12 +45,13 @@ impl Geometry<'_> {
         scene: &mut Scene,
         warnings: &mut Warnings,
     ) -> Result<(), SceneError> {
+        let tables = Tables { accessors: self.accessors, variants: self.variants };
         let meshes = self
             .root
             .meshes
             .iter()
             .enumerate()
-            .map(|(index, mesh)| primitives(mesh, index, self.accessors, warnings))
+            .map(|(index, mesh)| primitives(mesh, index, tables, warnings))
             .collect::<Result<Vec<_>, _>>()?;
         self.check_size(&meshes, limits)?;
         let mut by_mesh: Vec<Vec<&Instance>> = meshes.iter().map(|_| Vec::new()).collect();
@@ -122,12 +70,47 @@ impl Geometry<'_> {
                         scene.materials.len() - 1
                     })
                 });
-                let local = read(primitive, self.accessors, material as u32)?;
+                let mut local = read(primitive, self.accessors, material as u32)?;
                 warn_of_missing_uv(primitive, scene, material, warnings);
+                if let Some(map) = &scene.materials[material].normal_map {
+                    let slot = map.slot;
+                    self.add_tangents(primitive, &slot, &mut local, warnings);
+                }
                 emit_all(primitive, &local, &instances, scene, warnings)?;
             }
         }
         Ok(())
+    }
+
+    /// Gives the vertices of a primitive with a normal map their tangents: the file's, or else
+    /// computed ones. Without either, the map has no effect.
+    fn add_tangents(
+        &self,
+        primitive: &Primitive,
+        slot: &TextureSlot,
+        local: &mut Local,
+        warnings: &mut Warnings,
+    ) {
+        if primitive.uv[slot.uv_set as usize].is_none() {
+            let at = format!("{}.attributes.TEXCOORD_{}", primitive.at, slot.uv_set);
+            warnings.push(at, "is missing, so the material's normal map has no effect");
+            return;
+        }
+        // Without normals, the format says, tangents are to be computed with them.
+        let given = primitive.tangent.filter(|_| primitive.normal.is_some());
+        if let Some(accessor) = given.map(|index| &self.accessors[index]) {
+            if tangents::read(accessor, local) {
+                return;
+            }
+            warnings.push(
+                format!("{}.attributes.TANGENT", primitive.at),
+                "has tangents that are zero or not finite; all are computed anew",
+            );
+        }
+        if !tangents::compute(slot, local) {
+            let what = "has too many triangles at one vertex to compute tangents; the material's normal map has no effect";
+            warnings.push(&primitive.at, what);
+        }
     }
 
     /// Refuses more triangles than are allowed.
@@ -154,177 +137,6 @@ impl Geometry<'_> {
     }
 }
 
-fn primitives(
-    mesh: &json::Mesh,
-    index: usize,
-    accessors: &[Accessor<'_>],
-    warnings: &mut Warnings,
-) -> Result<Vec<Primitive>, SceneError> {
-    let mut primitives = Vec::new();
-    for (place, object) in mesh.primitives.iter().enumerate() {
-        let at = format!("meshes[{index}].primitives[{place}]");
-        primitives.extend(primitive(object, at, accessors, warnings)?);
-    }
-    Ok(primitives)
-}
-
-fn primitive(
-    object: &json::mesh::Primitive,
-    at: String,
-    accessors: &[Accessor<'_>],
-    warnings: &mut Warnings,
-) -> Result<Option<Primitive>, SceneError> {
-    let attributes = Attributes::of(object, &at, accessors)?;
-    if object.attributes.contains_key(&Checked::Invalid) {
-        warnings.push(
-            &attributes.at,
-            "a name that glTF does not define is ignored; names of your own begin with _",
-        );
-    }
-    let indices = indices(object, &at, accessors)?;
-    let Some(mode) = mode(object, &at, warnings)? else { return Ok(None) };
-    let Some(position) = attributes.position else {
-        let what = "is missing; the primitive is left out";
-        warnings.push(format!("{}.POSITION", attributes.at), what);
-        return Ok(None);
-    };
-    let vertices = accessors[position].count;
-    attributes.check_counts(vertices, accessors)?;
-    if !accessors[position].has_data() {
-        check_not_packed(object, &at)?;
-    }
-    if object.targets.as_ref().is_some_and(|targets| !targets.is_empty()) {
-        let what = "morph targets are ignored; the base shape is shown";
-        warnings.push(format!("{at}.targets"), what);
-    }
-    let count = indices.map_or(vertices, |index| accessors[index].count);
-    if mode == Mode::List && !count.is_multiple_of(3) {
-        warnings.push(
-            &at,
-            format!("{count} corners make no whole number of triangles; the rest is left out"),
-        );
-    }
-    let triangles = mode.triangles(count);
-    let material = object.material.map(|material| material.value());
-    let Attributes { normal, uv, color, .. } = attributes;
-    Ok(Some(Primitive { at, mode, position, normal, uv, color, indices, material, triangles }))
-}
-
-/// Which accessors a primitive's vertices are read from.
-struct Attributes {
-    /// Their place in the file.
-    at: String,
-    position: Option<usize>,
-    normal: Option<usize>,
-    uv: [Option<usize>; 2],
-    color: Option<usize>,
-}
-
-impl Attributes {
-    fn of(
-        object: &json::mesh::Primitive,
-        at: &str,
-        accessors: &[Accessor<'_>],
-    ) -> Result<Self, SceneError> {
-        use ComponentType::{F32, I8, I16, U8, U16};
-        const QUANTIZED: &[ComponentType] = &[F32, I8, U8, I16, U16];
-        let at = format!("{at}.attributes");
-        let attribute = |semantic: Semantic, kinds: &[Type], components: &[ComponentType]| {
-            let name = semantic.to_string();
-            let Some(index) = object.attributes.get(&Checked::Valid(semantic)) else {
-                return Ok(None);
-            };
-            let accessor = &accessors[index.value()];
-            if !kinds.contains(&accessor.kind) || !components.contains(&accessor.component) {
-                return Err(malformed(
-                    format!("{at}.{name}"),
-                    format!("{} is {:?} of {:?}", accessor.at, accessor.kind, accessor.component),
-                ));
-            }
-            Ok(Some(index.value()))
-        };
-        Ok(Self {
-            position: attribute(Semantic::Positions, &[Type::Vec3], QUANTIZED)?,
-            normal: attribute(Semantic::Normals, &[Type::Vec3], &[F32, I8, I16])?,
-            uv: [
-                attribute(Semantic::TexCoords(0), &[Type::Vec2], QUANTIZED)?,
-                attribute(Semantic::TexCoords(1), &[Type::Vec2], QUANTIZED)?,
-            ],
-            color: attribute(Semantic::Colors(0), &[Type::Vec3, Type::Vec4], &[F32, U8, U16])?,
-            at,
-        })
-    }
-
-    /// Refuses attributes that have not one element for each position.
-    fn check_counts(&self, vertices: usize, accessors: &[Accessor<'_>]) -> Result<(), SceneError> {
-        for (name, index) in [
-            ("NORMAL", self.normal),
-            ("TEXCOORD_0", self.uv[0]),
-            ("TEXCOORD_1", self.uv[1]),
-            ("COLOR_0", self.color),
-        ] {
-            let count = index.map(|index| accessors[index].count);
-            if let Some(count) = count.filter(|count| *count != vertices) {
-                return Err(malformed(
-                    format!("{}.{name}", self.at),
-                    format!("has {count} elements for {vertices} positions"),
-                ));
-            }
-        }
-        Ok(())
-    }
-}
-
-/// The accessor of a primitive's vertex indices.
-fn indices(
-    object: &json::mesh::Primitive,
-    at: &str,
-    accessors: &[Accessor<'_>],
-) -> Result<Option<usize>, SceneError> {
-    let indices = object.indices.map(|index| index.value());
-    if let Some(accessor) = indices.map(|index| &accessors[index])
-        && !accessor.is_index()
-    {
-        return Err(malformed(
-            format!("{at}.indices"),
-            format!("{} is not a list of unsigned integers", accessor.at),
-        ));
-    }
-    Ok(indices)
-}
-
-/// How a primitive's vertices join; `None` where they make no triangles.
-fn mode(
-    object: &json::mesh::Primitive,
-    at: &str,
-    warnings: &mut Warnings,
-) -> Result<Option<Mode>, SceneError> {
-    Ok(match valid(&object.mode, format!("{at}.mode"))? {
-        json::mesh::Mode::Triangles => Some(Mode::List),
-        json::mesh::Mode::TriangleStrip => Some(Mode::Strip),
-        json::mesh::Mode::TriangleFan => Some(Mode::Fan),
-        mode => {
-            let what = if mode == json::mesh::Mode::Points { "points" } else { "lines" };
-            warnings.push(format!("{at}.mode"), format!("{what} have no area; they are left out"));
-            None
-        }
-    })
-}
-
-/// Refuses a primitive whose geometry is there in compressed form only.
-fn check_not_packed(object: &json::mesh::Primitive, at: &str) -> Result<(), SceneError> {
-    for name in ["KHR_draco_mesh_compression", "EXT_meshopt_compression"] {
-        if object.extensions.as_ref().is_some_and(|all| all.others.contains_key(name)) {
-            return Err(SceneError::malformed(
-                format!("{at}.extensions.{name}"),
-                "the geometry is there in compressed form only",
-                "export the scene without mesh compression",
-            ));
-        }
-    }
-    Ok(())
-}
-
 fn warn_of_missing_uv(
     primitive: &Primitive,
     scene: &Scene,
@@ -332,7 +144,15 @@ fn warn_of_missing_uv(
     warnings: &mut Warnings,
 ) {
     let material = &scene.materials[material];
-    for slot in [&material.base_color_texture, &material.emission_texture].into_iter().flatten() {
+    let slots = [
+        &material.base_color_texture,
+        &material.emission_texture,
+        &material.metallic_roughness_texture,
+        &material.specular_texture,
+        &material.specular_color_texture,
+        &material.transmission_texture,
+    ];
+    for slot in slots.into_iter().flatten() {
         if primitive.uv[slot.uv_set as usize].is_none() {
             warnings.push(
                 format!("{}.attributes.TEXCOORD_{}", primitive.at, slot.uv_set),
@@ -355,6 +175,7 @@ fn read(
     let uvs = primitive.uv.map(attribute);
     let indices = attribute(primitive.indices);
     let mut local = Local {
+        sources: Vec::new(),
         vertices: Vec::new(),
         triangles: Vec::with_capacity(primitive.triangles),
         has_normals: normals.is_some(),
@@ -376,6 +197,7 @@ fn read(
                     let place = local.vertices.len() as u32;
                     places.insert(index, place);
                     local.vertices.push(vertex(index as usize, positions, normals, uvs, colors)?);
+                    local.sources.push(index);
                     place
                 }
             };
@@ -424,12 +246,15 @@ fn vertex(
         let uv = Vec2::new(u, v);
         if uv.is_finite() { uv } else { Vec2::ZERO }
     });
-    let color = colors.map_or(Rgb::ONE, |accessor| {
-        let [r, g, b, _] = accessor.element(index);
-        let color = Rgb::new(r, g, b);
-        if color.is_finite() { color.clamp(Rgb::ZERO, Rgb::ONE) } else { Rgb::ONE }
+    let color = colors.map_or(Vec4::ONE, |accessor| {
+        let [r, g, b, a] = accessor.element(index);
+        let alpha = if accessor.kind == Type::Vec4 { a } else { 1.0 };
+        let color = Vec4::new(r, g, b, alpha);
+        if color.is_finite() { color.clamp(Vec4::ZERO, Vec4::ONE) } else { Vec4::ONE }
     });
-    Ok(LocalVertex { position: position.as_dvec3(), normal, uv, color })
+    let (color, alpha) = (color.truncate(), color.w);
+    let position = position.as_dvec3();
+    Ok(LocalVertex { position, normal, uv, color, alpha, tangent: Vec4::ZERO })
 }
 
 /// Adds a primitive's instances.
@@ -472,6 +297,7 @@ fn emit(
     let normal_to_world = Some(linear.inverse().transpose())
         .filter(|matrix| matrix.is_finite() && linear.determinant() != 0.0);
     let mirrored = linear.determinant() < 0.0;
+    let handedness = if mirrored { -1.0 } else { 1.0 };
     let mut world = Vec::with_capacity(local.vertices.len());
     for vertex in &local.vertices {
         let position = instance.to_world.transform_point3(vertex.position);
@@ -484,7 +310,11 @@ fn emit(
         }
         let normal = normal_to_world
             .map_or(DVec3::ZERO, |matrix| (matrix * vertex.normal.as_dvec3()).normalize_or_zero());
-        world.push((position.as_vec3(), normal.as_vec3()));
+        let tangent = linear * vertex.tangent.truncate().as_dvec3();
+        let tangent = tangent
+            .try_normalize()
+            .map_or(Vec4::ZERO, |tangent| tangent.as_vec3().extend(handedness * vertex.tangent.w));
+        world.push((position.as_vec3(), normal.as_vec3(), tangent));
     }
     let mut shared: Vec<Option<u32>> = vec![None; local.vertices.len()];
     let (mut dropped, mut turned) = (0, 0);
@@ -499,16 +329,12 @@ fn emit(
             continue;
         };
         let vertices = corners.map(|corner| {
-            let (position, normal) = world[corner as usize];
-            let source = &local.vertices[corner as usize];
+            let (position, normal, tangent) = world[corner as usize];
+            let &LocalVertex { uv, color, alpha, .. } = &local.vertices[corner as usize];
             let mut push = |normal| {
                 let index = scene.vertices.len() as u32;
-                scene.vertices.push(Vertex {
-                    position,
-                    normal,
-                    uv: source.uv,
-                    color: source.color,
-                });
+                let tangent = tangents::across(normal, tangent);
+                scene.vertices.push(Vertex { position, normal, uv, color, alpha, tangent });
                 index
             };
             // Also false for a NaN or zero normal.

@@ -19,6 +19,16 @@ impl Default for ImportLimits {
     }
 }
 
+/// What an import is asked for.
+#[derive(Clone, Debug, Default)]
+pub struct ImportOptions {
+    /// Bounds on what the file may contain.
+    pub limits: ImportLimits,
+    /// Name of the variant whose materials are shown (KHR_materials_variants); `None` for those
+    /// that the file shows without one.
+    pub variant: Option<String>,
+}
+
 /// Files that came with a `.gltf`, by the relative URI that it names them with.
 pub type Resources = BTreeMap<String, Vec<u8>>;
 

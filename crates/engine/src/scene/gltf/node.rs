@@ -1,9 +1,10 @@
-//! The node graph: which meshes and cameras stand where.
+//! The node graph: which meshes, lights and cameras stand where.
 
 use super::document::{self, malformed, valid};
+use super::lights;
 use super::limits::MAX_COORDINATE;
 use super::warnings::Warnings;
-use crate::scene::{Camera, Projection, SceneError};
+use crate::scene::{Camera, Projection, PunctualLight, SceneError};
 use glam::{DMat4, DQuat, DVec3, DVec4, Mat4};
 use gltf::json::camera::{Camera as Lens, Type};
 use gltf::json::{self, Index, Root};
@@ -28,6 +29,8 @@ pub(super) struct Instance {
 pub(super) struct Placed {
     /// Mesh instances, in node order.
     pub instances: Vec<Instance>,
+    /// Lights without extent, in node order.
+    pub lights: Vec<PunctualLight>,
     /// Cameras, in node order.
     pub cameras: Vec<Camera>,
 }
@@ -40,7 +43,10 @@ pub(super) fn place(root: &Root, warnings: &mut Warnings) -> Result<Placed, Scen
         .enumerate()
         .map(|(index, lens)| projection(lens, &format!("cameras[{index}]"), warnings))
         .collect::<Result<Vec<_>, _>>()?;
+    let lights = lights::read(root, warnings)?;
     let nodes = &root.nodes[..];
+    let carried =
+        (0..nodes.len()).map(|node| lights::of_node(root, node)).collect::<Result<Vec<_>, _>>()?;
     let matrices = nodes
         .iter()
         .enumerate()
@@ -54,8 +60,8 @@ pub(super) fn place(root: &Root, warnings: &mut Warnings) -> Result<Placed, Scen
     let (roots, at) = roots(root, warnings);
 
     let mut seen = vec![false; nodes.len()];
-    let mut placed = Placed { instances: Vec::new(), cameras: Vec::new() };
-    let mut camera_nodes = Vec::new();
+    let mut placed = Placed { instances: Vec::new(), lights: Vec::new(), cameras: Vec::new() };
+    let (mut camera_nodes, mut light_nodes) = (Vec::new(), Vec::new());
     let mut stack: Vec<_> = roots.into_iter().rev().map(|node| (node, DMat4::IDENTITY)).collect();
     while let Some((index, parent)) = stack.pop() {
         if std::mem::replace(&mut seen[index], true) {
@@ -69,10 +75,15 @@ pub(super) fn place(root: &Root, warnings: &mut Warnings) -> Result<Placed, Scen
         if let Some(camera) = node.camera {
             camera_nodes.push((index, camera.value(), to_world));
         }
+        if let Some(light) = carried[index] {
+            light_nodes.push((index, light, to_world));
+        }
         stack.extend(children(node).rev().map(|child| (child, to_world)));
     }
     placed.instances.sort_by_key(|instance| instance.node);
     camera_nodes.sort_by_key(|(node, ..)| *node);
+    light_nodes.sort_by_key(|(node, ..)| *node);
+    placed.lights = lights::placed(root, &lights, light_nodes, warnings)?;
     placed.cameras = cameras(root, &projections, camera_nodes, warnings);
     Ok(placed)
 }
@@ -144,12 +155,6 @@ fn warn_of_ignored(node: &json::Node, at: &str, warnings: &mut Warnings) {
         warnings.push(format!("{at}.skin"), what);
     }
     let Some(extensions) = &node.extensions else { return };
-    if extensions.khr_lights_punctual.is_some() {
-        warnings.push(
-            format!("{at}.extensions.KHR_lights_punctual"),
-            "the light is ignored; give a surface emission to light the scene",
-        );
-    }
     if extensions.others.contains_key("EXT_mesh_gpu_instancing") {
         warnings.push(
             format!("{at}.extensions.EXT_mesh_gpu_instancing"),

@@ -1,4 +1,4 @@
-//! Images: PNG, JPEG and WebP to 8-bit RGB, dimensions checked before decoding.
+//! Images: PNG, JPEG and WebP to 8-bit RGBA, dimensions checked before decoding.
 
 use super::container::{Buffers, resolve};
 use super::document::{clip, malformed};
@@ -30,8 +30,10 @@ pub(super) struct Images<'a> {
     texels: u64,
     /// By image: its place among `textures`.
     places: BTreeMap<usize, u32>,
-    /// By image: mean of the stored channels, 0…1, without decoding sRGB.
-    means: BTreeMap<usize, [f32; 3]>,
+    /// By texture: mean of the stored channels, 0…1, without decoding sRGB.
+    means: BTreeMap<u32, [f32; 4]>,
+    /// By image and the bits of the glossiness factor: the place of [`Images::roughness`].
+    roughness: BTreeMap<(usize, u32), u32>,
     /// Textures for [`crate::scene::Scene::textures`].
     pub textures: Vec<Texture>,
 }
@@ -52,6 +54,7 @@ impl<'a> Images<'a> {
             texels: 0,
             places: BTreeMap::new(),
             means: BTreeMap::new(),
+            roughness: BTreeMap::new(),
             textures: Vec::new(),
         }
     }
@@ -73,17 +76,42 @@ impl<'a> Images<'a> {
         Ok(place)
     }
 
-    /// Mean of each stored channel over an image that holds data rather than colour.
-    pub fn mean(&mut self, image: usize) -> Result<[f32; 3], SceneError> {
-        if let Some(mean) = self.means.get(&image) {
-            return Ok(*mean);
+    /// Mean of each stored channel over a texture.
+    pub fn mean(&mut self, texture: u32) -> [f32; 4] {
+        let textures = &self.textures;
+        *self.means.entry(texture).or_insert_with(|| stored_mean(&textures[texture as usize]))
+    }
+
+    /// Least stored alpha of a texture, 0…1.
+    pub fn least_alpha(&self, texture: u32) -> f32 {
+        let texels = &self.textures[texture as usize].texels;
+        f32::from(texels.iter().map(|texel| texel[3]).min().unwrap_or(255)) / 255.0
+    }
+
+    /// The texture, made of an image whose alpha is glossiness, whose green is the roughness
+    /// 1 − `glossiness`·alpha; its blue, the share of metal, is 0.
+    pub fn roughness(&mut self, image: usize, glossiness: f32) -> Result<u32, SceneError> {
+        let key = (image, glossiness.to_bits());
+        if let Some(place) = self.roughness.get(&key) {
+            return Ok(*place);
         }
-        let mean = match self.places.get(&image) {
-            Some(place) => stored_mean(&self.textures[*place as usize]),
-            None => stored_mean(&self.decode(image)?),
+        let source = self.texture(image)? as usize;
+        let texels = self.textures[source].texels.len() as u64;
+        if self.texels + texels > self.limits.max_total_texels {
+            let what = "its glossiness needs a texture of its own, for which there is no room";
+            return Err(SceneError::too_large(format!("images[{image}]"), what, FIX_SIZE));
+        }
+        self.texels += texels;
+        let Texture { width, height, texels } = &self.textures[source];
+        let rough = |texel: &[u8; 4]| {
+            let code = 255.0 - glossiness * f32::from(texel[3]);
+            [0, code.round().clamp(0.0, 255.0) as u8, 0, 255]
         };
-        self.means.insert(image, mean);
-        Ok(mean)
+        let texels = texels.iter().map(rough).collect();
+        self.textures.push(Texture { width: *width, height: *height, texels });
+        let place = self.textures.len() as u32 - 1;
+        self.roughness.insert(key, place);
+        Ok(place)
     }
 
     fn decode(&mut self, image: usize) -> Result<Texture, SceneError> {
@@ -138,14 +166,14 @@ impl<'a> Images<'a> {
         let decoded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| reader.decode()))
             .map_err(|_| refused("cannot be decoded: the decoder gave up".into()))?
             .map_err(broken)?
-            .into_rgb8();
+            .into_rgba8();
         let texels = decoded.pixels().map(|pixel| pixel.0).collect();
         Ok(Texture { width: decoded.width(), height: decoded.height(), texels })
     }
 }
 
-fn stored_mean(texture: &Texture) -> [f32; 3] {
-    let mut sums = [0u64; 3];
+fn stored_mean(texture: &Texture) -> [f32; 4] {
+    let mut sums = [0u64; 4];
     for texel in &texture.texels {
         for (sum, code) in sums.iter_mut().zip(texel) {
             *sum += u64::from(*code);

@@ -2,7 +2,7 @@
 //! embedded textures.
 
 use super::mesh::Mesh;
-use crate::scene::{Camera, Material, Projection};
+use crate::scene::{Camera, Material, Model, Projection};
 use glam::Vec3;
 use serde_json::{Map, Value, json};
 
@@ -92,6 +92,9 @@ impl GlbWriter {
         }
         if material.double_sided {
             value["doubleSided"] = json!(true);
+        }
+        if material.model == Model::Phong {
+            value["extras"] = json!({ "phong": true });
         }
         if !extensions.is_empty() {
             value["extensions"] = Value::Object(extensions);

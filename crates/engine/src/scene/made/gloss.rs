@@ -4,18 +4,21 @@
 use super::glb::GlbWriter;
 use super::mesh::{Mesh, Quad, boundary, union_of};
 use crate::radiometry::Rgb;
-use crate::scene::{Camera, Material};
+use crate::scene::{Camera, Material, Model};
 use glam::Vec3;
 
 fn metal(writer: &mut GlbWriter, name: &str, color: [f32; 3], roughness: f32) -> usize {
     let base_color = Rgb::from_array(color);
-    let name = name.into();
-    writer.material(&Material { name, base_color, metallic: 1.0, roughness, ..Material::default() })
+    let (name, model) = (name.into(), Model::Phong);
+    let metal =
+        Material { name, model, base_color, metallic: 1.0, roughness, ..Material::default() };
+    writer.material(&metal)
 }
 
 fn polished(writer: &mut GlbWriter, name: &str, color: [f32; 3], roughness: f32) -> usize {
     let base_color = Rgb::from_array(color);
-    writer.material(&Material { name: name.into(), base_color, roughness, ..Material::default() })
+    let (name, model) = (name.into(), Model::Phong);
+    writer.material(&Material { name, model, base_color, roughness, ..Material::default() })
 }
 
 fn matte(writer: &mut GlbWriter, name: &str, grey: f32) -> usize {

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::scene::gltf::{ImportLimits, Resources, import};
-use crate::scene::{Material, Scene};
+use crate::scene::{Material, Model, Scene};
 use glam::{DVec2, DVec3, Vec3};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
@@ -68,7 +68,7 @@ fn phong_materials_have_the_lobe_they_name() {
     for (specular, exponent) in [(0.27, 28.0), (0.2, 10.0), (0.25, 30.0), (0.05, 60.0)] {
         let albedo = Vec3::new(0.1, 0.2, 0.3);
         let material = Material::phong("x", albedo, specular, exponent);
-        let reflectance = material.reflectance(material.base_color);
+        let reflectance = material.reflectance(&material.appearance(material.base_color));
         assert!((reflectance.specular - Vec3::splat(specular)).abs().max_element() < 1e-5);
         assert!((reflectance.diffuse - albedo).abs().max_element() < 1e-5);
         assert!((reflectance.exponent / exponent - 1.0).abs() < 1e-3);
@@ -77,7 +77,8 @@ fn phong_materials_have_the_lobe_they_name() {
     let scene = imported("cornell_phong.glb", &phong_cornell());
     for (name, specular, exponent) in [("robot", 0.27, 28.0), ("alien", 0.20, 10.0)] {
         let material = scene.materials.iter().find(|m| m.name == name).unwrap();
-        let reflectance = material.reflectance(material.base_color);
+        assert_eq!(material.model, Model::Phong, "{name}");
+        let reflectance = material.reflectance(&material.appearance(material.base_color));
         assert!((reflectance.specular.x - specular).abs() < 1e-4, "{name}");
         assert!((reflectance.exponent / exponent - 1.0).abs() < 1e-3, "{name}");
     }

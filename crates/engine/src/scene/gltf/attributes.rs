@@ -1,0 +1,262 @@
+//! A mesh's primitives: how their vertices join, and which accessors they are read from.
+
+use super::accessor::Accessor;
+use super::document::{malformed, valid};
+use super::variants::Variants;
+use super::warnings::Warnings;
+use crate::scene::SceneError;
+use gltf::Semantic;
+use gltf::json;
+use gltf::json::accessor::{ComponentType, Type};
+use gltf::json::validation::Checked;
+
+/// How vertices join to triangles.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Mode {
+    /// Three to a triangle.
+    List,
+    /// Each with the two before it.
+    Strip,
+    /// Each with the one before it and the first.
+    Fan,
+}
+
+impl Mode {
+    /// Triangles that `count` vertices make.
+    fn triangles(self, count: usize) -> usize {
+        match self {
+            Mode::List => count / 3,
+            Mode::Strip | Mode::Fan => count.saturating_sub(2),
+        }
+    }
+
+    /// Places of a triangle's corners in the vertex order.
+    pub fn corners(self, triangle: usize) -> [usize; 3] {
+        match self {
+            Mode::List => [3 * triangle, 3 * triangle + 1, 3 * triangle + 2],
+            Mode::Strip if triangle % 2 == 1 => [triangle + 1, triangle, triangle + 2],
+            Mode::Strip => [triangle, triangle + 1, triangle + 2],
+            Mode::Fan => [triangle + 1, triangle + 2, 0],
+        }
+    }
+}
+
+/// A primitive that makes triangles.
+pub(super) struct Primitive {
+    /// Its place in the file.
+    pub at: String,
+    /// How its vertices join.
+    pub mode: Mode,
+    /// Accessor of positions, and of what else its vertices have.
+    pub position: usize,
+    /// Of normals.
+    pub normal: Option<usize>,
+    /// Of tangents.
+    pub tangent: Option<usize>,
+    /// Of texture coordinate sets 0 and 1.
+    pub uv: [Option<usize>; 2],
+    /// Of vertex colours.
+    pub color: Option<usize>,
+    /// Of vertex indices; without them the vertices are used in turn.
+    pub indices: Option<usize>,
+    /// Its material in the chosen variant.
+    pub material: Option<usize>,
+    /// How many triangles it makes.
+    pub triangles: usize,
+}
+
+/// What primitives of all meshes are read with.
+#[derive(Clone, Copy)]
+pub(super) struct Tables<'a> {
+    /// The file's accessors.
+    pub accessors: &'a [Accessor<'a>],
+    /// Its variants.
+    pub variants: &'a Variants,
+}
+
+/// The primitives of a mesh that make triangles.
+pub(super) fn primitives(
+    mesh: &json::Mesh,
+    index: usize,
+    tables: Tables<'_>,
+    warnings: &mut Warnings,
+) -> Result<Vec<Primitive>, SceneError> {
+    let mut primitives = Vec::new();
+    for (place, object) in mesh.primitives.iter().enumerate() {
+        let at = format!("meshes[{index}].primitives[{place}]");
+        primitives.extend(primitive(object, at, tables, warnings)?);
+    }
+    Ok(primitives)
+}
+
+fn primitive(
+    object: &json::mesh::Primitive,
+    at: String,
+    Tables { accessors, variants }: Tables<'_>,
+    warnings: &mut Warnings,
+) -> Result<Option<Primitive>, SceneError> {
+    let attributes = Attributes::of(object, &at, accessors)?;
+    if object.attributes.contains_key(&Checked::Invalid) {
+        warnings.push(
+            &attributes.at,
+            "a name that glTF does not define is ignored; names of your own begin with _",
+        );
+    }
+    let indices = indices(object, &at, accessors)?;
+    let material = variants.material(object, &at)?;
+    let Some(mode) = mode(object, &at, warnings)? else { return Ok(None) };
+    let Some(position) = attributes.position else {
+        let what = "is missing; the primitive is left out";
+        warnings.push(format!("{}.POSITION", attributes.at), what);
+        return Ok(None);
+    };
+    let vertices = accessors[position].count;
+    attributes.check_counts(vertices, accessors)?;
+    if !accessors[position].has_data() {
+        check_not_packed(object, &at)?;
+    }
+    if object.targets.as_ref().is_some_and(|targets| !targets.is_empty()) {
+        let what = "morph targets are ignored; the base shape is shown";
+        warnings.push(format!("{at}.targets"), what);
+    }
+    let count = indices.map_or(vertices, |index| accessors[index].count);
+    if mode == Mode::List && !count.is_multiple_of(3) {
+        warnings.push(
+            &at,
+            format!("{count} corners make no whole number of triangles; the rest is left out"),
+        );
+    }
+    let triangles = mode.triangles(count);
+    let Attributes { normal, tangent, uv, color, .. } = attributes;
+    Ok(Some(Primitive {
+        at,
+        mode,
+        position,
+        normal,
+        tangent,
+        uv,
+        color,
+        indices,
+        material,
+        triangles,
+    }))
+}
+
+/// Which accessors a primitive's vertices are read from.
+struct Attributes {
+    /// Their place in the file.
+    at: String,
+    position: Option<usize>,
+    normal: Option<usize>,
+    tangent: Option<usize>,
+    uv: [Option<usize>; 2],
+    color: Option<usize>,
+}
+
+impl Attributes {
+    fn of(
+        object: &json::mesh::Primitive,
+        at: &str,
+        accessors: &[Accessor<'_>],
+    ) -> Result<Self, SceneError> {
+        use ComponentType::{F32, I8, I16, U8, U16};
+        const QUANTIZED: &[ComponentType] = &[F32, I8, U8, I16, U16];
+        let at = format!("{at}.attributes");
+        let attribute = |semantic: Semantic, kinds: &[Type], components: &[ComponentType]| {
+            let name = semantic.to_string();
+            let Some(index) = object.attributes.get(&Checked::Valid(semantic)) else {
+                return Ok(None);
+            };
+            let accessor = &accessors[index.value()];
+            if !kinds.contains(&accessor.kind) || !components.contains(&accessor.component) {
+                return Err(malformed(
+                    format!("{at}.{name}"),
+                    format!("{} is {:?} of {:?}", accessor.at, accessor.kind, accessor.component),
+                ));
+            }
+            Ok(Some(index.value()))
+        };
+        Ok(Self {
+            position: attribute(Semantic::Positions, &[Type::Vec3], QUANTIZED)?,
+            normal: attribute(Semantic::Normals, &[Type::Vec3], &[F32, I8, I16])?,
+            tangent: attribute(Semantic::Tangents, &[Type::Vec4], &[F32, I8, I16])?,
+            uv: [
+                attribute(Semantic::TexCoords(0), &[Type::Vec2], QUANTIZED)?,
+                attribute(Semantic::TexCoords(1), &[Type::Vec2], QUANTIZED)?,
+            ],
+            color: attribute(Semantic::Colors(0), &[Type::Vec3, Type::Vec4], &[F32, U8, U16])?,
+            at,
+        })
+    }
+
+    /// Refuses attributes that have not one element for each position.
+    fn check_counts(&self, vertices: usize, accessors: &[Accessor<'_>]) -> Result<(), SceneError> {
+        for (name, index) in [
+            ("NORMAL", self.normal),
+            ("TANGENT", self.tangent),
+            ("TEXCOORD_0", self.uv[0]),
+            ("TEXCOORD_1", self.uv[1]),
+            ("COLOR_0", self.color),
+        ] {
+            let count = index.map(|index| accessors[index].count);
+            if let Some(count) = count.filter(|count| *count != vertices) {
+                return Err(malformed(
+                    format!("{}.{name}", self.at),
+                    format!("has {count} elements for {vertices} positions"),
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The accessor of a primitive's vertex indices.
+fn indices(
+    object: &json::mesh::Primitive,
+    at: &str,
+    accessors: &[Accessor<'_>],
+) -> Result<Option<usize>, SceneError> {
+    let indices = object.indices.map(|index| index.value());
+    if let Some(accessor) = indices.map(|index| &accessors[index])
+        && !accessor.is_index()
+    {
+        return Err(malformed(
+            format!("{at}.indices"),
+            format!("{} is not a list of unsigned integers", accessor.at),
+        ));
+    }
+    Ok(indices)
+}
+
+/// How a primitive's vertices join; `None` where they make no triangles.
+fn mode(
+    object: &json::mesh::Primitive,
+    at: &str,
+    warnings: &mut Warnings,
+) -> Result<Option<Mode>, SceneError> {
+    Ok(match valid(&object.mode, format!("{at}.mode"))? {
+        json::mesh::Mode::Triangles => Some(Mode::List),
+        json::mesh::Mode::TriangleStrip => Some(Mode::Strip),
+        json::mesh::Mode::TriangleFan => Some(Mode::Fan),
+        mode => {
+            let what = if mode == json::mesh::Mode::Points { "points" } else { "lines" };
+            warnings.push(format!("{at}.mode"), format!("{what} have no area; they are left out"));
+            None
+        }
+    })
+}
+
+/// Refuses a primitive whose geometry is there in compressed form only.
+fn check_not_packed(object: &json::mesh::Primitive, at: &str) -> Result<(), SceneError> {
+    for name in ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"]
+    {
+        if object.extensions.as_ref().is_some_and(|all| all.others.contains_key(name)) {
+            return Err(SceneError::malformed(
+                format!("{at}.extensions.{name}"),
+                "the geometry is there in compressed form only",
+                "export the scene without mesh compression",
+            ));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,198 @@
+//! The extensions of glTF that the import knows, and what it makes of each.
+
+use super::document::clip;
+use super::warnings::Warnings;
+use crate::scene::SceneError;
+use gltf::json::Root;
+use std::fmt::Write as _;
+
+/// What becomes of a file's use of an extension.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Support {
+    /// It is shown as the extension says.
+    Implemented,
+    /// It is shown nearly so; what is lost or changed.
+    Approximated(&'static str),
+    /// The file is shown without it; what is lost.
+    Ignored(&'static str),
+    /// A file that requires it is refused, as is geometry or a picture that is there in no other
+    /// form; what the sender can do.
+    Refused(&'static str),
+}
+
+/// An extension and what becomes of its use.
+#[derive(Clone, Copy, Debug)]
+pub struct Extension {
+    /// Its name in files.
+    pub name: &'static str,
+    /// What becomes of it.
+    pub support: Support,
+}
+
+const fn extension(name: &'static str, support: Support) -> Extension {
+    Extension { name, support }
+}
+
+/// All of them, by name. Warnings, refusals and the table of docs/gltf.md are made of it.
+pub const EXTENSIONS: &[Extension] = &[
+    extension(
+        "EXT_mesh_gpu_instancing",
+        Support::Refused("export instances as nodes that share a mesh"),
+    ),
+    extension(
+        "EXT_meshopt_compression",
+        Support::Refused("export the scene without meshopt compression"),
+    ),
+    extension("EXT_texture_avif", Support::Refused("export textures as PNG, JPEG or WebP")),
+    extension("EXT_texture_webp", Support::Implemented),
+    extension(
+        "KHR_draco_mesh_compression",
+        Support::Refused("export the scene without Draco mesh compression"),
+    ),
+    extension("KHR_lights_punctual", Support::Implemented),
+    extension(
+        "KHR_materials_anisotropy",
+        Support::Ignored("anisotropy is ignored; highlights are round"),
+    ),
+    extension("KHR_materials_clearcoat", Support::Ignored("the clear coat is ignored")),
+    extension(
+        "KHR_materials_diffuse_transmission",
+        Support::Ignored("diffuse transmission is ignored; the surface is opaque"),
+    ),
+    extension(
+        "KHR_materials_dispersion",
+        Support::Ignored("dispersion is ignored; all colours are bent alike"),
+    ),
+    extension("KHR_materials_emissive_strength", Support::Implemented),
+    extension("KHR_materials_ior", Support::Implemented),
+    extension(
+        "KHR_materials_iridescence",
+        Support::Ignored("iridescence is ignored; reflections keep their colour"),
+    ),
+    extension(
+        "KHR_materials_pbrSpecularGlossiness",
+        Support::Approximated(
+            "specular-glossiness is shown as a dielectric whose reflection has the given colour; what is diffuse is weakened by what is reflected, channel by channel, instead of by the strongest channel, and roughness from a texture is rounded to 1/255",
+        ),
+    ),
+    extension("KHR_materials_sheen", Support::Ignored("the sheen is ignored")),
+    extension("KHR_materials_specular", Support::Implemented),
+    extension(
+        "KHR_materials_transmission",
+        Support::Approximated(
+            "a rough surface lets light through as a polished one, without scattering it",
+        ),
+    ),
+    extension("KHR_materials_unlit", Support::Implemented),
+    extension("KHR_materials_variants", Support::Implemented),
+    extension(
+        "KHR_materials_volume",
+        Support::Approximated(
+            "the thickness texture is ignored: light goes the way that the geometry gives it",
+        ),
+    ),
+    extension("KHR_mesh_quantization", Support::Implemented),
+    extension(
+        "KHR_meshopt_compression",
+        Support::Refused("export the scene without meshopt compression"),
+    ),
+    extension(
+        "KHR_texture_basisu",
+        Support::Refused("export textures as PNG, JPEG or WebP instead of KTX2"),
+    ),
+    extension("KHR_texture_transform", Support::Implemented),
+    extension("KHR_xmp_json_ld", Support::Implemented),
+];
+
+/// What becomes of the extension of that name; `None` of an unknown one.
+pub(super) fn support(name: &str) -> Option<Support> {
+    EXTENSIONS.iter().find(|extension| extension.name == name).map(|extension| extension.support)
+}
+
+/// What the use of an extension loses; empty where nothing.
+pub(super) fn loss(name: &str) -> &'static str {
+    match support(name) {
+        Some(Support::Approximated(loss) | Support::Ignored(loss)) => loss,
+        _ => "",
+    }
+}
+
+/// The table of docs/gltf.md.
+pub fn extensions_as_markdown() -> String {
+    let mut table = String::from("| extension | | what is lost, or what to do |\n|---|---|---|\n");
+    for Extension { name, support } in EXTENSIONS {
+        let (how, what) = match support {
+            Support::Implemented => ("implemented", ""),
+            Support::Approximated(loss) => ("approximated", *loss),
+            Support::Ignored(loss) => ("ignored", *loss),
+            Support::Refused(hint) => ("refused where required", *hint),
+        };
+        let end = if what.is_empty() { "" } else { " " };
+        // Writing to a string cannot fail.
+        let _ = writeln!(table, "| `{name}` | {how} | {what}{end}|");
+    }
+    table
+}
+
+/// Refuses files that require what is not there, and warns of unknown extensions. What is lost of
+/// known ones is warned of where they are used.
+pub(super) fn check(root: &Root, warnings: &mut Warnings) -> Result<(), SceneError> {
+    for (index, name) in root.extensions_required.iter().enumerate() {
+        let hint = match support(name) {
+            Some(Support::Refused(hint)) => hint,
+            Some(_) => continue,
+            None => "export the scene without the extension",
+        };
+        return Err(SceneError::malformed(
+            format!("extensionsRequired[{index}]"),
+            format!("the file cannot be shown without {}, which is not supported", clip(name)),
+            hint,
+        ));
+    }
+    for (index, name) in root.extensions_used.iter().enumerate() {
+        if support(name).is_none() {
+            warnings.push(
+                format!("extensionsUsed[{index}]"),
+                format!("{} is not supported and ignored", clip(name)),
+            );
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    const BEGIN: &str = "<!-- generated: extensions -->\n";
+    const END: &str = "<!-- end -->";
+
+    /// What stands between the marks of a page.
+    fn table(page: &str) -> Option<&str> {
+        let (_, rest) = page.split_once(BEGIN)?;
+        rest.split_once(END).map(|(table, _)| table)
+    }
+
+    #[test]
+    fn the_page_has_the_table_of_the_code() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/gltf.md");
+        let page = std::fs::read_to_string(path).expect("docs/gltf.md is there");
+        let made = extensions_as_markdown();
+        assert!(made.lines().count() == EXTENSIONS.len() + 2);
+        assert!(table(&page) == Some(&made), "put this between the marks of docs/gltf.md:\n{made}");
+        assert!(table(&page.replace("| implemented |", "| planned |")) != Some(&made));
+    }
+
+    #[test]
+    fn names_are_sorted_and_losses_are_said() {
+        assert!(EXTENSIONS.is_sorted_by(|a, b| a.name < b.name));
+        for Extension { name, support } in EXTENSIONS {
+            if let Support::Approximated(what) | Support::Ignored(what) | Support::Refused(what) =
+                support
+            {
+                assert!(what.len() > 10 && !what.contains('|'), "{name}");
+            }
+        }
+    }
+}

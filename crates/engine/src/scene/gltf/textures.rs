@@ -1,0 +1,156 @@
+//! What a material's references to textures lead to.
+
+use super::document::{malformed, valid};
+use super::picture::Images;
+use super::warnings::Warnings;
+use crate::scene::{Encoding, SceneError, TextureSlot, Wrap};
+use glam::{Mat2, Vec2};
+use gltf::json::extensions::texture::TextureTransform;
+use gltf::json::material::NormalTexture;
+use gltf::json::texture::{Info, MagFilter, WrappingMode};
+use gltf::json::validation::Checked;
+use gltf::json::{self, Root};
+
+/// A material's reference to a texture, of whatever kind.
+pub(super) struct Reference {
+    /// Index of the texture.
+    index: usize,
+    /// Its set of texture coordinates, unless the transform has another.
+    set: u32,
+    transform: Option<TextureTransform>,
+    /// Its place in the file.
+    pub at: String,
+}
+
+impl Reference {
+    /// A reference to colour or data.
+    pub fn new(info: &Info, at: String) -> Self {
+        let extensions = info.extensions.as_ref();
+        let transform = extensions.and_then(|all| all.texture_transform.clone());
+        Self { index: info.index.value(), set: info.tex_coord, transform, at }
+    }
+
+    /// The reference to a normal map, whose extensions the crate leaves untyped.
+    pub fn to_normals(info: &NormalTexture, at: String) -> Result<Self, SceneError> {
+        let extensions = info.extensions.as_ref();
+        let transform = extensions.and_then(|all| all.others.get("KHR_texture_transform"));
+        let transform = transform.map(|value| serde_json::from_value(value.clone())).transpose();
+        let transform = transform.map_err(|error| {
+            let at = format!("{at}.extensions.KHR_texture_transform");
+            malformed(at, super::document::clip(&error.to_string()))
+        })?;
+        Ok(Self { index: info.index.value(), set: info.tex_coord, transform, at })
+    }
+}
+
+/// Everything that a material may refer to.
+pub(super) struct Textures<'a, 'i> {
+    /// The file.
+    pub root: &'a Root,
+    /// Its images.
+    pub images: &'i mut Images<'a>,
+}
+
+impl<'a> Textures<'a, '_> {
+    /// The texture that a reference leads to, and its image.
+    fn image(&self, reference: &Reference) -> Result<(&'a json::Texture, usize), SceneError> {
+        let index = reference.index;
+        let Some(texture) = self.root.textures.get(index) else {
+            let what = format!("{index}, but there are {} textures", self.root.textures.len());
+            return Err(malformed(format!("{}.index", reference.at), what));
+        };
+        let at = || format!("textures[{index}]");
+        let mut image = texture.source.value();
+        let extensions = texture.extensions.as_ref();
+        if let Some(webp) = extensions.and_then(|all| all.others.get("EXT_texture_webp"))
+            && let Some(source) = webp.get("source")
+        {
+            let index = source.as_u64().and_then(|source| usize::try_from(source).ok());
+            image = index.filter(|index| self.images.has(*index)).ok_or_else(|| {
+                let at = format!("{}.extensions.EXT_texture_webp.source", at());
+                malformed(at, "is not the index of an image")
+            })?;
+        }
+        if !self.images.has(image) {
+            return Err(SceneError::malformed(
+                at(),
+                "has no PNG, JPEG or WebP source",
+                "export textures as PNG, JPEG or WebP",
+            ));
+        }
+        Ok((texture, image))
+    }
+
+    /// A texture as a material uses it.
+    pub fn slot(
+        &mut self,
+        reference: &Reference,
+        encoding: Encoding,
+        warnings: &mut Warnings,
+    ) -> Result<TextureSlot, SceneError> {
+        let (texture, image) = self.image(reference)?;
+        let place = self.images.texture(image)?;
+        let slot = TextureSlot { encoding, ..TextureSlot::plain(place) };
+        self.placed(slot, texture, reference, warnings)
+    }
+
+    /// The texture of roughness that a texture with glossiness in its alpha says, as a material
+    /// uses it; see [`Images::roughness`].
+    pub fn roughness_slot(
+        &mut self,
+        reference: &Reference,
+        glossiness: f32,
+        warnings: &mut Warnings,
+    ) -> Result<TextureSlot, SceneError> {
+        let (texture, image) = self.image(reference)?;
+        let slot = TextureSlot::data(self.images.roughness(image, glossiness)?);
+        self.placed(slot, texture, reference, warnings)
+    }
+
+    /// A slot with the coordinates, the transform and the sampler that the file gives it.
+    fn placed(
+        &self,
+        mut slot: TextureSlot,
+        texture: &json::Texture,
+        reference: &Reference,
+        warnings: &mut Warnings,
+    ) -> Result<TextureSlot, SceneError> {
+        let at = &reference.at;
+        let mut set = reference.set;
+        if let Some(transform) = &reference.transform {
+            set = transform.tex_coord.unwrap_or(set);
+            let (offset, scale) = (Vec2::from(transform.offset.0), transform.scale.0);
+            let (sin, cos) = transform.rotation.0.sin_cos();
+            // Translation · rotation · scale; counter-clockwise as seen on the image, where v
+            // points down. The listing in the extension's text turns the other way, its tests and
+            // implementations do not.
+            let linear =
+                Mat2::from_cols(Vec2::new(cos, -sin) * scale[0], Vec2::new(sin, cos) * scale[1]);
+            if !(linear.is_finite() && offset.is_finite()) {
+                let at = format!("{at}.extensions.KHR_texture_transform");
+                return Err(malformed(at, "is not finite"));
+            }
+            (slot.linear, slot.offset) = (linear, offset);
+        }
+        if set > 1 {
+            warnings.push(
+                format!("{at}.texCoord"),
+                format!("texture coordinate set {set} is ignored; set 0 is used instead"),
+            );
+        }
+        slot.uv_set = u8::from(set == 1);
+        if let Some(index) = texture.sampler {
+            let sampler = &self.root.samplers[index.value()];
+            let wrap = |mode: &Checked<WrappingMode>| {
+                Ok(match valid(mode, format!("samplers[{index}]"))? {
+                    WrappingMode::Repeat => Wrap::Repeat,
+                    WrappingMode::ClampToEdge => Wrap::ClampToEdge,
+                    WrappingMode::MirroredRepeat => Wrap::MirroredRepeat,
+                })
+            };
+            slot.wrap = [wrap(&sampler.wrap_s)?, wrap(&sampler.wrap_t)?];
+            slot.nearest = sampler.mag_filter == Some(Checked::Valid(MagFilter::Nearest));
+        }
+        Ok(slot)
+    }
+}
