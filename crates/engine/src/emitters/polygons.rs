@@ -224,31 +224,6 @@ impl PolygonLights {
         Some((end, light.radiance * (projected / probability)))
     }
 
-    /// Samples the direct light on a surface by one shadow ray.
-    pub fn sample_by_shadow_ray(
-        &self,
-        rays: &Rays,
-        point: Vec3,
-        normal: Vec3,
-        xi: Vec3,
-    ) -> ShadowSample {
-        if !self.is_exact() {
-            let Some((end, irradiance)) = self.one_of_many(point, normal, xi) else {
-                return ShadowSample::default();
-            };
-            let seen = !rays.blocked(point, end, |_| false);
-            return ShadowSample { unoccluded: irradiance, cast: irradiance, seen };
-        }
-        let unoccluded = self.unoccluded(point, normal);
-        let light = match unoccluded.irradiance {
-            Rgb::ZERO => None,
-            _ => self.sample(&unoccluded, point, normal, xi),
-        };
-        let cast = light.as_ref().map_or(Rgb::ZERO, |light| light.irradiance);
-        let seen = light.is_some_and(|light| !rays.blocked(point, light.end, |_| false));
-        ShadowSample { unoccluded: unoccluded.irradiance, cast, seen }
-    }
-
     /// Density per solid angle at which [`PolygonLights::sample`] picks the place of a light that a
     /// ray along the unit `direction` from the surface met; `normal` is the light's there.
     pub fn density(

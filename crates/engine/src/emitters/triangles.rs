@@ -117,7 +117,10 @@ impl TriangleLights {
         let direction = between / square.sqrt();
         let cosine = -spot.normal.dot(direction);
         let seen = cosine > 0.0 || (cosine < 0.0 && world.is_two_sided(emitter.triangle));
-        if !seen || surface.normal.dot(direction) <= 0.0 {
+        if !seen
+            || surface.normal.dot(direction) <= 0.0
+            || surface.shading_normal.dot(direction) <= 0.0
+        {
             return None;
         }
         let density = self.density[emitter.triangle as usize] * square / cosine.abs();

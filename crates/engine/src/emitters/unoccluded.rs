@@ -49,6 +49,11 @@ impl Unoccluded {
     pub fn none() -> Self {
         Self { irradiance: Rgb::ZERO, sums: [0.0; BLOCKS], lobe: None }
     }
+
+    /// Importance of all lights together, by which they are picked.
+    pub fn importance(&self) -> f32 {
+        self.sums.into_iter().fold(0.0, f32::max)
+    }
 }
 
 /// All lights, to evaluate their closed forms eight at a time.

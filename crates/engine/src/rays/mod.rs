@@ -12,6 +12,7 @@
 
 mod boxes;
 mod hierarchy;
+mod holes;
 mod ray;
 mod triangle;
 
@@ -19,7 +20,9 @@ use crate::scene::{Camera, Projection, Scene};
 use boxes::{Baseline, Boxes, Slabs};
 use glam::{DVec3, Vec3, Vec3A};
 use hierarchy::{Boxed, Hierarchy};
+use holes::{Chance, Holes};
 use std::ops::Range;
+use std::sync::Arc;
 use triangle::{Crossing, Packet, Sheared};
 
 pub use ray::{Ray, Segment};
@@ -111,12 +114,20 @@ pub struct Rays {
     scale: f64,
     /// Centre and radius of a ball around everything, ray units.
     ball: (DVec3, f64),
+    /// What light passes, if anything has holes.
+    holes: Option<Holes>,
     #[cfg(target_arch = "x86_64")]
     has_avx2: bool,
 }
 
 impl Rays {
-    /// Prepares a scene. Triangles without area are left out.
+    /// Prepares a scene whose materials may have holes, by alpha: where a material's coverage is
+    /// less than 1, a ray passes with the rest as probability, the same ray always alike.
+    pub fn of(scene: &Arc<Scene>) -> Self {
+        Self { holes: Holes::new(scene), ..Self::new(scene) }
+    }
+
+    /// Prepares a scene as if its materials had no holes. Triangles without area are left out.
     pub fn new(scene: &Scene) -> Self {
         let (low, high) = scene.bounds().unwrap_or((Vec3::ZERO, Vec3::ONE));
         let (low, high) = (low.as_dvec3(), high.as_dvec3());
@@ -132,6 +143,7 @@ impl Rays {
             center,
             scale,
             ball: (middle, 0.51 * (high - low).length() * scale),
+            holes: None,
             #[cfg(target_arch = "x86_64")]
             has_avx2: is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
         };
@@ -218,12 +230,40 @@ impl Rays {
 
     /// What a ray from `origin` (ray units) along the unit `direction` meets first.
     pub fn closest(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<Hit> {
+        self.closest_with(eye, origin, direction, None)
+    }
+
+    /// The same for one of the rays of a `pixel`, which pass holes by a number in [0, 1) that they
+    /// have well spread among them, instead of by chance.
+    pub fn closest_in_pixel(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        number: f32,
+        pixel: u32,
+    ) -> Option<Hit> {
+        self.closest_with(Eye::Camera, origin, direction, Some(Chance::Spread(number, pixel)))
+    }
+
+    /// Whether light passes a triangle somewhere.
+    pub fn has_holes(&self, triangle: u32) -> bool {
+        self.holes.as_ref().is_some_and(|holes| holes.are_in(triangle))
+    }
+
+    #[inline(always)]
+    fn closest_with(
+        &self,
+        eye: Eye,
+        origin: Vec3,
+        direction: Vec3,
+        chance: Option<Chance>,
+    ) -> Option<Hit> {
         #[cfg(target_arch = "x86_64")]
         if self.has_avx2 {
             // SAFETY: the feature was detected.
-            return unsafe { self.closest_avx2(eye, origin, direction) };
+            return unsafe { self.closest_avx2(eye, origin, direction, chance) };
         }
-        self.closest_by::<Baseline>(eye, origin, direction)
+        self.closest_by::<Baseline>(eye, origin, direction, chance)
     }
 
     /// [`Rays::closest`] of many rays, in their order; what `hits` held before goes.
@@ -264,6 +304,19 @@ impl Rays {
         }));
     }
 
+    /// Whether the ray passes through a hole where it crosses a triangle.
+    #[inline(always)]
+    fn passes(&self, triangle: u32, crossing: &Crossing, chance: impl FnOnce() -> Chance) -> bool {
+        let Some(holes) = &self.holes else { return false };
+        holes.are_in(triangle) && holes.pass(triangle, [crossing.u, crossing.v], chance())
+    }
+
+    /// Distance beyond everything in the scene from any of its points, ray units: where light from
+    /// infinity comes from.
+    pub fn beyond(&self) -> f32 {
+        (4.0 * self.ball.1) as f32
+    }
+
     /// The place that a hit tells.
     pub fn spot(&self, hit: &Hit) -> Spot {
         let (packet, lane) = (&self.packets[hit.packet as usize], hit.lane as usize);
@@ -272,12 +325,24 @@ impl Rays {
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,fma")]
-    fn closest_avx2(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<Hit> {
-        self.closest_by::<boxes::Avx2>(eye, origin, direction)
+    fn closest_avx2(
+        &self,
+        eye: Eye,
+        origin: Vec3,
+        direction: Vec3,
+        chance: Option<Chance>,
+    ) -> Option<Hit> {
+        self.closest_by::<boxes::Avx2>(eye, origin, direction, chance)
     }
 
     #[inline(always)]
-    fn closest_by<B: Boxes>(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<Hit> {
+    fn closest_by<B: Boxes>(
+        &self,
+        eye: Eye,
+        origin: Vec3,
+        direction: Vec3,
+        chance: Option<Chance>,
+    ) -> Option<Hit> {
         let sheared = Sheared::new(origin, direction);
         let mut best: Option<(usize, u32, Crossing)> = None;
         self.hierarchy.walk::<true, B>(
@@ -293,7 +358,12 @@ impl Rays {
                         let black = !crossing.front && packet.two_sided >> lane & 1 == 0;
                         let seen_at =
                             if black { crossing.t * (1.0 + BACK_RECEDES) } else { crossing.t };
-                        if seen_at < *end && !(black && eye == Eye::Camera) {
+                        if seen_at < *end
+                            && !(black && eye == Eye::Camera)
+                            && !self.passes(packet.triangles[lane as usize], &crossing, || {
+                                chance.unwrap_or_else(|| Chance::Ray(sheared.key()))
+                            })
+                        {
                             *end = seen_at;
                             best = Some((leaf, lane, crossing));
                         }
@@ -334,7 +404,11 @@ impl Rays {
             while met != 0 {
                 let lane = met.trailing_zeros() as usize;
                 met &= met - 1;
-                if sheared.cross(packet, lane, end).is_some() && !skip(packet.triangles[lane]) {
+                if let Some(crossing) = sheared.cross(packet, lane, end)
+                    && !skip(packet.triangles[lane])
+                    && !self
+                        .passes(packet.triangles[lane], &crossing, || Chance::Ray(sheared.key()))
+                {
                     return true;
                 }
             }

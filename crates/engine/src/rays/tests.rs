@@ -4,7 +4,6 @@ use crate::random::Numbers;
 use crate::scene::gltf::{ImportLimits, Resources, import};
 use crate::scene::made;
 use crate::scene::{Material, Triangle, Vertex};
-use glam::Vec2;
 
 fn scene(corners: &[[Vec3; 3]], double_sided: bool) -> Scene {
     let mut scene = Scene::default();
@@ -12,8 +11,7 @@ fn scene(corners: &[[Vec3; 3]], double_sided: bool) -> Scene {
     for corners in corners {
         let first = scene.vertices.len() as u32;
         for position in *corners {
-            let uv = [Vec2::ZERO; 2];
-            scene.vertices.push(Vertex { position, normal: Vec3::Z, uv, color: Rgb::ONE });
+            scene.vertices.push(Vertex::new(position, Vec3::Z));
         }
         scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], material: 0 });
     }
@@ -277,7 +275,7 @@ fn eights_meet_what_ones_meet() {
         };
         let eye = if round % 2 == 0 { Eye::Camera } else { Eye::Light };
         let [one, best] = [
-            rays.closest_by::<Baseline>(eye, origin, direction),
+            rays.closest_by::<Baseline>(eye, origin, direction, None),
             rays.closest(eye, origin, direction),
         ]
         .map(|hit| hit.map(|hit| (hit.distance, hit.u, hit.v, hit.back, hit.triangle)));

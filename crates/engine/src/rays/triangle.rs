@@ -114,6 +114,15 @@ impl Sheared {
         }
     }
 
+    /// Bits that tell the ray from others.
+    #[inline]
+    pub fn key(&self) -> u32 {
+        let numbers = [self.shear_x, self.shear_y, self.scale_z].into_iter().chain(self.origin);
+        numbers.fold(0, |key: u32, number| {
+            (key.rotate_left(5) ^ number.to_bits()).wrapping_mul(0x9e37_79b1)
+        })
+    }
+
     /// The crossing with a triangle at a distance that is certainly above 0 and below `end`.
     #[inline(always)]
     pub fn cross(&self, packet: &Packet, lane: usize, end: f32) -> Option<Crossing> {

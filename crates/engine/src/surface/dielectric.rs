@@ -6,7 +6,7 @@
 
 use super::side::Side;
 use crate::radiometry::Rgb;
-use crate::scene::{Material, Volume};
+use crate::scene::{Appearance, Material, Volume};
 use glam::Vec3;
 
 /// The least that a colour leaves of light when it becomes an absorption coefficient.
@@ -67,9 +67,10 @@ impl Clear {
         })
     }
 
-    /// The same with another colour.
-    pub fn tinted(self, tint: Rgb) -> Self {
-        Self { tint, ..self }
+    /// The same where the material looks like this; `None` where that is opaque.
+    pub fn looking(self, at: &Appearance) -> Option<Self> {
+        let share = at.transmission.clamp(0.0, 1.0) * (1.0 - at.metallic.clamp(0.0, 1.0));
+        (share > 0.0).then_some(Self { share, tint: at.base_color, ..self })
     }
 
     /// Where light goes on that is met from `viewer`, mirrored or let through as a uniform number
@@ -103,19 +104,13 @@ impl Clear {
 }
 
 impl ExitDirection {
-    /// The change of power of light that comes from `source` and goes on in this direction.
-    ///
-    /// Radiance is kept, but where the shading normal n_s is not the geometric n_g, power is not:
-    /// |ω_o·n_g| |ω_i·n_s| / (|ω_i·n_g| |ω_o·n_s|) (Veach 1997, §5.3). A sheet bends nothing.
+    /// The change of power of light that comes from `source` and goes on in this direction
+    /// ([`Side::power_factor`]). A sheet bends nothing.
     pub fn power_factor(&self, surface: Side, source: Vec3) -> f32 {
         if self.through && self.direction == -source {
             return 1.0;
         }
-        let along = |direction: Vec3| {
-            let shading = surface.shading_normal.dot(direction).abs();
-            surface.normal.dot(direction).abs() / shading.max(f32::MIN_POSITIVE)
-        };
-        along(self.direction) / along(source)
+        surface.power_factor(self.direction, source)
     }
 }
 

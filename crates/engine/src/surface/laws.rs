@@ -95,7 +95,7 @@ fn sampled(reflection: &impl Reflection, viewer: Vec3, numbers: &mut Numbers) ->
         let xi = [numbers.uniform(), numbers.uniform()];
         let scattered = reflection.sample(viewer, share, diffusely, xi);
         let Some(Scattered { direction, factor, pdf }) = scattered else { continue };
-        let cosine = reflection.side().normal.dot(direction);
+        let cosine = reflection.side().shading_normal.dot(direction);
         let value = reflection.evaluate(viewer, direction).times(Rgb::splat(cosine / pdf));
         consistent &= pdf == reflection.pdf(viewer, direction, share) && factor == value;
         sum += factor.both();

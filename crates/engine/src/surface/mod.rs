@@ -6,6 +6,14 @@ mod reflection;
 
 mod phong;
 
+mod ggx;
+
+mod ggx_albedo;
+
+mod distribution;
+
+mod model;
+
 mod dielectric;
 
 mod point;
@@ -16,6 +24,7 @@ mod world;
 mod laws;
 
 pub use dielectric::Inside;
+pub use model::Parameters;
 pub use point::Surface;
 pub use reflection::{Parts, Reflection};
 pub use world::World;

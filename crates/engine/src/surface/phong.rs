@@ -42,7 +42,12 @@ impl Reflection for Phong {
     }
 
     #[inline]
-    fn diffuse(&self) -> Rgb {
+    fn diffuse(&self, _viewer: Vec3) -> Rgb {
+        self.reflectance.diffuse
+    }
+
+    #[inline]
+    fn mean_diffuse(&self) -> Rgb {
         self.reflectance.diffuse
     }
 
@@ -69,7 +74,7 @@ impl Reflection for Phong {
     #[inline]
     fn evaluate_with_pdf(&self, viewer: Vec3, source: Vec3, diffuse_share: f32) -> (Parts, f32) {
         let Reflectance { diffuse, specular, exponent } = self.reflectance;
-        let cosine = self.side.normal.dot(source).max(0.0);
+        let cosine = self.side.shading_normal.dot(source).max(0.0);
         let mut value = Parts { diffuse: diffuse / PI, lobe: Rgb::ZERO };
         let mut pdf = diffuse_share * cosine / PI;
         if self.reflectance.is_glossy() {
@@ -152,8 +157,11 @@ mod tests {
         fn side(&self) -> Side {
             self.right.side()
         }
-        fn diffuse(&self) -> Rgb {
-            self.right.diffuse()
+        fn diffuse(&self, viewer: Vec3) -> Rgb {
+            self.right.diffuse(viewer)
+        }
+        fn mean_diffuse(&self) -> Rgb {
+            self.right.mean_diffuse()
         }
         fn specular(&self) -> Rgb {
             self.right.specular()

@@ -1,9 +1,9 @@
 //! A point of a surface as a ray meets it.
 
 use super::dielectric::Clear;
-use super::phong::Phong;
+use super::model::{AnyReflection, Parameters};
 use super::side::Side;
-use crate::radiometry::{Reflectance, Rgb};
+use crate::radiometry::Rgb;
 use crate::rays::Spot;
 use glam::Vec3;
 
@@ -20,10 +20,10 @@ pub struct Surface {
     pub spot: Spot,
     /// Unit geometric normal of the side that is seen.
     pub normal: Vec3,
-    /// Unit shading normal of that side: the lobe is about its mirror direction.
+    /// Unit shading normal of that side, which it is lit by.
     pub shading_normal: Vec3,
     /// What it reflects; [`Surface::reflection`] says how.
-    pub(super) reflectance: Reflectance,
+    pub(super) parameters: Parameters,
     /// Radiance that it emits.
     pub emission: Rgb,
     /// How it lets light through, if it does.
@@ -49,7 +49,7 @@ impl Surface {
 
     /// The same without its diffuse part.
     pub fn lobe_only(mut self) -> Self {
-        self.reflectance.diffuse = Rgb::ZERO;
+        self.parameters = self.parameters.lobe_only();
         self
     }
 
@@ -58,9 +58,9 @@ impl Surface {
         self.side().mirrored(viewer)
     }
 
-    /// How it reflects: the one place that picks a model for what the material says.
+    /// How it reflects.
     #[inline]
-    pub fn reflection(&self) -> Phong {
-        Phong::new(self.reflectance, self.side())
+    pub fn reflection(&self) -> AnyReflection {
+        AnyReflection::new(self.parameters, self.side())
     }
 }

@@ -5,12 +5,12 @@
 //! Conventions:
 //! - Directions are unit vectors that lead away from the surface: `viewer` to where light goes,
 //!   `source` to where it comes from. Both are above the geometric normal of the side that is met.
-//! - cosθ is that of the *geometric* normal. The lobe lies about the mirror direction of the
-//!   *shading* normal and is 0 where either direction is below that normal's horizon. Where the two
-//!   normals differ, f_r is still reciprocal, but light that is followed from its source is not
-//!   weighed as Veach 1997, §5.3, has it.
-//! - The diffuse part is the same in all directions: light that is kept without its directions, on
-//!   patches, in records and in maps, is multiplied by [`Reflection::diffuse`]/π.
+//! - cosθ is that of the *shading* normal, and the lobe lies about it, too; the lobe is 0 where
+//!   either direction is below that normal's horizon, and so is the light of a source that is. Where
+//!   the two normals differ, light that is followed from its source has to be weighed by
+//!   [`Side::power_factor`] (Veach 1997, §5.3).
+//! - Light that is kept without its directions, on patches, in records and in maps, is multiplied by
+//!   [`Reflection::diffuse`]/π.
 //! - Random numbers are given, never drawn: callers spread them over pixels and rays.
 //!
 //! Hemicube shooting (`device`) has no part in it. It reflects patch by patch what a patch has
@@ -57,15 +57,18 @@ pub struct Scattered {
 
 /// The reflection of a side of a surface at a point.
 ///
-/// Directions are picked from a mixture of two densities: by the cosine about the geometric normal
+/// Directions are picked from a mixture of two densities: by the cosine about the shading normal
 /// for the diffuse part, and as the model likes for the lobe. Callers say with which probability
 /// they take the first, `diffuse_share`, mostly [`Reflection::diffuse_share`].
 pub trait Reflection {
     /// How the side lies.
     fn side(&self) -> Side;
 
-    /// Albedo of the diffuse part.
-    fn diffuse(&self) -> Rgb;
+    /// Albedo of the diffuse part towards `viewer`, under light from all around.
+    fn diffuse(&self, viewer: Vec3) -> Rgb;
+
+    /// The mean of [`Reflection::diffuse`] over the hemisphere, weighed by cosθ/π.
+    fn mean_diffuse(&self) -> Rgb;
 
     /// Albedo of the lobe at normal incidence; 0 without a lobe.
     fn specular(&self) -> Rgb;
@@ -92,8 +95,7 @@ pub trait Reflection {
 
     /// Picks a direction for light that leaves towards `viewer`, for two uniform numbers: by the
     /// cosine if `diffusely`, which must be so with probability `diffuse_share`, or else by the
-    /// lobe. `None` where the pick lies below the horizon, of the shading normal, too, where the
-    /// lobe was sampled: there the lobe reflects nothing.
+    /// lobe. `None` where the pick lies below the horizon of either normal.
     #[inline]
     fn sample(
         &self,
@@ -104,12 +106,12 @@ pub trait Reflection {
     ) -> Option<Scattered> {
         let side = self.side();
         let direction = if diffusely {
-            direction_about(side.normal, (1.0 - xi[0]).sqrt(), xi[1])
+            direction_about(side.shading_normal, (1.0 - xi[0]).sqrt(), xi[1])
         } else {
             self.lobe_direction(viewer, xi)
         };
-        let cosine = side.normal.dot(direction);
-        if cosine <= 0.0 || !(diffusely || side.shading_normal.dot(direction) > 0.0) {
+        let cosine = side.shading_normal.dot(direction);
+        if cosine <= 0.0 || side.normal.dot(direction) <= 0.0 {
             return None;
         }
         let (value, pdf) = self.evaluate_with_pdf(viewer, direction, diffuse_share);
@@ -120,7 +122,6 @@ pub trait Reflection {
     /// Directional albedo: the share of the light from all around, of the same radiance everywhere,
     /// that goes on towards `viewer`, ∫ f_r cosθ dω; since f_r is reciprocal, also the share of light
     /// from there that is reflected anywhere.
-    #[cfg_attr(not(test), expect(dead_code, reason = "what is sampled is compared with it"))]
     fn albedo(&self, viewer: Vec3) -> Rgb;
 
     /// Mean albedo: the share of the light from all around that is reflected anywhere, which is the
@@ -146,7 +147,7 @@ pub trait Reflection {
     /// Whether anything is reflected.
     #[inline]
     fn reflects(&self) -> bool {
-        self.diffuse() != Rgb::ZERO || self.is_glossy()
+        self.mean_diffuse() != Rgb::ZERO || self.is_glossy()
     }
 }
 

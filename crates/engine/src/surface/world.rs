@@ -1,12 +1,18 @@
-//! A scene as rays meet it: its triangles, and what each reflects, emits and lets through.
+//! A scene as rays meet it: its triangles, what each reflects, emits and lets through, and what
+//! surrounds them all.
 
 use super::dielectric::Clear;
+use super::model::Parameters;
 use super::point::Surface;
-use crate::radiometry::{Reflectance, Rgb};
+use crate::radiometry::Rgb;
 use crate::rays::{Eye, Hit, Rays, Spot, unit_normal};
-use crate::scene::{Material, Scene};
+use crate::scene::{Environment, Material, Scene, Triangle};
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
+
+/// Vertex normals within this cosine of the geometric one, .08°, are taken to be that one with
+/// rounding: flat surfaces are then lit alike everywhere.
+const FLAT_COSINE: f32 = 1.0 - 1e-6;
 
 /// A scene for rays, with what its triangles reflect and emit.
 pub struct World {
@@ -14,42 +20,41 @@ pub struct World {
     pub scene: Arc<Scene>,
     /// Its triangles.
     pub rays: Rays,
+    /// What surrounds it: sky and sun.
+    pub environment: Arc<Environment>,
     finishes: Vec<Finish>,
 }
 
 /// What a triangle reflects and emits.
 pub struct Finish {
     /// At its first corner; everywhere where nothing varies.
-    pub reflectance: Reflectance,
+    pub parameters: Parameters,
     /// Emitted radiance, likewise.
     pub emission: Rgb,
     two_sided: bool,
-    /// Whether colour or emission changes over the triangle.
+    /// Whether reflection or emission changes over the triangle.
     pub varies: bool,
+    /// Whether the shading normal is another than the geometric one somewhere.
+    pub is_bent: bool,
+    /// Radiance that a camera sees of a material that takes no part in light
+    /// (KHR_materials_unlit): its base colour.
+    pub is_unlit: bool,
     clear: Option<Clear>,
 }
 
 impl World {
-    /// Prepares a scene.
+    /// Prepares a scene with nothing around it.
+    #[cfg(test)]
     pub fn new(scene: Arc<Scene>) -> Self {
-        let rays = Rays::new(&scene);
-        let finish = |triangle: &crate::scene::Triangle| {
-            let material = &scene.materials[triangle.material as usize];
-            let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize].color);
-            Finish {
-                reflectance: material.reflectance(scene.base_color(triangle, 0.0, 0.0)),
-                emission: scene.emission(triangle, 0.0, 0.0),
-                two_sided: material.double_sided,
-                varies: material.base_color_texture.is_some()
-                    || (material.emits() && material.emission_texture.is_some())
-                    || a != b
-                    || b != c,
-                clear: Clear::new(material, rays.scale())
-                    .map(|clear| clear.tinted(scene.base_color(triangle, 0.0, 0.0))),
-            }
-        };
+        Self::surrounded(scene, Arc::new(Environment::none()))
+    }
+
+    /// Prepares a scene in its surroundings.
+    pub fn surrounded(scene: Arc<Scene>, environment: Arc<Environment>) -> Self {
+        let rays = Rays::of(&scene);
+        let finish = |triangle| Finish::new(&scene, triangle, rays.scale());
         let finishes = scene.triangles.iter().map(finish).collect();
-        Self { rays, finishes, scene }
+        Self { rays, environment, finishes, scene }
     }
 
     /// Square metres of a square ray unit.
@@ -93,10 +98,49 @@ impl World {
         &self.scene.materials[self.scene.triangles[triangle as usize].material as usize]
     }
 
-    /// Base colour and emission at barycentric coordinates of a triangle.
-    pub fn colors_at(&self, triangle: u32, u: f32, v: f32) -> (Rgb, Rgb) {
+    /// What a triangle reflects at barycentric coordinates of it.
+    pub fn parameters(&self, triangle: u32, at: Vec2) -> Parameters {
+        let finish = &self.finishes[triangle as usize];
+        if !finish.varies {
+            return finish.parameters;
+        }
         let triangle = &self.scene.triangles[triangle as usize];
-        (self.scene.base_color(triangle, u, v), self.scene.emission(triangle, u, v))
+        let material = &self.scene.materials[triangle.material as usize];
+        Parameters::new(material, &self.scene.appearance(triangle, at.x, at.y))
+    }
+
+    /// Radiance that a camera sees at barycentric coordinates of a triangle, of light that did not
+    /// come from elsewhere: what it emits, and the colour of what is unlit.
+    pub fn shine(&self, triangle: u32, at: Vec2) -> Rgb {
+        let emission = self.emission(triangle, at.x, at.y);
+        if !self.finishes[triangle as usize].is_unlit {
+            return emission;
+        }
+        let triangle = &self.scene.triangles[triangle as usize];
+        emission + self.scene.appearance(triangle, at.x, at.y).base_color
+    }
+
+    /// Unit normal between those of a triangle's vertices, on the side on which `normal` is the
+    /// geometric one: the shading normal without a normal map.
+    pub fn smooth_normal(&self, triangle: u32, at: Vec2, normal: Vec3, side: f32) -> Vec3 {
+        if !self.finishes[triangle as usize].is_bent {
+            return normal;
+        }
+        let triangle = &self.scene.triangles[triangle as usize];
+        let given = self.scene.interpolate(triangle, at.x, at.y, |vertex| vertex.normal) * side;
+        let given = given.normalize_or(normal);
+        if given.dot(normal) > 0.0 { given } else { normal }
+    }
+
+    /// Unit shading normal at barycentric coordinates of a triangle, on the side on which `normal`
+    /// is its geometric one; that one where the scene gives none above the surface.
+    pub fn shading_normal(&self, triangle: u32, at: Vec2, normal: Vec3, side: f32) -> Vec3 {
+        if !self.finishes[triangle as usize].is_bent {
+            return normal;
+        }
+        let triangle = &self.scene.triangles[triangle as usize];
+        let given = self.scene.shading_normal(triangle, at.x, at.y);
+        given.map(|given| given * side).filter(|given| given.dot(normal) > 0.0).unwrap_or(normal)
     }
 
     /// The surface at a hit; `None` at a black back.
@@ -132,31 +176,24 @@ impl World {
         let (finish, back) = (&self.finishes[index as usize], side < 0.0);
         let triangle = &self.scene.triangles[index as usize];
         let normal = spot.normal * side;
-        let (mut reflectance, mut emission, mut clear) =
-            (finish.reflectance, finish.emission, finish.clear);
+        let (mut parameters, mut emission, mut clear) =
+            (finish.parameters, finish.emission, finish.clear);
         if finish.varies {
             let material = &self.scene.materials[triangle.material as usize];
-            let color = self.scene.base_color(triangle, at.x, at.y);
-            (reflectance, emission) =
-                (material.reflectance(color), self.scene.emission(triangle, at.x, at.y));
-            clear = clear.map(|clear| clear.tinted(color));
+            let appearance = self.scene.appearance(triangle, at.x, at.y);
+            parameters = Parameters::new(material, &appearance);
+            emission = self.scene.emission(triangle, at.x, at.y);
+            clear = clear.and_then(|clear| clear.looking(&appearance));
         }
         let all_clear = clear.is_some_and(|clear| clear.share >= 1.0);
         if all_clear || (back && !finish.two_sided) {
             // Of a back that light gets out of, what is not clear is black.
-            reflectance = Reflectance::lambertian(Rgb::ZERO);
+            parameters = Parameters::BLACK;
         }
         if back && !finish.two_sided {
             emission = Rgb::ZERO;
         }
-        let mut shading_normal = normal;
-        if reflectance.is_glossy() || clear.is_some() {
-            let given = self.scene.interpolate(triangle, at.x, at.y, |vertex| vertex.normal);
-            let given = (given * side).normalize_or(normal);
-            if given.dot(normal) > 0.0 {
-                shading_normal = given;
-            }
-        }
+        let shading_normal = self.shading_normal(index, at, normal, side);
         let at = at.to_array();
         Surface {
             triangle: index,
@@ -165,9 +202,33 @@ impl World {
             spot,
             normal,
             shading_normal,
-            reflectance,
+            parameters,
             emission,
             clear,
+        }
+    }
+}
+
+impl Finish {
+    fn new(scene: &Scene, triangle: &Triangle, metre: f64) -> Self {
+        let material = &scene.materials[triangle.material as usize];
+        let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize].color);
+        let appearance = scene.appearance(triangle, 0.0, 0.0);
+        let normal = unit_normal(scene.corners(triangle));
+        let is_off = |v: &u32| {
+            scene.vertices[*v as usize].normal.normalize_or(normal).dot(normal) < FLAT_COSINE
+        };
+        Self {
+            parameters: Parameters::new(material, &appearance),
+            emission: scene.emission(triangle, 0.0, 0.0),
+            two_sided: material.double_sided,
+            varies: material.has_textured_reflection()
+                || (material.emits() && material.emission_texture.is_some())
+                || a != b
+                || b != c,
+            is_bent: material.normal_map.is_some() || triangle.vertices.iter().any(is_off),
+            is_unlit: material.unlit,
+            clear: Clear::new(material, metre).and_then(|clear| clear.looking(&appearance)),
         }
     }
 }

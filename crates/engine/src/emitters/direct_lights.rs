@@ -1,0 +1,404 @@
+//! All that lights a scene directly, for methods that know light without occlusion: polygons in
+//! closed form, the sky, the sun, and lights without extent. A shadow ray goes to one of these
+//! groups, picked in proportion to what each shines on the surface.
+
+use super::polygons::{LightPoint, PolygonLights, ShadowSample};
+use super::punctual::PunctualLights;
+use super::sky::SkyLight;
+use super::sun::SunLight;
+use super::unoccluded::{LobeAxis, Unoccluded};
+use crate::radiometry::{Rgb, importance};
+use crate::rays::{Hit, Rays};
+use crate::surface::World;
+use glam::Vec3;
+
+/// Number of groups: polygons, sky, sun, and lights without extent.
+const GROUPS: usize = 4;
+/// Lower bound of the share that a lobe is taken to reflect of a light in one direction, so that
+/// none is left out.
+const LEAST_LOBE_SHARE: f32 = 0.02;
+
+/// A lobe of exponent n, which fills about 2π/(n + 1) sr, is sampled by directions to the sky with a
+/// probability of this over n + 1 at most: skies are seldom as narrow as .3 sr in brightness, and
+/// then a sample of theirs says little that the lobe's own do not.
+const SKY_SOLID_ANGLE: f32 = 20.0;
+
+/// The lights of a scene and its surroundings.
+pub struct DirectLights {
+    polygons: Option<PolygonLights>,
+    sky: Option<SkyLight>,
+    sun: Option<SunLight>,
+    punctual: Option<PunctualLights>,
+    /// Length of rays to what is infinitely far away, ray units.
+    beyond: f32,
+}
+
+/// What all lights shine on a surface without occlusion, by which they are picked.
+#[derive(Clone, Copy)]
+pub struct AllUnoccluded {
+    /// Irradiance of all together.
+    pub irradiance: Rgb,
+    polygons: Unoccluded,
+    /// Probability of each group; together less than 1 where a sharp lobe had better not be sampled
+    /// by lights every time.
+    shares: [f32; GROUPS],
+    /// The lobe, if lights are picked by what it may reflect of them.
+    lobe: Option<LobeAxis>,
+}
+
+impl AllUnoccluded {
+    /// The group for a uniform number, and the number that is left for picks within it.
+    /// `None` where no light is to be sampled this time.
+    fn group(&self, x: f32) -> Option<(usize, f32)> {
+        let (mut sum, mut last) = (0.0, None);
+        for (group, share) in self.shares.into_iter().enumerate().filter(|(_, share)| *share > 0.0)
+        {
+            last = Some((group, ((x - sum) / share).clamp(0.0, 1.0 - f32::EPSILON)));
+            sum += share;
+            if x < sum {
+                return last;
+            }
+        }
+        // Rounding may leave the sum a little short of 1.
+        last.filter(|_| sum > 1.0 - 1e-3)
+    }
+}
+
+impl DirectLights {
+    /// All lights of a world; `None` where nothing shines, and nothing shows itself without light.
+    pub fn new(world: &World) -> Option<Self> {
+        Self::with(world, PolygonLights::new(&world.scene, &world.rays))
+    }
+
+    /// The lights of a world that no surface of it emits: the sky, the sun, and lights without
+    /// extent; `None` where there are none.
+    pub fn without_surfaces(world: &World) -> Option<Self> {
+        Self::with(world, None)
+    }
+
+    fn with(world: &World, polygons: Option<PolygonLights>) -> Option<Self> {
+        let (scene, rays) = (&world.scene, &world.rays);
+        let this = Self {
+            polygons,
+            sky: SkyLight::new(&world.environment),
+            sun: SunLight::new(&world.environment),
+            punctual: PunctualLights::new(scene, rays),
+            beyond: rays.beyond(),
+        };
+        let any = this.polygons.is_some() || this.surrounds() || this.punctual.is_some();
+        (any || scene.has_unlit()).then_some(this)
+    }
+
+    /// Whether light comes from infinitely far away.
+    fn surrounds(&self) -> bool {
+        self.sky.is_some() || self.sun.is_some()
+    }
+
+    /// Whether there are but polygons: then each step is theirs alone.
+    fn has_only_polygons(&self) -> bool {
+        !self.surrounds() && self.punctual.is_none()
+    }
+
+    /// Number of lights.
+    pub fn count(&self) -> usize {
+        self.polygons.as_ref().map_or(0, PolygonLights::count)
+            + self.punctual.as_ref().map_or(0, PunctualLights::count)
+            + usize::from(self.sky.is_some())
+            + usize::from(self.sun.is_some())
+    }
+
+    /// Whether the light without occlusion is known exactly.
+    pub fn is_exact(&self) -> bool {
+        self.polygons.as_ref().is_none_or(PolygonLights::is_exact)
+    }
+
+    /// What all lights shine on a surface at `point` with unit `normal` without occlusion; without
+    /// the polygons where those are too many for the closed form.
+    pub fn unoccluded(&self, point: Vec3, normal: Vec3) -> AllUnoccluded {
+        let polygons = self.polygons.as_ref();
+        let polygons =
+            polygons.map_or_else(Unoccluded::none, |lights| lights.unoccluded(point, normal));
+        let mut all = AllUnoccluded {
+            irradiance: polygons.irradiance,
+            polygons,
+            shares: [1.0, 0.0, 0.0, 0.0],
+            lobe: None,
+        };
+        if self.has_only_polygons() {
+            return all;
+        }
+        let others = [
+            self.sky.as_ref().map_or(Rgb::ZERO, |sky| sky.unoccluded(normal)),
+            self.sun.as_ref().map_or(Rgb::ZERO, |sun| sun.unoccluded(normal)),
+            self.punctual.as_ref().map_or(Rgb::ZERO, |lights| lights.unoccluded(point, normal)),
+        ];
+        all.irradiance += others.iter().sum::<Rgb>();
+        let [sky, sun, punctual] = others.map(importance);
+        all.shares = self.shares([importance(polygons.irradiance), sky, sun, punctual]);
+        all
+    }
+
+    /// The same for a lobe: only to pick lights by, without an irradiance.
+    pub fn for_lobe(&self, point: Vec3, normal: Vec3, axis: LobeAxis) -> AllUnoccluded {
+        let polygons = self.polygons.as_ref();
+        let polygons =
+            polygons.map_or_else(Unoccluded::none, |lights| lights.for_lobe(point, normal, axis));
+        let mut all = AllUnoccluded {
+            irradiance: Rgb::ZERO,
+            polygons,
+            shares: [1.0, 0.0, 0.0, 0.0],
+            lobe: Some(axis),
+        };
+        if self.has_only_polygons() {
+            return all;
+        }
+        let sun = self.sun.as_ref().map_or(0.0, |sun| {
+            importance(sun.unoccluded(normal)) * lobe_share(axis, sun.direction())
+        });
+        let sky = self.sky.as_ref().map_or(0.0, |sky| importance(sky.unoccluded(normal)));
+        let punctual = self.punctual.as_ref().map_or(0.0, |lights| {
+            lights.worth(point, normal, |direction| lobe_share(axis, direction))
+        });
+        all.shares = self.shares([polygons.importance(), sky, sun, punctual]);
+        // A sharp lobe finds the sky by itself.
+        all.shares[1] *= (SKY_SOLID_ANGLE * (axis.exponent + 1.0).recip()).min(1.0);
+        all
+    }
+
+    /// Probabilities in proportion to what each group shines; polygons of which that is unknown get
+    /// half.
+    fn shares(&self, mut worth: [f32; GROUPS]) -> [f32; GROUPS] {
+        let others: f32 = worth[1..].iter().sum();
+        if !self.is_exact() {
+            worth[0] = if others > 0.0 { others } else { 1.0 };
+        }
+        let total = worth[0] + others;
+        if total > 0.0 { worth.map(|own| own / total) } else { [1.0, 0.0, 0.0, 0.0] }
+    }
+
+    /// Samples a point of the lights for a surface at `point`, by three uniform numbers. `None`
+    /// where it shines nothing on the surface.
+    pub fn sample(
+        &self,
+        all: &AllUnoccluded,
+        point: Vec3,
+        normal: Vec3,
+        xi: Vec3,
+    ) -> Option<LightPoint> {
+        if self.has_only_polygons() {
+            return self.polygons.as_ref()?.sample(&all.polygons, point, normal, xi);
+        }
+        let (group, x) = all.group(xi.x)?;
+        let share = all.shares[group];
+        let light = match group {
+            0 => {
+                let xi = Vec3::new(x, xi.y, xi.z);
+                self.polygons.as_ref()?.sample(&all.polygons, point, normal, xi)?
+            }
+            1 => {
+                let sky = self.sky.as_ref()?;
+                let (direction, density) = sky.sample(normal, [xi.y, xi.z]);
+                self.far(sky.radiance(direction), point, (normal, direction), density)?
+            }
+            2 => {
+                let sun = self.sun.as_ref()?;
+                let direction = sun.sample([xi.y, xi.z]);
+                let cosine = normal.dot(direction);
+                let light = LightPoint {
+                    end: point + direction * self.beyond,
+                    irradiance: sun.irradiance() * cosine,
+                    density: sun.pdf(),
+                };
+                (cosine > 0.0).then_some(light)?
+            }
+            _ => {
+                let weight = |direction| all.lobe.map_or(1.0, |axis| lobe_share(axis, direction));
+                let (light, probability) =
+                    self.punctual.as_ref()?.pick(point, normal, x, weight)?;
+                let irradiance = light.irradiance * normal.dot(light.direction) / probability;
+                LightPoint { end: light.end, irradiance, density: f32::INFINITY }
+            }
+        };
+        Some(LightPoint {
+            irradiance: light.irradiance / share,
+            density: light.density * share,
+            ..light
+        })
+    }
+
+    /// A point of the sky.
+    fn far(
+        &self,
+        radiance: Rgb,
+        point: Vec3,
+        (normal, direction): (Vec3, Vec3),
+        density: f32,
+    ) -> Option<LightPoint> {
+        let cosine = normal.dot(direction);
+        (cosine > 0.0 && density > 0.0).then(|| LightPoint {
+            end: point + direction * self.beyond,
+            irradiance: radiance * (cosine / density),
+            density,
+        })
+    }
+
+    /// Samples one of many lights: returns where a shadow ray to it ends, and its irradiance over
+    /// the probability of the pick. `None` where it shines nothing.
+    pub fn one_of_many(&self, point: Vec3, normal: Vec3, xi: Vec3) -> Option<(Vec3, Rgb)> {
+        let polygons = self.polygons.as_ref();
+        if self.has_only_polygons() {
+            return polygons?.one_of_many(point, normal, xi);
+        }
+        let all = self.unoccluded(point, normal);
+        let (group, x) = all.group(xi.x)?;
+        if group > 0 {
+            let light = self.sample(&all, point, normal, xi)?;
+            return Some((light.end, light.irradiance));
+        }
+        let (end, irradiance) = polygons?.one_of_many(point, normal, Vec3::new(x, xi.y, xi.z))?;
+        Some((end, irradiance / all.shares[0]))
+    }
+
+    /// Samples the direct light on a surface by one shadow ray.
+    pub fn sample_by_shadow_ray(
+        &self,
+        rays: &Rays,
+        point: Vec3,
+        normal: Vec3,
+        xi: Vec3,
+    ) -> ShadowSample {
+        if !self.is_exact() {
+            let Some((end, irradiance)) = self.one_of_many(point, normal, xi) else {
+                return ShadowSample::default();
+            };
+            let seen = !rays.blocked(point, end, |_| false);
+            return ShadowSample { unoccluded: irradiance, cast: irradiance, seen };
+        }
+        let all = self.unoccluded(point, normal);
+        let light = match all.irradiance {
+            Rgb::ZERO => None,
+            _ => self.sample(&all, point, normal, xi),
+        };
+        let cast = light.as_ref().map_or(Rgb::ZERO, |light| light.irradiance);
+        let seen = light.is_some_and(|light| !rays.blocked(point, light.end, |_| false));
+        ShadowSample { unoccluded: all.irradiance, cast, seen }
+    }
+
+    /// Density per solid angle at which [`DirectLights::sample`] picks the place of a light that a
+    /// ray along the unit `direction` from the surface met; `normal` is the light's there.
+    pub fn density(
+        &self,
+        all: &AllUnoccluded,
+        start: (Vec3, Vec3),
+        hit: &Hit,
+        normal: Vec3,
+        direction: Vec3,
+    ) -> f32 {
+        let Some(polygons) = &self.polygons else { return 0.0 };
+        all.shares[0] * polygons.density(&all.polygons, start, hit, normal, direction)
+    }
+
+    /// Radiance from infinitely far away along the unit `direction`, sky and sun each with the
+    /// density per solid angle at which [`DirectLights::sample`] picks it for a surface with that
+    /// unit `normal`.
+    pub fn escaping(&self, all: &AllUnoccluded, normal: Vec3, direction: Vec3) -> [(Rgb, f32); 2] {
+        let sky = self.sky.as_ref().map_or((Rgb::ZERO, 0.0), |sky| {
+            let density =
+                if all.shares[1] > 0.0 { all.shares[1] * sky.pdf(normal, direction) } else { 0.0 };
+            (sky.radiance(direction), density)
+        });
+        let sun = self.sun.as_ref().filter(|sun| sun.covers(direction));
+        let sun = sun.map_or((Rgb::ZERO, 0.0), |sun| (sun.radiance(), all.shares[2] * sun.pdf()));
+        [sky, sun]
+    }
+}
+
+/// What a lobe is taken to reflect of light from a direction, of what it reflects at most.
+fn lobe_share(axis: LobeAxis, direction: Vec3) -> f32 {
+    let cosine = axis.direction.dot(direction).clamp(0.0, 1.0);
+    cosine.powf(axis.exponent).max(LEAST_LOBE_SHARE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Numbers, Stream};
+    use crate::scene::gltf::{ImportLimits, Resources, import};
+    use crate::scene::{Environment, LightKind, PunctualLight, Sky, Sun, made};
+    use std::sync::Arc;
+
+    /// The Cornell box, whose ceiling lamp has a sky, a sun and a bulb for company.
+    fn world() -> World {
+        let glb = made::cornell();
+        let mut scene = import(&glb, &Resources::default(), &ImportLimits::default()).unwrap();
+        scene.lights.push(PunctualLight {
+            name: "bulb".into(),
+            kind: LightKind::Point,
+            position: Vec3::new(0.1, 0.9, 0.2),
+            direction: -Vec3::Y,
+            intensity: Rgb::new(1.0, 2.0, 3.0),
+            range: None,
+        });
+        let environment = Environment {
+            sky: Sky::Uniform(Rgb::new(2.0, 1.0, 0.5)),
+            sun: Some(Sun {
+                direction: Vec3::new(0.2, 0.9, 0.3).normalize(),
+                irradiance: Rgb::splat(4.0),
+                angular_radius: 0.1,
+            }),
+        };
+        World::surrounded(Arc::new(scene), Arc::new(environment))
+    }
+
+    /// The mean of what sampled points stand for is the irradiance without occlusion.
+    #[test]
+    fn samples_add_up_to_what_is_known() {
+        let world = world();
+        let lights = DirectLights::new(&world).expect("there is light");
+        assert!(lights.is_exact() && lights.count() >= 4);
+        let mut numbers = Numbers::new(3, Stream::Light, 0);
+        for normal in [Vec3::Y, Vec3::new(0.6, 0.0, 0.8)] {
+            let point = world.rays.place(Vec3::new(0.3, 0.4, 0.5));
+            let all = lights.unoccluded(point, normal);
+            const SAMPLES: u32 = 60_000;
+            let mut sum = Rgb::ZERO;
+            for _ in 0..SAMPLES {
+                let xi = Vec3::new(numbers.uniform(), numbers.uniform(), numbers.uniform());
+                let light = lights.sample(&all, point, normal, xi);
+                sum += light.map_or(Rgb::ZERO, |light| light.irradiance);
+            }
+            let off = (sum / SAMPLES as f32 / all.irradiance - Rgb::ONE).abs().max_element();
+            assert!(off < 0.02, "{normal}: {} {}", sum / SAMPLES as f32, all.irradiance);
+        }
+    }
+
+    /// Lobes find the same light by the lights' samples as by directions all around, weighed
+    /// against each other.
+    #[test]
+    fn densities_of_what_escapes_are_those_of_samples() {
+        let world = world();
+        let lights = DirectLights::new(&world).expect("there is light");
+        let (point, normal) = (world.rays.place(Vec3::new(0.3, 0.4, 0.5)), Vec3::Y);
+        let axis = LobeAxis { direction: Vec3::new(0.0, 0.8, 0.6), exponent: 5.0 };
+        let all = lights.for_lobe(point, normal, axis);
+        let mut numbers = Numbers::new(4, Stream::Light, 0);
+        // The densities' integral over the hemisphere is the probability of either group.
+        const SAMPLES: u32 = 200_000;
+        let mut sums = [0.0f64; 2];
+        for _ in 0..SAMPLES {
+            let xi = [numbers.uniform(), numbers.uniform()];
+            let height = xi[0];
+            let (sin, cos) = (std::f32::consts::TAU * xi[1]).sin_cos();
+            let across = (1.0 - height * height).sqrt();
+            let direction = Vec3::new(across * cos, height, across * sin);
+            for (sum, (_, density)) in sums.iter_mut().zip(lights.escaping(&all, normal, direction))
+            {
+                *sum += f64::from(density) * std::f64::consts::TAU / f64::from(SAMPLES);
+            }
+        }
+        for (group, sum) in sums.into_iter().enumerate() {
+            let share = f64::from(all.shares[1 + group]);
+            assert!((sum / share - 1.0).abs() < 0.05, "group {group}: {sum} {share}");
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! All that lights a scene, for methods that trace paths: emissive triangles, the sky, the sun, and
+//! lights without extent. Each is sampled by itself, and what a path meets by chance is weighed
+//! against that.
+
+use super::punctual::PunctualLights;
+use super::sky::SkyLight;
+use super::sun::SunLight;
+use super::triangles::{LightSample, TriangleLights};
+use crate::radiometry::Rgb;
+use crate::surface::{Surface, World};
+use glam::Vec3;
+
+/// The lights of a scene and its surroundings.
+pub struct SceneLights {
+    /// What emits.
+    pub triangles: Option<TriangleLights>,
+    sky: Option<SkyLight>,
+    sun: Option<SunLight>,
+    punctual: Option<PunctualLights>,
+    /// Length of rays to what is infinitely far away, ray units.
+    beyond: f32,
+}
+
+impl SceneLights {
+    /// The lights of a world; `None` where nothing shines, and nothing shows itself without light.
+    pub fn new(world: &World) -> Option<Self> {
+        let this = Self {
+            triangles: TriangleLights::new(world),
+            sky: SkyLight::new(&world.environment),
+            sun: SunLight::new(&world.environment),
+            punctual: PunctualLights::new(&world.scene, &world.rays),
+            beyond: world.rays.beyond(),
+        };
+        let any = this.triangles.is_some() || this.has_others();
+        (any || world.scene.has_unlit()).then_some(this)
+    }
+
+    /// Whether anything but emissive triangles shines.
+    pub fn has_others(&self) -> bool {
+        self.sky.is_some() || self.sun.is_some() || self.punctual.is_some()
+    }
+
+    /// A direction to the sky, well suited to a surface.
+    pub fn sample_sky(&self, surface: &Surface, xi: [f32; 2]) -> Option<LightSample> {
+        let sky = self.sky.as_ref()?;
+        let (direction, density) = sky.sample(surface.shading_normal, xi);
+        let radiance = sky.radiance(direction);
+        let sample =
+            LightSample { end: self.far(surface, direction), direction, radiance, density };
+        (density > 0.0 && is_above(surface, direction)).then_some(sample)
+    }
+
+    /// A direction to the sun.
+    pub fn sample_sun(&self, surface: &Surface, xi: [f32; 2]) -> Option<LightSample> {
+        let sun = self.sun.as_ref()?;
+        let direction = sun.sample(xi);
+        let density = sun.pdf();
+        // A sun without extent has an irradiance only.
+        let radiance = if density.is_finite() { sun.radiance() } else { sun.irradiance() };
+        let sample =
+            LightSample { end: self.far(surface, direction), direction, radiance, density };
+        is_above(surface, direction).then_some(sample)
+    }
+
+    /// One of the lights without extent: its `radiance` is the irradiance of a plane that faces it
+    /// over the probability of the pick, its density infinite.
+    pub fn sample_punctual(&self, surface: &Surface, x: f32) -> Option<LightSample> {
+        let lights = self.punctual.as_ref()?;
+        let picked = lights.pick(surface.start(), surface.shading_normal, x, |_| 1.0);
+        let (light, probability) = picked?;
+        let sample = LightSample {
+            end: light.end,
+            direction: light.direction,
+            radiance: light.irradiance / probability,
+            density: f32::INFINITY,
+        };
+        is_above(surface, light.direction).then_some(sample)
+    }
+
+    fn far(&self, surface: &Surface, direction: Vec3) -> Vec3 {
+        surface.start() + direction * self.beyond
+    }
+
+    /// Radiance from infinitely far away along a unit `direction`, from sky and sun, each with the
+    /// density per solid angle at which it is sampled for a surface with the unit `normal`.
+    pub fn escaping(&self, normal: Option<Vec3>, direction: Vec3) -> [(Rgb, f32); 2] {
+        let sky = self.sky.as_ref().map_or((Rgb::ZERO, 0.0), |sky| {
+            let density = normal.map_or(0.0, |normal| sky.pdf(normal, direction));
+            (sky.radiance(direction), density)
+        });
+        let sun = self.sun.as_ref().filter(|sun| sun.covers(direction));
+        let sun = sun.map_or((Rgb::ZERO, 0.0), |sun| (sun.radiance(), sun.pdf()));
+        [sky, sun]
+    }
+
+    /// Density per solid angle at which the place of an emitter is sampled that a ray along the unit
+    /// `direction` met at `distance`.
+    pub fn density(&self, light: &Surface, direction: Vec3, distance: f32) -> f32 {
+        let lights = self.triangles.as_ref();
+        lights.map_or(0.0, |lights| lights.density(light, direction, distance))
+    }
+}
+
+/// Whether a direction is above the horizons of both normals.
+fn is_above(surface: &Surface, direction: Vec3) -> bool {
+    surface.normal.dot(direction) > 0.0 && surface.shading_normal.dot(direction) > 0.0
+}

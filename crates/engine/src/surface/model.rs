@@ -1,0 +1,169 @@
+//! The models of reflection that there are, as one type: what a surface reflects
+//! ([`Parameters`]), and how it does so where it lies ([`AnyReflection`]).
+
+use super::ggx::{Ggx, Microfacets};
+use super::phong::Phong;
+use super::reflection::{Parts, Reflection};
+use super::side::Side;
+use crate::radiometry::{Reflectance, Rgb};
+use crate::scene::{Appearance, Material, Model};
+use glam::Vec3;
+
+/// What a place of a surface reflects.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Parameters {
+    /// Diffuse, with a modified Phong lobe or none.
+    Phong(Reflectance),
+    /// The specification's microfacets.
+    Ggx(Microfacets),
+}
+
+impl Parameters {
+    /// Nothing.
+    pub const BLACK: Self = Self::Phong(Reflectance::lambertian(Rgb::ZERO));
+
+    /// What a material reflects where it looks like this. One without a lobe is diffuse, in either
+    /// model alike.
+    pub fn new(material: &Material, at: &Appearance) -> Self {
+        if material.unlit {
+            return Self::BLACK;
+        }
+        let facets = Microfacets::new(material, at);
+        match material.model {
+            Model::Ggx if facets.is_glossy() => Self::Ggx(facets),
+            _ => Self::Phong(material.reflectance(at)),
+        }
+    }
+
+    /// Whether there is a lobe.
+    pub fn is_glossy(&self) -> bool {
+        match self {
+            Self::Phong(reflectance) => reflectance.is_glossy(),
+            Self::Ggx(facets) => facets.is_glossy(),
+        }
+    }
+
+    /// What radiance of light without directions is multiplied by to be seen by a viewer at an angle
+    /// of that cosine, and what the lobe's is: diffuse albedo and factor. Loss of the diffuse part
+    /// towards grazing angles is in the factor ([`Microfacets::lobe_factor`]).
+    pub fn diffuse_and_lobe_factor(&self, cosine: f32) -> [Rgb; 2] {
+        match self {
+            Self::Phong(reflectance) => [reflectance.diffuse, Rgb::ONE],
+            Self::Ggx(facets) => [facets.plain_diffuse_albedo(), facets.lobe_factor(cosine)],
+        }
+    }
+
+    /// Mean albedo of diffuse part and lobe together, over the hemisphere.
+    pub fn mean_albedo(&self) -> Rgb {
+        match self {
+            Self::Phong(reflectance) => reflectance.mean_albedo(),
+            Self::Ggx(facets) => facets.mean_diffuse_albedo() + facets.mean_lobe_albedo(),
+        }
+    }
+
+    /// The same without the diffuse part.
+    pub fn lobe_only(mut self) -> Self {
+        match &mut self {
+            Self::Phong(reflectance) => reflectance.diffuse = Rgb::ZERO,
+            Self::Ggx(facets) => facets.diffuse = Rgb::ZERO,
+        }
+        self
+    }
+}
+
+/// The reflection of a side by either model.
+#[derive(Clone, Copy, Debug)]
+pub enum AnyReflection {
+    /// Diffuse and modified Phong.
+    Phong(Phong),
+    /// The specification's.
+    Ggx(Ggx),
+}
+
+impl AnyReflection {
+    /// Of a side that lies like this.
+    #[inline]
+    pub fn new(parameters: Parameters, side: Side) -> Self {
+        match parameters {
+            Parameters::Phong(reflectance) => Self::Phong(Phong::new(reflectance, side)),
+            Parameters::Ggx(facets) => Self::Ggx(Ggx::new(facets, side)),
+        }
+    }
+}
+
+/// Asks whichever model it is.
+macro_rules! ask {
+    ($self:ident, $model:ident => $answer:expr) => {
+        match $self {
+            AnyReflection::Phong($model) => $answer,
+            AnyReflection::Ggx($model) => $answer,
+        }
+    };
+}
+
+impl Reflection for AnyReflection {
+    #[inline]
+    fn side(&self) -> Side {
+        ask!(self, model => model.side())
+    }
+
+    #[inline]
+    fn diffuse(&self, viewer: Vec3) -> Rgb {
+        ask!(self, model => model.diffuse(viewer))
+    }
+
+    #[inline]
+    fn mean_diffuse(&self) -> Rgb {
+        ask!(self, model => model.mean_diffuse())
+    }
+
+    #[inline]
+    fn specular(&self) -> Rgb {
+        ask!(self, model => model.specular())
+    }
+
+    #[inline]
+    fn exponent(&self) -> f32 {
+        ask!(self, model => model.exponent())
+    }
+
+    #[inline]
+    fn is_glossy(&self) -> bool {
+        ask!(self, model => model.is_glossy())
+    }
+
+    #[inline]
+    fn evaluate(&self, viewer: Vec3, source: Vec3) -> Parts {
+        ask!(self, model => model.evaluate(viewer, source))
+    }
+
+    #[inline]
+    fn pdf(&self, viewer: Vec3, source: Vec3, diffuse_share: f32) -> f32 {
+        ask!(self, model => model.pdf(viewer, source, diffuse_share))
+    }
+
+    #[inline]
+    fn evaluate_with_pdf(&self, viewer: Vec3, source: Vec3, diffuse_share: f32) -> (Parts, f32) {
+        ask!(self, model => model.evaluate_with_pdf(viewer, source, diffuse_share))
+    }
+
+    #[inline]
+    fn lobe_direction(&self, viewer: Vec3, xi: [f32; 2]) -> Vec3 {
+        ask!(self, model => model.lobe_direction(viewer, xi))
+    }
+
+    #[inline]
+    fn albedo(&self, viewer: Vec3) -> Rgb {
+        ask!(self, model => model.albedo(viewer))
+    }
+
+    #[inline]
+    fn mean_albedo(&self) -> Rgb {
+        ask!(self, model => model.mean_albedo())
+    }
+
+    #[inline]
+    fn diffuse_share(&self, viewer: Vec3) -> f32 {
+        ask!(self, model => model.diffuse_share(viewer))
+    }
+}
