@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn srgb_round_trip() {
-        let codes: Vec<[u8; 3]> = (0..=255u8).map(|c| [c; 3]).collect();
+        let codes: Vec<[u8; 4]> = (0..=255u8).map(|c| [c; 4]).collect();
         let texture = Texture { width: 256, height: 1, texels: codes };
         for (code, texel) in texture.texels.iter().enumerate() {
             let linear = crate::scene::srgb_to_linear(texel[0]);

@@ -3,8 +3,9 @@
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::device::DeviceError;
 use crate::image::Picture;
+use crate::scene::environment::Environment;
 use crate::scene::gltf::BakedMesh;
-use crate::scene::{Camera, Scene, Warning};
+use crate::scene::{Camera, Scene, SceneError, Warning};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -15,6 +16,8 @@ use std::sync::Arc;
 pub struct RenderRequest {
     /// The scene; shared, never changed.
     pub scene: Arc<Scene>,
+    /// What surrounds it; `None` leaves the choice to [`crate::transport::surroundings`].
+    pub environment: Option<Arc<Environment>>,
     /// Which camera.
     pub camera: CameraChoice,
     /// Picture width in pixels, 1 … [`MAX_PICTURE_SIDE`].
@@ -408,7 +411,7 @@ fn framing_camera(scene: &Scene) -> Camera {
 }
 
 impl RenderRequest {
-    /// Checks the size of the picture, the limits and a camera of the request's own; for method and
+    /// Checks the size of the picture, the limits, a camera of the request's own and surroundings; for method and
     /// settings, too, see [`crate::transport::check`].
     ///
     /// # Errors
@@ -439,6 +442,12 @@ impl RenderRequest {
         if let CameraChoice::Explicit(camera) = &self.camera {
             explicit_camera(camera)?;
         }
+        if let Some(environment) = &self.environment {
+            let refuse = |error: SceneError| {
+                RenderError::parameter(error.at, format!("{}; {}", error.what, error.fix))
+            };
+            environment.check().map_err(refuse)?;
+        }
         Ok(())
     }
 }
@@ -450,6 +459,7 @@ mod tests {
     fn refused(camera: ExplicitCamera) -> Option<String> {
         let request = RenderRequest {
             scene: Arc::default(),
+            environment: None,
             camera: CameraChoice::Explicit(camera),
             width: 8,
             height: 8,

@@ -10,6 +10,7 @@
 mod bytes;
 mod error;
 
+use crate::scene::environment::Environment;
 use crate::scene::{Camera, Projection, Scene};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -213,8 +214,10 @@ impl Checkpoint {
     }
 }
 
-/// SHA-256 of everything of a scene that light meets, hexadecimal. Cameras are no part of it.
-pub fn scene_hash(scene: &Scene) -> String {
+/// SHA-256 of everything of a scene that light meets and of what surrounds it, hexadecimal. Cameras
+/// are no part of it. Darkness adds nothing, so that scenes with lights of their own have the hash
+/// that they had before there were skies.
+pub fn scene_hash(scene: &Scene, environment: &Environment) -> String {
     let mut hash = Sha256::new();
     let mut numbers: Vec<f32> = Vec::new();
     for some in scene.vertices.chunks(1024) {
@@ -224,6 +227,8 @@ pub fn scene_hash(scene: &Scene) -> String {
             numbers.extend(vertex.normal.to_array());
             numbers.extend(vertex.uv.iter().flat_map(|uv| uv.to_array()));
             numbers.extend(vertex.color.to_array());
+            numbers.push(vertex.alpha);
+            numbers.extend(vertex.tangent.to_array());
         }
         hash.update(bytemuck::cast_slice(&numbers));
     }
@@ -243,8 +248,10 @@ pub fn scene_hash(scene: &Scene) -> String {
     }
     // Numbers are written so that no two look the same.
     hash.update(format!("{:?}", scene.materials));
+    hash.update(format!("{:?}", scene.lights));
     let counts = [scene.vertices.len(), scene.triangles.len(), scene.textures.len()];
     hash.update(format!("{counts:?}"));
+    environment.digest_into(&mut |bytes| hash.update(bytes));
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 

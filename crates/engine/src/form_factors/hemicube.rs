@@ -83,12 +83,7 @@ fn add(scene: &mut Scene, polygon: &Polygon) {
     let normal = polygon.normal().as_vec3();
     for triangle in polygon.triangles() {
         let first = scene.vertices.len() as u32;
-        scene.vertices.extend(triangle.map(|corner| Vertex {
-            position: corner.as_vec3(),
-            normal,
-            uv: [Vec2::ZERO; 2],
-            color: Rgb::ONE,
-        }));
+        scene.vertices.extend(triangle.map(|corner| Vertex::new(corner.as_vec3(), normal)));
         scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], material: 0 });
     }
 }

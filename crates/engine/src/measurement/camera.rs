@@ -205,6 +205,13 @@ impl View {
         self.triangles.iter().filter(|t| t.rows.0 < end && t.rows.1 > first).collect()
     }
 
+    /// Unit direction in which a place on the pixel grid looks, given in pixels from the centre of
+    /// the first one, columns and rows.
+    pub fn direction(&self, place: Vec2) -> Vec3 {
+        let share = (place + 0.5) / Vec2::new(self.width as f32, self.height as f32);
+        self.frame.ray(Vec2::new(2.0 * share.x - 1.0, 1.0 - 2.0 * share.y)).1
+    }
+
     /// Edge functions of a facet without the sub-pixel offset.
     pub fn edges(&self, corners: [Vec3; 3]) -> [PixelPlane; 3] {
         edge_planes(corners.map(|corner| self.frame.project(corner).0))

@@ -11,7 +11,7 @@ use crate::image::Picture;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::raster::{Target, fill};
-use crate::scene::{Camera, Projection};
+use crate::scene::{Camera, Environment, Projection};
 pub use camera::{Frame, View, ViewTriangle};
 use glam::Vec2;
 use rayon::prelude::*;
@@ -53,6 +53,8 @@ pub struct Measurement {
     view: View,
     /// Sub-pixel offsets, one a sample, in [−½, ½)².
     samples: Vec<Vec2>,
+    /// What is seen where there is no surface; `None` for black.
+    environment: Option<Arc<Environment>>,
 }
 
 /// The direction towards a camera, for reflections that depend on it.
@@ -76,7 +78,14 @@ impl Measurement {
     ) -> Self {
         let view = View::new(&scene, camera, width, height);
         let reconstruction = Reconstruction::new(&scene, smoothness);
-        Self { reconstruction, view, samples: sample_pattern(samples.max(1)), scene }
+        let samples = sample_pattern(samples.max(1));
+        Self { reconstruction, view, samples, scene, environment: None }
+    }
+
+    /// The same where samples that see no surface see `environment`; before, they see black.
+    pub fn surrounded_by(self, environment: &Arc<Environment>) -> Self {
+        let environment = (!environment.is_dark()).then(|| environment.clone());
+        Self { environment, ..self }
     }
 
     /// The smooth reconstruction that pictures use.
@@ -104,6 +113,11 @@ impl Measurement {
                     shading::shade(inputs, &light, band, |at, radiance| {
                         pixels[at] += radiance * share;
                     });
+                    if let Some(environment) = &self.environment {
+                        shading::add_background(environment, &self.view, band, |at, radiance| {
+                            pixels[at] += radiance * share;
+                        });
+                    }
                 });
             },
         );

@@ -6,6 +6,7 @@ use super::reconstruction::Reconstruction;
 use crate::hemicube::item;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
+use crate::scene::Environment;
 use glam::Vec2;
 use std::f32::consts::PI;
 
@@ -136,14 +137,14 @@ pub fn shade(
         let triangle = &scene.triangles[facet.source as usize];
         let material = &scene.materials[triangle.material as usize];
         let varies = patched.colour_varies(facet);
-        let uniform = material.reflectance(scene.base_color(triangle, 0.0, 0.0));
+        let uniform = material.reflectance(&scene.appearance(triangle, 0.0, 0.0));
         let emission = scene.emission(triangle, 0.0, 0.0);
         for column in columns {
             let (u, v) = run.at(column);
             let (reflectance, emission) = if varies {
                 let at = facet.to_source(u, v);
-                let color = scene.base_color(triangle, at.x, at.y);
-                (material.reflectance(color), scene.emission(triangle, at.x, at.y))
+                let appearance = scene.appearance(triangle, at.x, at.y);
+                (material.reflectance(&appearance), scene.emission(triangle, at.x, at.y))
             } else {
                 (uniform, emission)
             };
@@ -163,6 +164,22 @@ pub fn shade(
     });
 }
 
+/// Radiance of `environment` towards the camera of every sample of a band that sees no surface:
+/// `each(pixel, radiance)`.
+pub fn add_background(
+    environment: &Environment,
+    view: &View,
+    band: Band<'_>,
+    mut each: impl FnMut(usize, Rgb),
+) {
+    for (at, _) in band.items.iter().enumerate().filter(|(_, code)| item::decode(**code).is_none())
+    {
+        let (column, row) = (at as u32 % view.width, band.first_row + at as u32 / view.width);
+        let place = Vec2::new(column as f32, row as f32) + band.offset;
+        each(at, environment.background(view.direction(place)));
+    }
+}
+
 /// Adds the pixels of a band to the vertices' weights in the picture.
 pub fn weigh(inputs: ShadingInputs<'_>, band: Band<'_>, weights: &mut VertexWeights) {
     let patched = inputs.scene;
@@ -179,7 +196,7 @@ pub fn weigh(inputs: ShadingInputs<'_>, band: Band<'_>, weights: &mut VertexWeig
         for column in columns {
             let (u, v) = run.at(column);
             let at = facet.to_source(u, v);
-            let reflectance = material.reflectance(scene.base_color(triangle, at.x, at.y));
+            let reflectance = material.reflectance(&scene.appearance(triangle, at.x, at.y));
             let (kd, ks) = (reflectance.diffuse / PI, reflectance.specular);
             let corners = inputs.reconstruction.corners(run.facet, run.back, facet, u, v);
             for (vertex, weight) in corners.into_iter().flatten() {

@@ -8,8 +8,9 @@ use glam::{DVec3, Vec3};
 /// Pairs of emissive facet and body that are looked at; beyond, every back is drawn.
 const MAX_PAIRS: usize = 50_000_000;
 
-/// For each facet, whether it belongs to a closed, outward-facing body that has no emitter of
-/// another body in its bounding box and does not emit inwards itself.
+/// For each facet, whether it belongs to a closed, outward-facing body without holes that has no
+/// emitter of another body and no light without extent in its bounding box, and does not emit
+/// inwards itself.
 ///
 /// Light outside such a body meets fronts only, so rasterisers may skip facets that face away.
 /// Everywhere else backs must be drawn: they stop light.
@@ -31,6 +32,8 @@ pub fn facets_of_dark_closed_bodies(
         }
     }
     for (facet, &body) in facets.iter().zip(&body_of) {
+        let triangle = &scene.triangles[facet.source as usize];
+        closed[body] &= !scene.materials[triangle.material as usize].has_holes();
         for (a, b) in edges(facet) {
             closed[body] &= directed[&(a, b)] == 1 && directed.get(&(b, a)) == Some(&1);
         }
@@ -43,6 +46,10 @@ pub fn facets_of_dark_closed_bodies(
         *high = high.max(a).max(b).max(c);
     }
     let mut dark: Vec<bool> = (0..bodies).map(|b| closed[b] && volume[b] > 0.0).collect();
+    for (body, (low, high)) in bounds.iter().enumerate() {
+        let is_in = |at: Vec3| at.cmpge(*low).all() && at.cmple(*high).all();
+        dark[body] &= !scene.lights.iter().any(|light| is_in(light.position));
+    }
     let emits = |facet: &Facet| {
         let triangle = &scene.triangles[facet.source as usize];
         scene.materials[triangle.material as usize].emits()

@@ -13,6 +13,7 @@ mod split;
 
 use crate::radiometry::{Reflectance, Rgb, importance};
 use crate::scene::{Scene, Warning};
+use crate::surface::Parameters;
 use facet::facet_area;
 use foldhash::{HashMap, HashMapExt};
 use glam::{Vec2, Vec3};
@@ -33,6 +34,8 @@ pub struct PatchedScene {
     pub patches: Patches,
     /// What was left out.
     pub warnings: Vec<Warning>,
+    /// Facets of scene triangle t: `pieces[t]..pieces[t + 1]`.
+    pieces: Vec<u32>,
 }
 
 /// The patches, one entry a patch in every array.
@@ -52,6 +55,9 @@ pub struct Patches {
     pub specular: Vec<Rgb>,
     /// Phong exponent n.
     pub exponent: Vec<f32>,
+    /// Albedo under uniform light, diffuse part and lobe together, as the material's own model has
+    /// it; mean over the patch.
+    pub albedo: Vec<Rgb>,
     /// Emitted radiance L^e, mean over the patch.
     pub emission: Vec<Rgb>,
     /// The facet that it is a cell of.
@@ -147,9 +153,39 @@ impl PatchedScene {
             }
         }
         if facets.is_empty() {
-            warnings.push(Warning::new("scene", "there is no surface; the picture is black"));
+            warnings.push(Warning::new("scene", "there is no surface to be seen"));
         }
-        Self { scene, positions, facets, patches, warnings }
+        let mut pieces = vec![0u32; scene.triangles.len() + 1];
+        for facet in &facets {
+            pieces[facet.source as usize + 1] += 1;
+        }
+        for triangle in 1..pieces.len() {
+            pieces[triangle] += pieces[triangle - 1];
+        }
+        Self { scene, positions, facets, patches, warnings, pieces }
+    }
+
+    /// The facet, and the barycentric coordinates in it, of barycentric (u, v) of a scene triangle;
+    /// `None` of triangles that were left out.
+    pub fn place_on_triangle(&self, triangle: u32, u: f32, v: f32) -> Option<(FacetIndex, Vec2)> {
+        let triangle = triangle as usize;
+        let (first, end) = (self.pieces[triangle], self.pieces[triangle + 1]);
+        if end == first + 1 {
+            return Some((FacetIndex(first), Vec2::new(u, v)));
+        }
+        let mut found = None;
+        let mut nearest = f32::NEG_INFINITY;
+        for facet in (first..end).map(FacetIndex) {
+            let at = in_piece(&self.facets[facet.at()].source_uv, u, v);
+            let inside = at.x.min(at.y).min(1.0 - at.x - at.y);
+            if inside > nearest {
+                (nearest, found) = (inside, Some((facet, at)));
+            }
+            if inside >= 0.0 {
+                break;
+            }
+        }
+        found
     }
 
     /// Whether base colour or emission changes over a facet.
@@ -214,7 +250,7 @@ fn colour_varies(scene: &Scene, facet: &Facet) -> bool {
     let triangle = &scene.triangles[facet.source as usize];
     let material = &scene.materials[triangle.material as usize];
     let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize].color);
-    material.base_color_texture.is_some() || material.emission_texture.is_some() || a != b || b != c
+    material.has_textured_reflection() || material.emission_texture.is_some() || a != b || b != c
 }
 
 /// Appends the patches of one side of a facet.
@@ -237,14 +273,20 @@ fn cut_side(
     // Means over sub-cells where colour varies; 64 samples a patch.
     let samples: Vec<Vec2> =
         cells(if varies { 8 } else { 1 }).map(|[a, b, c]| (a + b + c) / 3.0).collect();
+    let exponent = material.reflectance(&material.typical(Rgb::ONE)).exponent;
     for [pa, pb, pc] in cells(facet.divisions) {
         let (mut diffuse, mut specular, mut emission) = (Rgb::ZERO, Rgb::ZERO, Rgb::ZERO);
+        let mut albedo = Rgb::ZERO;
         for sample in &samples {
             let at = pa * (1.0 - sample.x - sample.y) + pb * sample.x + pc * sample.y;
             let at = facet.to_source(at.x, at.y);
-            let reflectance = material.reflectance(scene.base_color(triangle, at.x, at.y));
-            diffuse += reflectance.diffuse;
-            specular += reflectance.specular;
+            let appearance = scene.appearance(triangle, at.x, at.y);
+            if !material.unlit {
+                let reflectance = material.reflectance(&appearance);
+                diffuse += reflectance.diffuse;
+                specular += reflectance.specular;
+                albedo += Parameters::new(material, &appearance).mean_albedo();
+            }
             emission += scene.emission(triangle, at.x, at.y);
         }
         let share = 1.0 / samples.len() as f32;
@@ -258,10 +300,19 @@ fn cut_side(
         patches.shading_normal.push(if shading.dot(normal) > 0.0 { shading } else { normal });
         patches.diffuse.push(diffuse * share);
         patches.specular.push(specular * share);
-        patches.exponent.push(material.reflectance(Rgb::ONE).exponent);
+        patches.exponent.push(exponent);
+        patches.albedo.push(albedo * share);
         patches.emission.push(emission * share);
         patches.facet.push(index);
     }
+}
+
+/// Barycentric coordinates in a piece of the barycentric (u, v) of its triangle.
+fn in_piece(corners: &[Vec2; 3], u: f32, v: f32) -> Vec2 {
+    let [a, b, c] = *corners;
+    let (ab, ac, p) = (b - a, c - a, Vec2::new(u, v) - a);
+    let determinant = ab.perp_dot(ac);
+    Vec2::new(p.perp_dot(ac), ab.perp_dot(p)) / determinant
 }
 
 #[cfg(test)]

@@ -124,16 +124,10 @@ mod tests {
     use crate::patches::PatchedScene;
     use crate::radiometry::Rgb;
     use crate::scene::{Material, Scene, Triangle, Vertex};
-    use glam::Vec2;
     use std::sync::Arc;
 
     fn strip(length: f32) -> Arc<Scene> {
-        let corner = |x: f32, y: f32| Vertex {
-            position: Vec3::new(x, y, 0.0),
-            normal: Vec3::Z,
-            uv: [Vec2::ZERO; 2],
-            color: Rgb::ONE,
-        };
+        let corner = |x: f32, y: f32| Vertex::new(Vec3::new(x, y, 0.0), Vec3::Z);
         Arc::new(Scene {
             vertices: vec![
                 corner(0.0, 0.0),

@@ -2,10 +2,12 @@
 //! step by step until the budget is used, and who watches hears of it.
 
 use super::job::{Chosen, Job};
+use super::patchless;
 use super::run::Run;
 use super::solver::{Estimate, Extent, Method, Solver};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceError, free_memory};
+use crate::emitters::SkyLight;
 use crate::image::Picture;
 use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
 use std::collections::BTreeMap;
@@ -42,8 +44,10 @@ pub fn drive<'a>(
 fn admit(method: &dyn Method, job: &Job<'_>) -> Result<(), RenderError> {
     let RenderRequest { scene, width, height, .. } = job.request;
     let triangles = scene.triangles.len() as u64;
-    let extent = Extent { triangles, size: [*width, *height], settings: &job.settings };
-    let needed_bytes = method.needed_bytes(&extent);
+    let patchless = patchless::shines(scene, &job.environment);
+    let size = [*width, *height];
+    let extent = Extent { triangles, size, patchless, settings: &job.settings };
+    let needed_bytes = method.needed_bytes(&extent) + SkyLight::needed_bytes(&job.environment);
     let available_bytes = free_memory();
     if needed_bytes > available_bytes {
         let device = CpuDevice::describe().id;

@@ -4,7 +4,8 @@
 use super::checkpoints::{Configured, Owner, Past};
 use super::options::{MeshSettings, Scope, Settings};
 use super::run::Run;
-use super::unseen;
+use super::surroundings::surroundings;
+use super::{patchless, unseen};
 use crate::checkpoint::CheckpointError;
 use crate::image::Picture;
 use crate::measurement::Measurement;
@@ -12,6 +13,7 @@ use crate::patches::PatchedScene;
 use crate::render::{
     Observer, Plan, RenderError, RenderRequest, Rendered, Stats, StopReason, choose_camera,
 };
+use crate::scene::environment::Environment;
 use crate::scene::{Camera, Scene, Warning};
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -36,6 +38,8 @@ pub struct Chosen {
 pub struct Job<'a> {
     /// What is asked.
     pub request: &'a RenderRequest,
+    /// What surrounds the scene.
+    pub environment: Arc<Environment>,
     /// The settings in force.
     pub settings: Settings,
     /// The camera that takes the picture.
@@ -86,10 +90,21 @@ impl<'a> Job<'a> {
             settings: settings.values(),
             ..Plan::default()
         };
+        let (environment, studio) = surroundings(&request.scene, request);
         let mut warnings = request.scene.warnings.clone();
-        warnings.extend(made_up.into_iter().chain(unused));
+        warnings.extend(made_up.into_iter().chain(studio).chain(unused));
         let run = Run::new(request, owner, observer);
-        Ok(Self { request, settings, camera, past, run, device: String::new(), plan, warnings })
+        Ok(Self {
+            request,
+            environment,
+            settings,
+            camera,
+            past,
+            run,
+            device: String::new(),
+            plan,
+            warnings,
+        })
     }
 
     /// Adds reasons for how the method goes about the job.
@@ -104,7 +119,7 @@ impl<'a> Job<'a> {
         if !told.shines {
             self.warnings.push(Warning::new(
                 "scene",
-                "nothing emits light, so the picture is black; give a material an emissive factor",
+                "nothing gives light, so the picture is black; add a sky, a sun, a light or an emissive material",
             ));
         }
         self.warnings.extend(told.warnings);
@@ -121,7 +136,27 @@ impl<'a> Job<'a> {
         device: String,
         more_warnings: impl FnOnce(&PatchedScene) -> Vec<Warning>,
     ) -> Arc<PatchedScene> {
+        self.cut_with(scene, (patches, device), |_| false, more_warnings)
+    }
+
+    /// The same for a method that shows what is unlit, too.
+    pub fn cut_with_unlit(&mut self, patches: usize, device: String) -> Arc<PatchedScene> {
+        let scene = self.request.scene.clone();
+        self.cut_with(scene, (patches, device), Scene::has_unlit, |_| Vec::new())
+    }
+
+    /// Cuts a scene and announces it; `shows` is whether a scene that nothing lights is not black.
+    fn cut_with(
+        &mut self,
+        scene: Arc<Scene>,
+        (patches, device): (usize, String),
+        shows: impl FnOnce(&Scene) -> bool,
+        more_warnings: impl FnOnce(&PatchedScene) -> Vec<Warning>,
+    ) -> Arc<PatchedScene> {
         let scene = Arc::new(PatchedScene::new(scene, patches));
+        let shines = scene.patches.any_light()
+            || patchless::shines(&scene.scene, &self.environment)
+            || shows(&scene.scene);
         let warnings = (scene.warnings.iter().cloned())
             .chain(unseen::by_patches(&self.request.scene))
             .chain(more_warnings(&scene));
@@ -129,7 +164,7 @@ impl<'a> Job<'a> {
             device,
             patches: scene.patches.len(),
             triangles: scene.facets.len(),
-            shines: scene.patches.any_light(),
+            shines,
             warnings: warnings.collect(),
         });
         scene
@@ -141,6 +176,7 @@ impl<'a> Job<'a> {
         let RenderRequest { width, height, .. } = *self.request;
         let (samples, smoothness) = (mesh.pixel_samples, mesh.smoothness);
         Measurement::new(scene.clone(), &self.camera, [width, height], samples, smoothness)
+            .surrounded_by(&self.environment)
     }
 
     /// What was decided for the job that this one begins with, or else `afresh`, to be found in

@@ -1,5 +1,6 @@
-//! Light that is known before the iteration starts, so that the iteration has less to carry:
-//! the direct light of the emitters ("first shot") and a constant radiance (Antal §2.6).
+//! Light that is known before the iteration starts, because patches can't send it (sky, sun, lights
+//! without extent) or so that the iteration has less to carry: the direct light of the emitters
+//! ("first shot") and a constant radiance (Antal §2.6).
 
 use crate::device::cpu::visible_share;
 use crate::device::{Device, DeviceError, KnownLight, ShootingSettings};
@@ -34,15 +35,28 @@ const TRACED_TOGETHER: usize = 16;
 /// constant is right, and without absorption there is no equilibrium.
 const LEAST_ABSORPTION: f32 = 0.01;
 
+/// What is to be known.
+pub struct Beforehand {
+    /// The constant radiance.
+    pub constant: ConstantRadiance,
+    /// Whether the emitters' direct light is to be found.
+    pub first_shot: bool,
+    /// Irradiance of every patch by light that no patch sends, if there is such light.
+    pub patchless: Option<Vec<Rgb>>,
+}
+
 /// Finds the known part; `None` where nothing is asked for.
+///
+/// # Errors
+/// Where the device fails.
 pub fn known_light(
     device: &mut dyn Device,
     scene: &Arc<PatchedScene>,
     settings: &ShootingSettings,
-    constant: ConstantRadiance,
-    first_shot: bool,
+    beforehand: Beforehand,
 ) -> Result<Option<KnownLight>, DeviceError> {
-    if constant == ConstantRadiance::Off && !first_shot {
+    let Beforehand { constant, first_shot, patchless } = beforehand;
+    if constant == ConstantRadiance::Off && !first_shot && patchless.is_none() {
         return Ok(None);
     }
     let patches = &scene.patches;
@@ -56,6 +70,10 @@ pub fn known_light(
         let dark = vec![Rgb::ZERO; patches.len()];
         KnownLight { radiance: dark.clone(), irradiance: dark }
     };
+    // Light that no patch sends is no part of the radiance, so only diffuse reflection knows of it.
+    if let Some(patchless) = &patchless {
+        known.irradiance.iter_mut().zip(patchless).for_each(|(sum, found)| *sum += *found);
+    }
     // A constant on top, for what is left.
     if constant != ConstantRadiance::Off {
         let visible = match constant {
@@ -64,7 +82,10 @@ pub fn known_light(
         };
         let left = |i: usize| match first_shot {
             true => albedo(scene, i) * known.irradiance[i] / PI,
-            false => patches.emission[i],
+            false => match &patchless {
+                Some(found) => patches.emission[i] + albedo(scene, i) * found[i] / PI,
+                None => patches.emission[i],
+            },
         };
         let radiance = equilibrium(scene, left, &visible);
         for (i, visible) in visible.iter().enumerate() {
@@ -77,7 +98,7 @@ pub fn known_light(
 
 /// Albedo of a patch under uniform light.
 pub(super) fn albedo(scene: &PatchedScene, patch: usize) -> Rgb {
-    scene.patches.reflectance(patch).mean_albedo()
+    scene.patches.albedo[patch]
 }
 
 /// L̄, the radiance at which all patches together absorb what they send by themselves:

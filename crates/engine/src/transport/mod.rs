@@ -10,13 +10,18 @@ mod hemilux;
 mod illumination_map;
 mod job;
 pub mod known;
+mod light_sums;
 pub mod options;
+mod patch_points;
+mod patchless;
 mod radiosity;
 mod ray_traced;
 mod registry;
 mod run;
+mod settled;
 mod solver;
 mod stochastic;
+mod surroundings;
 mod unseen;
 
 use crate::device::Device;
@@ -30,6 +35,7 @@ pub use registry::{
 };
 use solver::Extent;
 pub use solver::Method;
+pub use surroundings::surroundings;
 
 /// Checks everything of a request that needs neither the scene nor the device. What passes may still
 /// name a camera that the scene does not have; nothing else of the request is refused later.
@@ -50,7 +56,8 @@ fn pick(request: &RenderRequest) -> Result<(&'static str, Vec<String>), RenderEr
     let triangles = request.scene.triangles.len() as u64;
     let size = [request.width, request.height];
     let (settings, _) = registry::in_force(&hemilux::Hemilux, "auto", &request.options)?;
-    let needed = hemilux::Hemilux.needed_bytes(&Extent { triangles, size, settings: &settings });
+    let extent = Extent { triangles, size, patchless: false, settings: &settings };
+    let needed = hemilux::Hemilux.needed_bytes(&extent);
     if needed > crate::device::free_memory() / 2 {
         let why =
             "stochastic, because scene and picture are too large for the memory that hemilux takes";

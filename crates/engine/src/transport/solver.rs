@@ -9,6 +9,7 @@ use crate::image::Picture;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::render::{RenderError, StopReason};
+use crate::surface::World;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -22,12 +23,15 @@ pub struct Extent<'a> {
     pub triangles: u64,
     /// Columns and rows of the picture.
     pub size: [u32; 2],
+    /// Whether light comes from elsewhere than surfaces, which methods on patches find by rays.
+    pub patchless: bool,
     /// The settings in force.
     pub settings: &'a Settings,
 }
 
 /// Bytes that a method on patches takes at its peak, as measured: what scene, mesh, sums of the
-/// device and weights of the pixels hold, and the program itself. There is at least a patch a
+/// device and weights of the pixels hold, the scene as rays meet it where those light it, and the
+/// program itself. There is at least a patch a
 /// triangle.
 pub fn patched_bytes(extent: &Extent<'_>) -> u64 {
     const PROGRAM: u64 = 16 << 20;
@@ -38,7 +42,9 @@ pub fn patched_bytes(extent: &Extent<'_>) -> u64 {
     let mesh = extent.triangles.saturating_mul(PER_TRIANGLE);
     let patches = MeshSettings::new(extent.settings).patches as u64;
     let light = patches.max(extent.triangles).saturating_mul(PER_PATCH);
-    mesh.saturating_add(light).saturating_add(PROGRAM + width * height * PER_PIXEL)
+    let rays = if extent.patchless { World::needed_bytes(extent.triangles) } else { 0 };
+    let scene = mesh.saturating_add(light).saturating_add(rays);
+    scene.saturating_add(PROGRAM + width * height * PER_PIXEL)
 }
 
 /// A way to solve the light transport of a scene and take a picture of it.

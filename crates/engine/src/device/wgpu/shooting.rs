@@ -456,8 +456,7 @@ mod tests {
 
     /// A shining triangle and one that faces it.
     fn lamp() -> Arc<PatchedScene> {
-        let corner =
-            |position| Vertex { position, normal: Vec3::Z, uv: [Vec2::ZERO; 2], color: Rgb::ONE };
+        let corner = |position| Vertex::new(position, Vec3::Z);
         let up = [Vec3::ZERO, Vec3::X, Vec3::Y];
         let down = [Vec3::ZERO, Vec3::Y, Vec3::X].map(|position| position + Vec3::Z);
         let shining = Material { emission: Rgb::ONE, ..Material::default() };

@@ -2,8 +2,10 @@
 //! was decided.
 
 use super::options::{Scope, Settings};
+use super::surroundings::surroundings;
 use crate::checkpoint::{CheckpointError, Header, Reader, ViewKey, Writer, scene_hash};
 use crate::render::{Begin, Progress, RenderError, RenderRequest, choose_camera};
+use crate::scene::environment::Environment;
 use crate::scene::{Camera, Scene};
 use std::collections::BTreeMap;
 use std::str::FromStr;
@@ -19,7 +21,7 @@ pub struct Configured<'a> {
     pub settings: &'a Settings,
 }
 
-/// What a job begins with, checked to be of the same scene, method, settings and seed.
+/// What a job begins with, checked to be of the same scene and surroundings, method, settings and seed.
 pub struct Past<'a> {
     header: &'a Header,
     /// What any camera can use.
@@ -66,8 +68,9 @@ impl<'a> Past<'a> {
                 return foreign("another camera or size of the picture".into());
             }
         }
-        if header.scene != scene_hash(&request.scene) {
-            return foreign("another scene".into());
+        let (environment, _) = surroundings(&request.scene, request);
+        if header.scene != scene_hash(&request.scene, &environment) {
+            return foreign("another scene, or other surroundings".into());
         }
         let bound = same_view.then(|| checkpoint.bound());
         Ok(Some(Self { header, shared: checkpoint.shared(), bound }))
@@ -161,6 +164,7 @@ pub struct Parts {
 /// Whose checkpoints a run makes.
 pub struct Owner {
     scene: Arc<Scene>,
+    environment: Arc<Environment>,
     seed: u64,
     method: String,
     format: u32,
@@ -168,7 +172,7 @@ pub struct Owner {
     view: ViewKey,
     /// Decisions by the limits or the picture.
     decided: BTreeMap<String, String>,
-    /// The scene's hash, once it was asked for.
+    /// The hash of scene and surroundings, once it was asked for.
     hash: Option<String>,
 }
 
@@ -177,6 +181,7 @@ impl Owner {
     pub fn new(request: &RenderRequest, method: &Configured<'_>, camera: &Camera) -> Self {
         Self {
             scene: request.scene.clone(),
+            environment: surroundings(&request.scene, request).0,
             seed: request.seed,
             method: method.scope.method.into(),
             format: method.format,
@@ -198,7 +203,7 @@ impl Owner {
 
     /// The header of a checkpoint at this moment.
     pub fn header(&mut self, progress: &Progress, light_shots: u64) -> Header {
-        let scene = self.hash.get_or_insert_with(|| scene_hash(&self.scene));
+        let scene = self.hash.get_or_insert_with(|| scene_hash(&self.scene, &self.environment));
         Header {
             engine: env!("CARGO_PKG_VERSION").into(),
             method: self.method.clone(),

@@ -39,6 +39,7 @@ fn request(method: &str, iterations: u64) -> RenderRequest {
     let options = options.into_iter().map(|(name, value)| (name.into(), value.into()));
     RenderRequest {
         scene: Arc::new(scene),
+        environment: None,
         camera: CameraChoice::First,
         width: 10,
         height: 8,
@@ -85,14 +86,20 @@ fn checkpoints_outlive_versions_and_other_formats_are_refused_by_name() {
                 settings.insert("pixel_samples".into(), "16".into());
             }
         });
-        let picture = go_on(method, old).expect("it goes on");
-        assert!(picture == whole.picture, "{method}: not the same bits");
+        let format = if *method == "hemilux" { 2 } else { 1 };
+        if format == 1 {
+            let picture = go_on(method, old).expect("it goes on");
+            assert!(picture == whole.picture, "{method}: not the same bits");
+        } else {
+            let told = go_on(method, old).expect_err("of another format").to_string();
+            assert!(told.contains("format 1") && told.contains("reads format 2"), "{told}");
+        }
         let later = taken(method).with_header_changed(|header| {
             header.insert("engine".into(), "0.0.7".into());
             header.insert("format".into(), 99.into());
         });
         let told = go_on(method, later).expect_err("refused").to_string();
-        for part in ["format 99", method, "0.0.7", "reads format 1"] {
+        for part in ["format 99", method, "0.0.7", &format!("reads format {format}")] {
             assert!(told.contains(part), "{told}");
         }
         let other = taken(method).with_header_changed(|header| {

@@ -54,6 +54,7 @@ mod tests {
     fn effort(limits: Limits, side: u32) -> Effort {
         Effort::new(&RenderRequest {
             scene: Arc::default(),
+            environment: None,
             camera: CameraChoice::First,
             width: side,
             height: side,

@@ -6,7 +6,7 @@ use super::fragments::VisibleSurfaces;
 use super::gather::IndirectLight;
 use super::gloss::Gloss;
 use super::settings::HemiluxSettings;
-use crate::emitters::PolygonLights;
+use crate::emitters::DirectLights;
 use crate::image::Picture;
 use crate::radiometry::Rgb;
 use rayon::prelude::*;
@@ -57,7 +57,7 @@ pub struct PictureInputs<'a> {
     /// What the camera sees.
     pub visible: &'a VisibleSurfaces,
     /// The emitters.
-    pub lights: &'a PolygonLights,
+    pub lights: &'a DirectLights,
     /// Tier 1.
     pub coarse: &'a CoarseSolution,
     /// Tier 2: the indirect irradiance of every fragment, with its variance; `None` where no record
@@ -95,7 +95,8 @@ impl PictureInputs<'_> {
     /// every fragment, or empty, `coverage` the variance of a surface's share.
     fn pixel(&self, gloss: &[(Rgb, Rgb)], coverage: f32, pixel: usize) -> PixelEstimate {
         let visible = self.visible;
-        let mut radiance = visible.shine[pixel];
+        let background = visible.background.get(pixel).copied().unwrap_or_default();
+        let mut radiance = visible.shine[pixel] + background;
         let mut variance = [0.0; 5];
         let (mut least, mut most, mut all) = (Rgb::INFINITY, Rgb::ZERO, 0.0);
         for index in visible.start[pixel] as usize..visible.start[pixel + 1] as usize {
@@ -109,9 +110,10 @@ impl PictureInputs<'_> {
             all += share;
         }
         if all > 0.0 {
-            // Beside what the camera sees may be nothing, which is black.
+            // Beside what the camera sees may be nothing but what surrounds the scene.
             if all < 0.99 {
-                least = Rgb::ZERO;
+                let beside = background / (1.0 - all);
+                (least, most) = (least.min(beside), most.max(beside));
             }
             variance[4] = ((most - least) * (most - least) * coverage).element_sum();
         }
@@ -141,8 +143,8 @@ impl PictureInputs<'_> {
             Rgb::ZERO,
         ];
         if let Some((mean, own)) = gloss.get(index) {
-            radiance += *mean;
-            variance[3] = *own;
+            radiance += *mean * fragment.lobe_factor;
+            variance[3] = *own * fragment.lobe_factor * fragment.lobe_factor;
         }
         (radiance, variance)
     }

@@ -18,6 +18,11 @@ use std::sync::Arc;
 const BAND: u32 = 16;
 /// Most sub-pixel samples: each has a bit of a fragment's mask.
 pub const MOST_SAMPLES: u32 = 64;
+/// Multiples of it are well spread modulo 1, so that samples that are near each other in a pixel do
+/// not pass the same holes.
+const GOLDEN_RATIO: f32 = 0.618_034;
+/// Of samples that belong to none.
+const NO_FRAGMENT: usize = usize::MAX;
 /// Cosine of the angle, 14°, by which the normals of facets in one fragment may differ.
 const SMOOTH_COSINE: f32 = 0.97;
 
@@ -34,24 +39,25 @@ pub struct Fragment {
     pub share: f32,
     /// Mean place, ray units, off the surface by the rounding error.
     pub point: Vec3,
-    /// Mean unit normal.
+    /// Mean unit normal, between those of the vertices where surfaces are smooth.
     pub normal: Vec3,
+    /// Mean unit shading normal: the same turned by the normal map, if there is one.
+    pub shading_normal: Vec3,
     /// Mean diffuse albedo.
     pub diffuse: Rgb,
+    /// Mean factor of what its lobes reflect to the camera: what the diffuse part loses there.
+    pub lobe_factor: Rgb,
     /// Whether it reflects a lobe.
     pub glossy: bool,
 }
 
-/// Samples of a fragment on one facet that reflects a lobe. Facets that share a fragment have
-/// lobes of their own: what a highlight shows turns by twice as much as the surface does.
+/// The lobe of a fragment that is glossy.
 #[derive(Clone, Copy)]
 pub struct Lobe {
     /// Index of the fragment.
     pub fragment: u32,
-    /// Facet and side; see [`item`].
-    pub code: u32,
-    /// Samples that see that side of that facet, a bit each.
-    pub mask: u64,
+    /// Its samples by facet: [`VisibleSurfaces::groups`] from the first to before the second.
+    groups: [u32; 2],
 }
 
 /// A facet with its barycentric coordinates as linear functions of the pixel.
@@ -62,14 +68,18 @@ struct PictureFacet {
     inset: f32,
 }
 
-/// Sums over the samples of a pixel on one facet.
+/// Sums over the samples of a pixel on one facet; what does not vary over the facet is that of their
+/// mean place.
+#[derive(Default)]
 struct SampleSums {
-    /// Of their places in the pixel.
-    offset: Vec2,
-    /// Of base colours.
-    color: Rgb,
-    /// Of emitted radiance.
-    emission: Rgb,
+    /// Diffuse albedos.
+    diffuse: Rgb,
+    /// Factors of lobes.
+    lobe_factor: Rgb,
+    /// What they show by themselves.
+    shine: Rgb,
+    /// Shading normals.
+    normal: Vec3,
 }
 
 /// What a camera sees: all fragments and lobes of a picture.
@@ -87,12 +97,16 @@ pub struct VisibleSurfaces {
     pub fragments: Vec<Fragment>,
     /// Lobes in the order of their pixels.
     pub lobes: Vec<Lobe>,
+    /// Samples of the lobes, facet by facet.
+    groups: Vec<SampleGroup>,
     /// Places and normals of the fragments.
     pub places: FragmentPlaces,
     /// Fragments of pixel p: `start[p]..start[p + 1]`.
     pub start: Vec<u32>,
     /// Emitted radiance that each pixel sees.
     pub shine: Vec<Rgb>,
+    /// Radiance that each pixel sees of what surrounds the scene; empty where nothing does.
+    pub background: Vec<Rgb>,
 }
 
 impl VisibleSurfaces {
@@ -122,9 +136,11 @@ impl VisibleSurfaces {
             scene: scene.clone(),
             fragments: Vec::new(),
             lobes: Vec::new(),
+            groups: Vec::new(),
             places: FragmentPlaces::default(),
             start: vec![0],
             shine: Vec::with_capacity((width * height) as usize),
+            background: Vec::new(),
         };
         let bands: Vec<Band> = (0..height.div_ceil(BAND))
             .into_par_iter()
@@ -135,10 +151,13 @@ impl VisibleSurfaces {
             let first = firsts[firsts.len() - 1];
             visible.start.extend(band.ends.iter().map(|end| end + first as u32));
             visible.shine.extend(&band.shine);
-            let own = band.lobes.iter();
-            visible
-                .lobes
-                .extend(own.map(|lobe| Lobe { fragment: lobe.fragment + first as u32, ..*lobe }));
+            visible.background.extend(&band.background);
+            let groups = visible.groups.len() as u32;
+            visible.lobes.extend(band.lobes.iter().map(|lobe| Lobe {
+                fragment: lobe.fragment + first as u32,
+                groups: lobe.groups.map(|at| at + groups),
+            }));
+            visible.groups.extend(&band.groups);
             firsts.push(first + band.fragments.len());
         }
         // By all threads, since most of the time goes into memory that is new.
@@ -164,14 +183,10 @@ impl VisibleSurfaces {
     /// The surface point of the sample that is nearest to the middle of a fragment's: what it
     /// sees, and near what it sees on average, even where a pixel looks along the surface.
     pub fn middle_point(&self, fragment: &Fragment) -> Vec3 {
-        let visible = |fragment: &Fragment| {
-            let mask = fragment.mask;
-            let samples = self.samples.iter().enumerate();
-            samples.filter(move |(bit, _)| mask >> bit & 1 == 1).map(|(_, offset)| *offset)
-        };
-        let middle = visible(fragment).sum::<Vec2>() / fragment.mask.count_ones().max(1) as f32;
+        let samples = self.offsets(fragment.mask);
+        let middle = samples.sum::<Vec2>() / fragment.mask.count_ones().max(1) as f32;
         let off = |offset: &Vec2| offset.distance_squared(middle);
-        let nearest = visible(fragment).min_by(|a, b| off(a).total_cmp(&off(b)));
+        let nearest = self.offsets(fragment.mask).min_by(|a, b| off(a).total_cmp(&off(b)));
         let (Some(offset), Some((facet, back))) = (nearest, item::decode(fragment.code)) else {
             return fragment.point;
         };
@@ -186,16 +201,53 @@ impl VisibleSurfaces {
         FacetPlace { facet: FacetIndex(facet), back, at }
     }
 
+    /// Unit normal of the facet of a fragment, on the side that is seen.
+    pub fn flat_normal(&self, fragment: &Fragment) -> Vec3 {
+        let Some((facet, back)) = item::decode(fragment.code) else { return fragment.normal };
+        let normal = self.placed[facet as usize].normal;
+        if back { -normal } else { normal }
+    }
+
     /// Share of the pixel's samples that a lobe has.
     pub fn share(&self, lobe: &Lobe) -> f32 {
-        lobe.mask.count_ones() as f32 / self.samples.len() as f32
+        self.count(lobe) as f32 / self.samples.len() as f32
+    }
+
+    fn groups(&self, lobe: &Lobe) -> &[SampleGroup] {
+        let [first, end] = lobe.groups;
+        &self.groups[first as usize..end as usize]
+    }
+
+    /// Number of a lobe's samples.
+    fn count(&self, lobe: &Lobe) -> u32 {
+        self.groups(lobe).iter().map(|group| group.mask.count_ones()).sum()
+    }
+
+    /// The samples on the facet of a lobe's n-th sample, and which of them it is. Where there are
+    /// several facets, samples that follow each other are well spread over them.
+    fn group_of(&self, lobe: &Lobe, n: u32) -> (SampleGroup, u32) {
+        let groups = self.groups(lobe);
+        if groups.len() == 1 {
+            return (groups[0], n);
+        }
+        let count = self.count(lobe);
+        let mut left = (((n as f32 + 0.5) * GOLDEN_RATIO).fract() * count as f32) as u32;
+        for group in groups {
+            let own = group.mask.count_ones();
+            if left < own {
+                return (*group, left);
+            }
+            left -= own;
+        }
+        (groups[0], 0)
     }
 
     /// The surface at a lobe's n-th sample.
     pub fn surface(&self, world: &World, lobe: &Lobe, n: u32) -> Surface {
-        let (facet, back) = item::decode(lobe.code).unwrap_or((0, false));
+        let (SampleGroup { code, mask }, n) = self.group_of(lobe, n);
+        let (facet, back) = item::decode(code).unwrap_or((0, false));
         let pixel = self.fragments[lobe.fragment as usize].pixel;
-        let at = self.barycentric(facet, pixel, self.sample(lobe.mask, n));
+        let at = self.barycentric(facet, pixel, self.sample(mask, n));
         let placed = &self.placed[facet as usize];
         let spot = Spot::new(placed.corners, placed.normal, at.x, at.y);
         let piece = &self.scene.facets[facet as usize];
@@ -254,24 +306,36 @@ impl VisibleSurfaces {
         let mut band = Band {
             fragments: Vec::with_capacity(pixels + pixels / 8),
             lobes: Vec::new(),
+            groups: Vec::new(),
             ends: Vec::with_capacity(pixels),
             shine: Vec::with_capacity(pixels),
+            background: Vec::new(),
         };
+        let surrounds = !world.environment.is_dark();
         let mut groups: Vec<SampleGroup> = Vec::new();
         for pixel in 0..pixels {
             groups.clear();
+            let mut empty = 0u64;
             for sample in 0..count {
-                let code = items[sample * pixels + pixel];
+                let mut code = items[sample * pixels + pixel];
+                let bit = 1u64 << sample;
+                if self.may_pass(world, code) {
+                    let pixel = first_row * self.width + pixel as u32;
+                    code = self.behind_holes(world, pixel, sample);
+                }
                 if code == item::EMPTY {
+                    empty |= bit;
                     continue;
                 }
-                let bit = 1u64 << sample;
                 match groups.iter_mut().find(|group| group.code == code) {
                     Some(group) => group.mask |= bit,
                     None => groups.push(SampleGroup { code, mask: bit }),
                 }
             }
             let pixel = first_row * self.width + pixel as u32;
+            if surrounds {
+                band.background.push(self.background(world, pixel, empty));
+            }
             let shine = self.collect(world, pixel, &groups, &mut band);
             band.shine.push(shine);
             band.ends.push(band.fragments.len() as u32);
@@ -279,12 +343,48 @@ impl VisibleSurfaces {
         band
     }
 
+    /// Whether a sample that sees this may see what is behind it instead.
+    fn may_pass(&self, world: &World, code: u32) -> bool {
+        let facet = item::decode(code);
+        facet.is_some_and(|(facet, _)| {
+            world.rays.has_holes(self.scene.facets[facet as usize].source)
+        })
+    }
+
+    /// Code of what a sample of a pixel sees through holes.
+    fn behind_holes(&self, world: &World, pixel: u32, sample: usize) -> u32 {
+        let (origin, direction) = self.ray(pixel, self.samples[sample]);
+        let spread = (sample as f32 * GOLDEN_RATIO).fract();
+        let hit = world.rays.closest_in_pixel(origin, direction, spread, pixel);
+        let place = hit.and_then(|hit| {
+            let (facet, _) = self.scene.place_on_triangle(hit.triangle, hit.u, hit.v)?;
+            Some(item::encode(facet.0, hit.back))
+        });
+        place.unwrap_or(item::EMPTY)
+    }
+
+    /// Origin and unit direction of the ray through a place in a pixel.
+    fn ray(&self, pixel: u32, offset: Vec2) -> (Vec3, Vec3) {
+        let size = Vec2::new(self.width as f32, self.height as f32);
+        let corner = Vec2::new((pixel % self.width) as f32, (pixel / self.width) as f32);
+        // Offsets are from a pixel's middle.
+        let at = 2.0 * (corner + 0.5 + offset) / size - 1.0;
+        self.frame.ray(Vec2::new(at.x, -at.y))
+    }
+
+    /// What some samples of a pixel, by a bit each, see of what surrounds the scene.
+    fn background(&self, world: &World, pixel: u32, samples: u64) -> Rgb {
+        let of = |offset| world.environment.background(self.ray(pixel, offset).1);
+        self.offsets(samples).map(of).sum::<Rgb>() / self.samples.len() as f32
+    }
+
     /// Appends the fragments and lobes of a pixel; returns the emitted radiance that it sees.
     fn collect(&self, world: &World, pixel: u32, groups: &[SampleGroup], band: &mut Band) -> Rgb {
-        let Band { fragments, lobes, .. } = band;
+        let Band { fragments, lobes, groups: of_lobes, .. } = band;
+        let mut fragment_of_group = [NO_FRAGMENT; MOST_SAMPLES as usize];
         let mut shine = Rgb::ZERO;
         let first = fragments.len();
-        for group in groups {
+        for (number, group) in groups.iter().enumerate() {
             let Some((one, own)) = self.fragment_of(world, pixel, group) else { continue };
             shine += own;
             if one.diffuse == Rgb::ZERO && !one.glossy {
@@ -296,6 +396,7 @@ impl VisibleSurfaces {
                 other.glossy == one.glossy
                     && other.normal.dot(one.normal) > SMOOTH_COSINE
                     && other.normal.dot(other.point - one.point).abs() < reach
+                    && other.shading_normal.dot(one.shading_normal) > SMOOTH_COSINE
                     && (other.diffuse - one.diffuse).abs().max_element() < 0.02
             });
             let fragment = near.map_or(fragments.len(), |near| first + near);
@@ -303,12 +404,20 @@ impl VisibleSurfaces {
                 Some(other) => other.merge(&one),
                 None => fragments.push(one),
             }
-            if one.glossy {
-                lobes.push(Lobe { fragment: fragment as u32, code: group.code, mask: group.mask });
+            fragment_of_group[number] = fragment;
+        }
+        for (fragment, own) in fragments.iter().enumerate().skip(first) {
+            if own.glossy {
+                let begin = of_lobes.len() as u32;
+                let mine = groups.iter().zip(fragment_of_group);
+                of_lobes.extend(mine.filter(|(_, of)| *of == fragment).map(|(group, _)| *group));
+                let groups = [begin, of_lobes.len() as u32];
+                lobes.push(Lobe { fragment: fragment as u32, groups });
             }
         }
         for fragment in &mut fragments[first..] {
             fragment.normal = fragment.normal.normalize_or(Vec3::Z);
+            fragment.shading_normal = fragment.shading_normal.normalize_or(fragment.normal);
         }
         shine
     }
@@ -322,51 +431,75 @@ impl VisibleSurfaces {
     ) -> Option<(Fragment, Rgb)> {
         let &SampleGroup { code, mask } = group;
         let (facet, back) = item::decode(code)?;
-        let source = self.scene.facets[facet as usize].source;
-        let finish = world.finish(source);
+        let piece = &self.scene.facets[facet as usize];
+        let finish = world.finish(piece.source);
         let each = 1.0 / self.samples.len() as f32;
         let count = mask.count_ones() as f32;
         let share = count * each;
-        let sums = self.sum_samples(world, pixel, facet, mask, finish.varies);
-        let at = self.barycentric(facet, pixel, sums.offset / count);
-        let point = self.spot(facet, back, at).0;
-        let (diffuse, shine) = if finish.varies {
-            // Of the mean colour, as what is diffuse is proportional to the colour, but for
-            // surfaces that are in part metal.
-            let mean = world.material(source).reflectance(sums.color / count);
-            (mean.diffuse, sums.emission * each)
+        let middle = self.offsets(mask).sum::<Vec2>() / count;
+        let at = self.barycentric(facet, pixel, middle);
+        let (point, flat) = self.spot(facet, back, at);
+        let (source_at, side) = (piece.to_source(at.x, at.y), if back { -1.0 } else { 1.0 });
+        let normal = world.smooth_normal(piece.source, source_at, flat, side);
+        let varies = finish.varies || world.material(piece.source).normal_map.is_some();
+        let (diffuse, lobe_factor, shine, shading_normal) = if varies {
+            let sums = self.sum_samples(world, (facet, back), pixel, mask);
+            let normal = sums.normal.normalize_or(normal);
+            (sums.diffuse / count, sums.lobe_factor / count, sums.shine * each, normal)
         } else {
-            (finish.reflectance.diffuse, finish.emission * share)
+            let viewer = self.frame.towards_eye(point);
+            let [diffuse, lobe_factor] =
+                finish.parameters.diffuse_and_lobe_factor(normal.dot(viewer));
+            (diffuse, lobe_factor, world.shine(piece.source, source_at) * share, normal)
         };
-        let glossy = finish.reflectance.is_glossy();
-        let placed = &self.placed[facet as usize];
-        let normal = if back { -placed.normal } else { placed.normal };
-        let fragment = Fragment { pixel, code, mask, share, point, normal, diffuse, glossy };
+        let glossy = finish.parameters.is_glossy();
+        let fragment = Fragment {
+            pixel,
+            code,
+            mask,
+            share,
+            point,
+            normal,
+            shading_normal,
+            diffuse,
+            lobe_factor,
+            glossy,
+        };
         Some((fragment, shine))
     }
 
-    /// Sums over some samples of a facet: of their offsets and, where these vary, of colours.
+    /// Offsets of some samples, by a bit each, in their pixel.
+    fn offsets(&self, mut mask: u64) -> impl Iterator<Item = Vec2> + '_ {
+        std::iter::from_fn(move || {
+            let offset = (mask != 0).then(|| self.samples[mask.trailing_zeros() as usize]);
+            mask &= mask.wrapping_sub(1);
+            offset
+        })
+    }
+
+    /// Sums over some samples of a facet on which something varies.
     fn sum_samples(
         &self,
         world: &World,
+        (facet, back): (u32, bool),
         pixel: u32,
-        facet: u32,
-        mut mask: u64,
-        varies: bool,
+        mask: u64,
     ) -> SampleSums {
-        let facet_of = &self.scene.facets[facet as usize];
-        let mut sums = SampleSums { offset: Vec2::ZERO, color: Rgb::ZERO, emission: Rgb::ZERO };
-        while mask != 0 {
-            let offset = self.samples[mask.trailing_zeros() as usize];
-            mask &= mask - 1;
-            sums.offset += offset;
-            if varies {
-                let at = self.barycentric(facet, pixel, offset);
-                let at = facet_of.to_source(at.x, at.y);
-                let (color, emission) = world.colors_at(facet_of.source, at.x, at.y);
-                sums.color += color;
-                sums.emission += emission;
-            }
+        let piece = &self.scene.facets[facet as usize];
+        let side = if back { -1.0 } else { 1.0 };
+        let mut sums = SampleSums::default();
+        for offset in self.offsets(mask) {
+            let at = self.barycentric(facet, pixel, offset);
+            let (point, flat) = self.spot(facet, back, at);
+            let at = piece.to_source(at.x, at.y);
+            let normal = world.shading_normal(piece.source, at, flat, side);
+            let cosine = normal.dot(self.frame.towards_eye(point));
+            let parameters = world.parameters(piece.source, at);
+            let [diffuse, lobe_factor] = parameters.diffuse_and_lobe_factor(cosine);
+            sums.diffuse += diffuse;
+            sums.lobe_factor += lobe_factor;
+            sums.shine += world.shine(piece.source, at);
+            sums.normal += normal;
         }
         sums
     }
@@ -378,7 +511,10 @@ impl Fragment {
         let share = self.share + other.share;
         let (mine, theirs) = (self.share / share, other.share / share);
         self.normal = (self.normal * mine + other.normal * theirs).normalize_or(self.normal);
+        let shading = self.shading_normal * mine + other.shading_normal * theirs;
+        self.shading_normal = shading.normalize_or(self.shading_normal);
         self.diffuse = self.diffuse * mine + other.diffuse * theirs;
+        self.lobe_factor = self.lobe_factor * mine + other.lobe_factor * theirs;
         if other.mask.count_ones() > self.mask.count_ones() {
             (self.code, self.mask, self.point) = (other.code, other.mask, other.point);
         }
@@ -387,6 +523,7 @@ impl Fragment {
 }
 
 /// Samples of a pixel that see the same side of the same facet.
+#[derive(Clone, Copy)]
 struct SampleGroup {
     code: u32,
     mask: u64,
@@ -396,8 +533,11 @@ struct SampleGroup {
 struct Band {
     fragments: Vec<Fragment>,
     lobes: Vec<Lobe>,
+    groups: Vec<SampleGroup>,
     ends: Vec<u32>,
     shine: Vec<Rgb>,
+    /// Empty where nothing surrounds the scene.
+    background: Vec<Rgb>,
 }
 
 #[cfg(test)]

@@ -28,7 +28,7 @@ use super::solver::{Extent, Method, Solver};
 use crate::checkpoint::{CheckpointError, Reader};
 use crate::device::Device;
 use crate::device::cpu::CpuDevice;
-use crate::emitters::PolygonLights;
+use crate::emitters::DirectLights;
 use crate::rays::Rays;
 use crate::render::RenderError;
 use crate::sampling::Seed;
@@ -58,7 +58,7 @@ impl Method for Hemilux {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        1
+        2
     }
 
     fn summary(&self) -> &'static str {
@@ -90,10 +90,10 @@ impl Method for Hemilux {
         let patches = options.coarse_patches.unwrap_or(effort.patches);
         // All of it is work for the processor, whatever the device.
         let computes = CpuDevice::describe_here().to_string();
-        let scene = job.cut(job.request.scene.clone(), patches, computes, |_| Vec::new());
+        let scene = job.cut_with_unlit(patches, computes);
         let mut clock = Clock::default();
-        let world = Arc::new(World::new(job.request.scene.clone()));
-        let Some(lights) = PolygonLights::new(&world.scene, &world.rays) else { return Ok(None) };
+        let world = Arc::new(World::surrounded(job.request.scene.clone(), job.environment.clone()));
+        let Some(lights) = DirectLights::new(&world) else { return Ok(None) };
         let lights = Arc::new(lights);
         clock.lap("seconds_prepare");
         let elements = Elements::new(&scene, patches);

@@ -7,7 +7,9 @@ use crate::scene::Scene;
 /// One sentence a decision.
 pub fn reasons(scene: &Scene, options: &HemiluxSettings) -> Vec<String> {
     let used = scene.triangles.iter().map(|triangle| &scene.materials[triangle.material as usize]);
-    let glossy = used.clone().any(|material| material.reflectance(material.base_color).is_glossy());
+    let glossy = used
+        .clone()
+        .any(|material| material.reflectance(&material.typical(material.base_color)).is_glossy());
     let emitters = scene.emissive_triangles();
     let mut reasons = Vec::new();
     reasons.push("tier 1: links solve the coarse mesh on the processor; hemicube shots take longer for the same error".into());

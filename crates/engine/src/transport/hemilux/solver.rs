@@ -10,7 +10,7 @@ use super::gloss::Gloss;
 use super::settings::HemiluxSettings;
 use crate::checkpoint::{CheckpointError, Reader};
 use crate::device::DeviceError;
-use crate::emitters::PolygonLights;
+use crate::emitters::DirectLights;
 use crate::image::Picture;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
@@ -67,7 +67,7 @@ struct DrawnPicture {
 /// The solver of a job: the state of the three tiers and of the lobes, and the last picture.
 pub struct Tiers {
     world: Arc<World>,
-    lights: Arc<PolygonLights>,
+    lights: Arc<DirectLights>,
     visible: VisibleSurfaces,
     coarse: CoarseSolution,
     cache: IrradianceCache,
@@ -110,7 +110,7 @@ pub struct TierInputs {
     /// The scene as rays meet it.
     pub world: Arc<World>,
     /// Its emitters.
-    pub lights: Arc<PolygonLights>,
+    pub lights: Arc<DirectLights>,
     /// What the camera sees.
     pub visible: VisibleSurfaces,
     /// Tier 1.

@@ -2,7 +2,7 @@
 
 use super::coarse::{CoarseMesh, CoarseSolution, Elements};
 use super::fragments::VisibleSurfaces;
-use crate::emitters::PolygonLights;
+use crate::emitters::DirectLights;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::sampling::Seed;
@@ -20,7 +20,7 @@ pub const EMISSION: f32 = 2.0;
 /// A scene with its coarse mesh.
 pub struct Specimen {
     pub world: Arc<World>,
-    pub lights: Arc<PolygonLights>,
+    pub lights: Arc<DirectLights>,
     pub scene: Arc<PatchedScene>,
     pub coarse: CoarseSolution,
 }
@@ -31,7 +31,7 @@ impl Specimen {
         let scene = import(glb, &Resources::new(), &ImportLimits::default()).expect("valid");
         let scene = Arc::new(scene);
         let world = Arc::new(World::new(scene.clone()));
-        let lights = PolygonLights::new(&scene, &world.rays).expect("something shines");
+        let lights = DirectLights::new(&world).expect("something shines");
         let lights = Arc::new(lights);
         let scene = Arc::new(PatchedScene::new(scene, patches));
         let elements = Elements::new(&scene, patches);

@@ -16,6 +16,7 @@ fn lit_picture(glb: &[u8], threads: usize, seed: u64, brightness: f32) -> Pictur
     scene.materials.iter_mut().for_each(|material| material.emission *= brightness);
     let request = RenderRequest {
         scene: Arc::new(scene),
+        environment: None,
         camera: CameraChoice::First,
         width: 70,
         height: 50,

@@ -212,9 +212,10 @@ impl LightRays<'_> {
             if !walk.power.is_finite() {
                 return;
             }
-            if bounce > 0 && surface.reflection().diffuse() != Rgb::ZERO {
+            if bounce > 0 && surface.reflection().mean_diffuse() != Rgb::ZERO {
                 let Surface { triangle, back, at, .. } = surface;
-                deposits.push(PowerDeposit { triangle, back, at, power: walk.power });
+                let power = walk.power * surface.side().irradiance_factor(source);
+                deposits.push(PowerDeposit { triangle, back, at, power });
             }
             let clear = surface
                 .clear
@@ -236,7 +237,8 @@ impl LightRays<'_> {
                 let xi = [walk.numbers.uniform(), walk.numbers.uniform()];
                 let lobe = surface.lobe_only().reflection();
                 let Some(scattered) = lobe.sample(source, 0.0, false, xi) else { return };
-                walk.power *= scattered.factor.lobe;
+                let factor = surface.side().power_factor(scattered.direction, source);
+                walk.power *= scattered.factor.lobe * factor;
                 (origin, direction) = (surface.start(), scattered.direction);
             } else {
                 return;

@@ -4,6 +4,7 @@ use super::charts::{Charts, Receiver};
 use super::light_rays::{Casters, LightRays};
 use super::map::Map;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
+use crate::emitters::TriangleLights;
 use crate::radiometry::{IMPORTANCE_WEIGHTS, Rgb, importance};
 use crate::surface::World;
 use crate::transport::ray_traced::View;
@@ -44,7 +45,10 @@ impl Maker {
     /// Charts the surfaces for `cells` cells; `count` rays are shot for a pass.
     pub fn new(view: &View, casters: Casters, count: u64, cells: u64, seed: u64) -> Self {
         let mut receivers = receivers(&view.world);
-        weigh(&mut receivers, &view.world, &light_rays(view, &casters, PILOT, seed));
+        if let Some(lights) = &view.lights.triangles {
+            let pilot = light_rays((view, lights), &casters, PILOT, seed);
+            weigh(&mut receivers, &view.world, &pilot);
+        }
         let map = Map::new(Charts::new(&view.world.scene, &receivers, cells));
         let interval = (map.len() as u64).div_ceil(VALUES_PER_RAY * count).clamp(1, MOST_PASSES);
         let count = (count * interval).next_multiple_of(2);
@@ -58,7 +62,8 @@ impl Maker {
 
     /// Shoots the next block of a shower.
     pub fn advance(&mut self, view: &View) {
-        let light_rays = light_rays(view, &self.casters, self.count, self.seed);
+        let Some(lights) = &view.lights.triangles else { return };
+        let light_rays = light_rays((view, lights), &self.casters, self.count, self.seed);
         let block = self.shot..(self.shot + BLOCK).min(self.count);
         let shower = light_rays.shoot(self.map.showers(), block);
         self.map.deposit(&shower.deposits);
@@ -106,8 +111,13 @@ impl Maker {
     }
 }
 
-fn light_rays<'a>(view: &'a View, casters: &'a Casters, count: u64, seed: u64) -> LightRays<'a> {
-    LightRays { world: &view.world, lights: &view.lights, casters, count, seed }
+fn light_rays<'a>(
+    (view, lights): (&'a View, &'a TriangleLights),
+    casters: &'a Casters,
+    count: u64,
+    seed: u64,
+) -> LightRays<'a> {
+    LightRays { world: &view.world, lights, casters, count, seed }
 }
 
 /// The sides of triangles that reflect diffusely anywhere, all with the same weight for their
@@ -118,7 +128,7 @@ fn receivers(world: &World) -> Vec<Receiver> {
     for (index, triangle) in scene.triangles.iter().enumerate() {
         let material = &scene.materials[triangle.material as usize];
         let opaque = material.clear_share() < 1.0;
-        if !opaque || material.reflectance(Rgb::ONE).diffuse == Rgb::ZERO {
+        if !opaque || material.reflectance(&material.appearance(Rgb::ONE)).diffuse == Rgb::ZERO {
             continue;
         }
         let (_, area) = world.rays.corners(scene, index as u32);

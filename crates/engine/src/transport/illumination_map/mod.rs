@@ -24,7 +24,7 @@ use super::run::Run;
 use super::solver::{Estimate, Extent, Method, Solver};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceError, Tally};
-use crate::emitters::TriangleLights;
+use crate::emitters::SceneLights;
 use crate::image::Picture;
 use crate::render::{RenderError, StopReason};
 use crate::scene::Warning;
@@ -77,14 +77,16 @@ impl Method for IlluminationMap {
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
         let options = RayTracedSettings::new(&job.settings);
         let own = MapSettings::new(&job.settings);
-        let world = World::new(job.request.scene.clone());
-        let lights = TriangleLights::new(&world);
-        let casters = Casters::new(&world);
+        let world = World::surrounded(job.request.scene.clone(), job.environment.clone());
+        let lights = SceneLights::new(&world);
+        // Light rays start on what emits.
+        let emits = lights.as_ref().is_some_and(|lights| lights.triangles.is_some());
+        let casters = Casters::new(&world).filter(|_| emits);
         let mut warnings = warnings(&world, &options, &device.description());
         if casters.is_none() {
             warnings.push(Warning::new(
                 "scene",
-                "nothing mirrors sharply or lets light through, so there are no caustics to map; ray-traced shows the same",
+                "nothing that emits shines on what mirrors sharply or lets light through, so there are no caustics to map; ray-traced shows the same",
             ));
         }
         job.announce(Announcement {

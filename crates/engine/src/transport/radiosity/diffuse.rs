@@ -12,26 +12,56 @@ use crate::sampling::frame;
 use crate::scene::{Material, Scene, Warning};
 use crate::transport::job::Job;
 use crate::transport::options::MeshSettings;
+use crate::transport::settled;
+use crate::transport::solver::Solver;
 use glam::Vec2;
 use std::f32::consts::{PI, TAU};
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
-/// Cuts and announces the scene as a method shows it that knows diffuse reflection only; `None`
-/// where there is no light.
-pub fn cut_diffuse(
+/// The scene in patches, and what they do before any of them has shot.
+pub struct Lit {
+    /// The scene.
+    pub scene: Arc<PatchedScene>,
+    /// Irradiance E⁰ of every patch by light that no patch sends.
+    pub irradiance: Vec<Rgb>,
+    /// Radiance that every patch has to shoot at first: what it emits and what it reflects of that
+    /// light, L^e + ρ E⁰/π.
+    pub source: Vec<Rgb>,
+}
+
+/// Cuts, announces and lights the scene as a method shows it that knows diffuse reflection only.
+/// Breaks with what [`crate::transport::Method::begin`] is to return where there is nothing to be
+/// shot.
+pub fn cut_diffuse<'a>(
     job: &mut Job<'_>,
     device: &dyn Device,
-) -> Result<Option<Arc<PatchedScene>>, RenderError> {
+) -> Result<ControlFlow<Option<Box<dyn Solver + 'a>>, Lit>, RenderError> {
     let (scene, warnings) = diffuse_scene(&job.request.scene);
     let patches = MeshSettings::new(&job.settings).patches;
     let scene = job.cut(scene, patches, device.description().to_string(), |_| warnings);
-    Ok(scene.patches.any_light().then_some(scene))
+    Ok(settled::begin(job, &scene)?.map_continue(|found| Lit::new(scene, found)))
+}
+
+impl Lit {
+    fn new(scene: Arc<PatchedScene>, found: Option<Vec<Rgb>>) -> Self {
+        let patches = &scene.patches;
+        let mut source = patches.emission.clone();
+        if let Some(found) = &found {
+            for ((source, albedo), found) in source.iter_mut().zip(&patches.diffuse).zip(found) {
+                *source += *albedo * *found / PI;
+            }
+        }
+        let irradiance = found.unwrap_or_else(|| vec![Rgb::ZERO; patches.len()]);
+        Self { scene, irradiance, source }
+    }
 }
 
 /// The scene with every glossy material made Lambertian in its base colour, and a warning for
 /// each.
 fn diffuse_scene(scene: &Arc<Scene>) -> (Arc<Scene>, Vec<Warning>) {
-    let glossy = |material: &Material| material.reflectance(Rgb::ONE).is_glossy();
+    let glossy =
+        |material: &Material| material.reflectance(&material.appearance(Rgb::ONE)).is_glossy();
     if !scene.materials.iter().any(glossy) {
         return (scene.clone(), Vec::new());
     }

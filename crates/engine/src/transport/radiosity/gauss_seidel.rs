@@ -1,7 +1,7 @@
 //! The full matrix of form factors and Gauss–Seidel iteration (Rogers §5-17: the matrix is strictly
 //! diagonally dominant, so it converges).
 
-use super::diffuse::{cut_diffuse, solution};
+use super::diffuse::{Lit, cut_diffuse, solution};
 use super::form_factor_matrix::{FormFactorMatrix, matrix_bytes};
 use super::settings;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
@@ -19,6 +19,7 @@ use crate::transport::solver::{Estimate, Extent, Method, Solver, patched_bytes};
 use glam::DVec3;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 /// A sweep that changes no radiance by more than this share of the largest ends the iteration.
@@ -58,12 +59,15 @@ impl Method for GaussSeidel {
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
         job.run.standing.without_estimate = true;
-        let Some(scene) = cut_diffuse(job, device)? else { return Ok(None) };
+        let Lit { scene, irradiance, source } = match cut_diffuse(job, device)? {
+            ControlFlow::Continue(lit) => lit,
+            ControlFlow::Break(begun) => return Ok(begun),
+        };
         let measurement = job.measurement(&scene);
         let settings = settings::looking(&job.settings, job.request.seed);
         let mut matrix = FormFactorMatrix::reserve(&scene)?;
         let shooter = device.begin(scene.clone(), &settings)?;
-        let mut balance = Balance::new(&scene.patches.emission, &scene.patches.diffuse);
+        let mut balance = Balance::new(&source, irradiance, &scene.patches.diffuse);
         if let Some(mut past) = job.past.take() {
             matrix.restore(&mut past.shared)?;
             match matrix.is_full() {
@@ -90,7 +94,7 @@ struct Full<'a> {
 
 impl Solver for Full<'_> {
     /// Some rows of the matrix, or a sweep; one follows the last row at once. Without all rows
-    /// nothing can be solved: the emission is all there is to see.
+    /// nothing can be solved: the emission is all there is to see, and light that no patch sends.
     fn advance(&mut self, run: &mut Run<'_>) -> Result<Option<StopReason>, RenderError> {
         if !self.matrix.is_full() {
             if let Some(reason) = run.stop_early() {
@@ -144,9 +148,12 @@ impl Solver for Full<'_> {
     }
 }
 
-/// Radiance and irradiance while L_i = L^e_i + ρ_i Σ_j F_ij L_j is swept.
+/// Radiance and irradiance while L_i = S_i + ρ_i Σ_j F_ij L_j is swept, with the source
+/// S_i = L^e_i + ρ_i E⁰_i/π.
 struct Balance {
-    emission: Vec<DVec3>,
+    source: Vec<DVec3>,
+    /// E⁰, irradiance by light that no patch sends.
+    found: Vec<Rgb>,
     albedo: Vec<DVec3>,
     radiance: Vec<DVec3>,
     irradiance: Vec<Rgb>,
@@ -155,14 +162,15 @@ struct Balance {
 }
 
 impl Balance {
-    fn new(emission: &[Rgb], albedo: &[Rgb]) -> Self {
+    fn new(source: &[Rgb], found: Vec<Rgb>, albedo: &[Rgb]) -> Self {
         let doubles = |values: &[Rgb]| values.iter().map(|v| v.as_dvec3()).collect::<Vec<_>>();
-        let emission = doubles(emission);
+        let source = doubles(source);
         Self {
-            radiance: emission.clone(),
-            irradiance: vec![Rgb::ZERO; emission.len()],
+            radiance: source.clone(),
+            irradiance: found.clone(),
             albedo: doubles(albedo),
-            emission,
+            source,
+            found,
             settled: false,
         }
     }
@@ -185,16 +193,16 @@ impl Balance {
     /// One sweep in place.
     fn sweep(&mut self, matrix: &FormFactorMatrix) {
         let (mut change, mut largest) = (0f64, 0f64);
-        for i in 0..self.emission.len() {
+        for i in 0..self.source.len() {
             let mut incident = DVec3::ZERO;
             for (f, radiance) in matrix.row(i).iter().zip(&self.radiance) {
                 incident += *radiance * f64::from(*f);
             }
-            let next = self.emission[i] + self.albedo[i] * incident;
+            let next = self.source[i] + self.albedo[i] * incident;
             change = change.max((next - self.radiance[i]).abs().max_element());
             largest = largest.max(next.max_element());
             self.radiance[i] = next;
-            self.irradiance[i] = (incident * PI).as_vec3();
+            self.irradiance[i] = (incident * PI).as_vec3() + self.found[i];
         }
         self.settled = change <= CONVERGED * largest;
     }
@@ -247,7 +255,7 @@ mod tests {
         };
         let emission: Vec<Rgb> = (0..count).map(|i| colour(i, 5.0)).collect();
         let albedo: Vec<Rgb> = (0..count).map(|i| colour(count + i, 0.9)).collect();
-        let mut balance = Balance::new(&emission, &albedo);
+        let mut balance = Balance::new(&emission, vec![Rgb::ZERO; count], &albedo);
         let mut settles = |_: &u32| {
             balance.sweep(&matrix);
             balance.settled

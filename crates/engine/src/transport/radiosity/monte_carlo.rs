@@ -1,7 +1,7 @@
 //! Monte-Carlo radiosity (Neumann et al. 1995; Antal §1): bounce by bounce, random patches shoot
 //! what they hold over the probability of being picked, in place of all the others.
 
-use super::diffuse::{Point, add_irradiance, cut_diffuse, power, shot_from, total_power};
+use super::diffuse::{Lit, Point, add_irradiance, cut_diffuse, power, shot_from, total_power};
 use super::settings;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::device::{Device, DeviceError, Shooting, ShootingSettings, Sums, Tally};
@@ -18,9 +18,10 @@ use crate::transport::options::{AnySetting, MESH};
 use crate::transport::run::Run;
 use crate::transport::solver::{Estimate, Extent, Method, Solver, patched_bytes};
 use std::f32::consts::PI;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
-/// A pass ends when a bounce holds less than this share of the emitted power; with probability
+/// A pass ends when a bounce holds less than this share of the first one's power; with probability
 /// proportional to the rest it goes on, so that nothing is lost on average.
 const SMALL_BOUNCE: f64 = 0.02;
 /// Bounces of a pass, whatever is left.
@@ -55,15 +56,18 @@ impl Method for MonteCarlo {
         job: &mut Job<'a>,
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
-        let Some(scene) = cut_diffuse(job, device)? else { return Ok(None) };
-        let measurement = job.measurement(&scene);
+        let lit = match cut_diffuse(job, device)? {
+            ControlFlow::Continue(lit) => lit,
+            ControlFlow::Break(begun) => return Ok(begun),
+        };
+        let measurement = job.measurement(&lit.scene);
         let settings = settings::shooting(&job.settings, job.request.seed);
         let mut solver = Passes {
             weights: measurement.vertex_weights(),
             measurement,
-            shooter: device.begin(scene.clone(), &settings)?,
+            shooter: device.begin(lit.scene.clone(), &settings)?,
             batches: Batches::new(0),
-            pass: Pass { scene, settings, tally: Tally::default() },
+            pass: Pass { lit, settings, tally: Tally::default() },
             earlier: Tally::default(),
             whole: Tally::default(),
         };
@@ -101,7 +105,7 @@ impl Passes<'_> {
         if self.earlier.iterations > self.whole.iterations {
             return Err(CheckpointError::damaged("it has fewer passes than it began with"));
         }
-        self.batches.restore(&mut past.shared, self.pass.scene.patches.len())?;
+        self.batches.restore(&mut past.shared, self.pass.lit.scene.patches.len())?;
         past.shared.end()
     }
 
@@ -156,13 +160,13 @@ impl Solver for Passes<'_> {
 
     fn irradiance(&self) -> Option<(Arc<PatchedScene>, Vec<Rgb>)> {
         let any = self.batches.any();
-        any.then(|| (self.pass.scene.clone(), self.batches.mean().irradiance))
+        any.then(|| (self.pass.lit.scene.clone(), self.batches.mean().irradiance))
     }
 }
 
 /// One pass after the other.
 struct Pass {
-    scene: Arc<PatchedScene>,
+    lit: Lit,
     settings: ShootingSettings,
     tally: Tally,
 }
@@ -175,10 +179,10 @@ impl Pass {
         shooter: &mut dyn Shooting,
         stop: impl Fn() -> bool,
     ) -> Result<Option<Vec<Rgb>>, DeviceError> {
-        let scene = self.scene.clone();
+        let scene = self.lit.scene.clone();
         let patches = &scene.patches;
-        let mut irradiance = vec![Rgb::ZERO; patches.len()];
-        let mut held = patches.emission.clone();
+        let mut irradiance = self.lit.irradiance.clone();
+        let mut held = self.lit.source.clone();
         let emitted = total_power(&scene, &held);
         for bounce in 0..MOST_BOUNCES {
             let left = total_power(&scene, &held) / emitted;
@@ -219,7 +223,7 @@ impl Pass {
         count: u32,
         gained: &mut [Rgb],
     ) -> Result<(), DeviceError> {
-        let scene = &*self.scene;
+        let scene = &*self.lit.scene;
         let total = total_power(scene, held);
         if total <= 0.0 || !total.is_finite() {
             return Ok(());

@@ -1,7 +1,9 @@
 //! Progressive refinement (Southwell iteration; Cohen et al. 1988): always shoot from where most
 //! light waits to be shot.
 
-use super::diffuse::{Point, add_irradiance, cut_diffuse, power, shot_from, solution, total_power};
+use super::diffuse::{
+    Lit, Point, add_irradiance, cut_diffuse, power, shot_from, solution, total_power,
+};
 use super::settings;
 use crate::device::{Device, DeviceError, Shooting, ShootingSettings, Tally};
 use crate::image::Picture;
@@ -16,10 +18,15 @@ use crate::transport::run::Run;
 use crate::transport::solver::{Estimate, Extent, Method, Solver, patched_bytes};
 use std::collections::BTreeMap;
 use std::f32::consts::PI;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
-/// Stops when this share of the emitted power is left to be shot.
+/// Stops when this share of the power that there was at first is left to be shot.
 const REST: f64 = 1e-5;
+
+/// Why unshot light is not shown.
+const NO_AMBIENT: &str =
+    "there is no ambient term, which is for closed scenes: a sky or a sun shines into this one";
 
 /// Shoots from the patches with the most unshot power, at their centroids, until next to nothing
 /// is left; what is left is shown as an ambient term.
@@ -52,15 +59,24 @@ impl Method for Progressive {
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
         job.run.standing.without_estimate = true;
-        let Some(scene) = cut_diffuse(job, device)? else { return Ok(None) };
+        // The term takes the scene to be closed; where a sky shines in, light gets out as well.
+        let asked = settings::ambient(&job.settings);
+        let ambient = asked && job.environment.is_dark();
+        if asked && !ambient {
+            job.explain([NO_AMBIENT.into()]);
+        }
+        let Lit { scene, irradiance, source } = match cut_diffuse(job, device)? {
+            ControlFlow::Continue(lit) => lit,
+            ControlFlow::Break(begun) => return Ok(begun),
+        };
         let settings = settings::shooting(&job.settings, job.request.seed);
         let mut solver = Refinement {
             measurement: job.measurement(&scene),
             shooter: device.begin(scene.clone(), &settings)?,
-            emitted: total_power(&scene, &scene.patches.emission),
-            irradiance: vec![Rgb::ZERO; scene.patches.len()],
-            unshot: scene.patches.emission.clone(),
-            ambient: settings::ambient(&job.settings),
+            emitted: total_power(&scene, &source),
+            irradiance,
+            unshot: source,
+            ambient,
             rest: 1.0,
             scene,
             settings,
@@ -81,12 +97,12 @@ struct Refinement<'a> {
     measurement: Measurement,
     settings: ShootingSettings,
     shooter: Box<dyn Shooting + 'a>,
-    /// Emitted power.
+    /// Power of what the patches have to shoot at first.
     emitted: f64,
     irradiance: Vec<Rgb>,
     /// Radiance that waits to be shot.
     unshot: Vec<Rgb>,
-    /// Share of the emitted power that waits to be shot.
+    /// Share of that power that waits to be shot.
     rest: f64,
     /// Whether what waits is shown as an ambient term.
     ambient: bool,

@@ -6,7 +6,7 @@ use crate::transport::options::{
 };
 
 static AMBIENT: Setting<Switch> = Setting::new("ambient", "true", Switch)
-    .means("show unshot light as an ambient term, π ΔL_mean/(1 − ρ_mean)");
+    .means("show unshot light as an ambient term, π ΔL_mean/(1 − ρ_mean), where no sky or sun shines into the scene");
 static FORM_FACTOR_POINTS: Setting<Whole> =
     Setting::new("form_factor_points", "1", Whole { low: 1, high: 64 }).unit("hemicubes").means(
         "hemicubes a patch whose mean is its row of form factors; one stands on the centroid",

@@ -19,7 +19,7 @@ use super::run::Run;
 use super::solver::{Estimate, Extent, Method, Solver};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceDescription, DeviceError, Tally};
-use crate::emitters::TriangleLights;
+use crate::emitters::SceneLights;
 use crate::image::Picture;
 use crate::render::{RenderError, StopReason};
 use crate::scene::Warning;
@@ -47,7 +47,7 @@ impl Method for RayTraced {
     }
 
     fn summary(&self) -> &'static str {
-        "path tracing from the camera, diffuse and Phong; unbiased unless a setting says otherwise"
+        "path tracing from the camera; unbiased unless a setting says otherwise"
     }
 
     fn settings(&self) -> Vec<&'static dyn AnySetting> {
@@ -68,8 +68,8 @@ impl Method for RayTraced {
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
         let options = RayTracedSettings::new(&job.settings);
-        let world = World::new(job.request.scene.clone());
-        let lights = TriangleLights::new(&world);
+        let world = World::surrounded(job.request.scene.clone(), job.environment.clone());
+        let lights = SceneLights::new(&world);
         job.announce(Announcement {
             device: format!("{} (rays)", CpuDevice::describe_here().name),
             patches: 0,
@@ -104,7 +104,7 @@ pub(super) fn warnings(
 ) -> Vec<Warning> {
     let mut warnings = Vec::new();
     if world.rays.is_empty() {
-        warnings.push(Warning::new("scene", "there is no surface; the picture is black"));
+        warnings.push(Warning::new("scene", "there is no surface to be seen"));
     }
     if device.kind != "cpu" {
         let what = format!("rays are traced by the processor, not by {}", device.name);

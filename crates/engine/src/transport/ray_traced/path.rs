@@ -4,7 +4,7 @@
 //! Where a map has the caustics, diffuse surfaces read them there, and what the walk finds of the
 //! same light is left out ([`Carried`]).
 
-use crate::emitters::{DiskPoints, Disks, LightSample, TriangleLights};
+use crate::emitters::{DiskPoints, Disks, LightSample, SceneLights, TriangleLights};
 use crate::radiometry::Rgb;
 use crate::random::Numbers;
 use crate::rays::Eye;
@@ -43,7 +43,7 @@ pub struct Tracer<'a> {
     /// The scene.
     pub world: &'a World,
     /// Its lights.
-    pub lights: &'a TriangleLights,
+    pub lights: &'a SceneLights,
     /// What stands for them where Lange's sampling is asked for.
     pub disks: Option<(&'a Disks, DiskPoints)>,
     /// Most reflections of a path.
@@ -165,6 +165,9 @@ struct Flight {
     /// Density per solid angle that the direction was picked with; infinite where light can't be
     /// sampled instead.
     density: f32,
+    /// Unit shading normal where it began, for which lights were sampled, too; `None` of rays from
+    /// the camera.
+    normal: Option<Vec3>,
     carried: Carried,
     /// What it is in.
     inside: Option<Inside>,
@@ -187,6 +190,7 @@ impl Tracer<'_> {
             origin,
             direction,
             density: f32::INFINITY,
+            normal: None,
             carried: Carried::START,
             inside: None,
         };
@@ -203,16 +207,22 @@ impl Tracer<'_> {
         let (mut radiance, mut crossings) = (Rgb::ZERO, 0);
         loop {
             walk.rays += 1;
-            let Flight { eye, origin, direction, density, carried, inside } = &mut flight;
-            let Some((surface, distance)) = self.world.meet(*eye, *origin, *direction) else {
-                return (radiance, None);
+            let met = self.world.meet(flight.eye, flight.origin, flight.direction);
+            let Some((surface, distance)) = met else {
+                return (radiance + self.escaped(&flight), None);
             };
+            let Flight { eye, origin, direction, density, normal: _, carried, inside } =
+                &mut flight;
             if let Some(inside) = inside {
                 *carried = carried.times(inside.left_after(distance));
             }
             let is_sampled = density.is_finite();
             if crossings == 0 && *eye == Eye::Camera {
                 walk.saw_emitter |= surface.emission != Rgb::ZERO;
+                if self.world.finish(surface.triangle).is_unlit {
+                    let shine = self.world.shine(surface.triangle, surface.at.into());
+                    return (radiance + shine, None);
+                }
             }
             if surface.emission != Rgb::ZERO && (self.disks.is_none() || !is_sampled) {
                 let other = self.lights.density(&surface, *direction, distance);
@@ -247,6 +257,19 @@ impl Tracer<'_> {
                 (*origin, *eye) = (surface.start(), Eye::Light);
             }
         }
+    }
+
+    /// What a ray brings that leaves the scene: sky and sun, as far as they were not sampled.
+    fn escaped(&self, flight: &Flight) -> Rgb {
+        let Flight { direction, density, normal, carried, .. } = flight;
+        let of = |(radiance, other): (Rgb, f32)| {
+            if radiance == Rgb::ZERO {
+                Rgb::ZERO
+            } else {
+                radiance * power_heuristic(*density, other)
+            }
+        };
+        carried.all * self.lights.escaping(*normal, *direction).into_iter().map(of).sum::<Rgb>()
     }
 
     /// Radiance that the first surface reflects, by N rays: in proportion to what the diffuse
@@ -302,6 +325,7 @@ impl Tracer<'_> {
                 origin: surface.start(),
                 direction: scattered.direction,
                 density: scattered.pdf,
+                normal: Some(stop.surface.shading_normal),
                 carried,
                 inside: stop.inside,
             };
@@ -323,7 +347,7 @@ impl Tracer<'_> {
 
     /// What the diffuse part reflects of the caustics in the map.
     fn caustics(&self, stop: &Stop, walk: &mut Walk) -> Rgb {
-        let diffuse = stop.surface.reflection().diffuse();
+        let diffuse = stop.surface.reflection().diffuse(stop.viewer);
         match self.caustics {
             Some(caustics) if diffuse != Rgb::ZERO => {
                 let weight = stop.carried.all * diffuse / PI;
@@ -338,43 +362,83 @@ impl Tracer<'_> {
     /// Light that comes from the emitters without detour and is reflected here, by `count`
     /// samples.
     fn direct(&self, (stop, number): (&Stop, u32), share: f32, count: u32, walk: &mut Walk) -> Rgb {
-        match self.disks {
-            None => self.direct_by_area((stop, number), share, count, walk),
-            Some(disks) => self.direct_by_disks(stop, disks, count, walk),
+        let radiance = match (self.disks, &self.lights.triangles) {
+            (_, None) => Rgb::ZERO,
+            (None, Some(lights)) => self.direct_by_area(lights, (stop, number), share, count, walk),
+            (Some(disks), _) => self.direct_by_disks(stop, disks, count, walk),
+        };
+        if self.lights.has_others() {
+            return radiance + self.direct_from_others((stop, number), share, walk);
         }
+        radiance
+    }
+
+    /// Light of sky, sun and lights without extent, by a sample of each.
+    fn direct_from_others(&self, (stop, number): (&Stop, u32), share: f32, walk: &mut Walk) -> Rgb {
+        // Emissive triangles take the well-spread numbers where there are some.
+        let pair = match self.lights.triangles {
+            None => walk.pair(Choice::LightPoint, number),
+            Some(_) => [walk.numbers.uniform(), walk.numbers.uniform()],
+        };
+        let surface = &stop.surface;
+        let sun = [walk.numbers.uniform(), walk.numbers.uniform()];
+        let samples = [
+            self.lights.sample_sky(surface, pair),
+            self.lights.sample_sun(surface, sun),
+            self.lights.sample_punctual(surface, walk.numbers.uniform()),
+        ];
+        let sampled = samples.into_iter().flatten();
+        sampled.map(|light| self.arriving(stop, light, share, (false, walk))).sum()
+    }
+
+    /// What a surface reflects of a light sample that nothing hides; a map of caustics may have a
+    /// part of it.
+    fn arriving(
+        &self,
+        stop: &Stop,
+        light: LightSample,
+        share: f32,
+        (is_mapped, walk): (bool, &mut Walk),
+    ) -> Rgb {
+        let Stop { surface, viewer, carried, .. } = stop;
+        let LightSample { end, direction, radiance: emitted, density } = light;
+        let (parts, other) = surface.reflection().evaluate_with_pdf(*viewer, direction, share);
+        let reflected = carried.reflected(surface, parts, self.caustics.is_some());
+        let value = if is_mapped { reflected.unmapped() } else { reflected.all };
+        let cosine = surface.shading_normal.dot(direction);
+        let weight = match density.is_finite() {
+            true => cosine / density * power_heuristic(density, other),
+            // All of a light without extent is in the sample.
+            false => cosine,
+        };
+        let mut arriving = value * emitted * weight;
+        if arriving == Rgb::ZERO {
+            return arriving;
+        }
+        if let Some(inside) = &stop.inside {
+            arriving *= inside.left_after((end - surface.start()).length());
+        }
+        walk.rays += 1;
+        walk.light_rays += 1;
+        let blocked = self.world.rays.blocked(surface.start(), end, |_| false);
+        if blocked { Rgb::ZERO } else { arriving }
     }
 
     fn direct_by_area(
         &self,
+        lights: &TriangleLights,
         (stop, number): (&Stop, u32),
         share: f32,
         count: u32,
         walk: &mut Walk,
     ) -> Rgb {
-        let Stop { surface, viewer, carried, .. } = stop;
-        let has_map = self.caustics.is_some();
         let mut radiance = Rgb::ZERO;
         for index in 0..count {
             let pick = walk.single(Choice::Light, number);
             let pick = (f64::from(index) + pick) / f64::from(count);
             let xi = walk.pair(Choice::LightPoint, number);
-            let Some(light) = self.lights.sample(self.world, surface, pick, xi) else { continue };
-            let LightSample { end, direction, radiance: emitted, density } = light;
-            let (parts, other) = surface.reflection().evaluate_with_pdf(*viewer, direction, share);
-            let value = carried.reflected(surface, parts, has_map).unmapped();
-            let cosine = surface.normal.dot(direction);
-            let mut arriving =
-                value * emitted * (cosine / density * power_heuristic(density, other));
-            if arriving == Rgb::ZERO {
-                continue;
-            }
-            if let Some(inside) = &stop.inside {
-                arriving *= inside.left_after((end - surface.start()).length());
-            }
-            walk.rays += 1;
-            walk.light_rays += 1;
-            if !self.world.rays.blocked(surface.start(), end, |_| false) {
-                radiance += arriving;
+            if let Some(light) = lights.sample(self.world, &stop.surface, pick, xi) {
+                radiance += self.arriving(stop, light, share, (true, walk));
             }
         }
         radiance / count as f32
@@ -414,8 +478,8 @@ impl Tracer<'_> {
                 let Some((end, direction, light)) = disk.light(from, at) else {
                     return (Rgb::ZERO, 0.0);
                 };
-                let cosine = surface.normal.dot(direction);
-                if cosine <= 0.0 {
+                let cosine = surface.shading_normal.dot(direction);
+                if cosine <= 0.0 || surface.normal.dot(direction) <= 0.0 {
                     return (Rgb::ZERO, 0.0);
                 }
                 walk.rays += 1;

@@ -108,18 +108,23 @@ impl Pixels<'_> {
 
     /// Radiance at picture position `at`, pixels from the upper left corner.
     fn look(&self, at: Vec2, walk: &mut Walk) -> Estimate {
-        let Some((origin, direction)) = self.ray(at) else { return Estimate::default() };
         walk.by_map = Rgb::ZERO;
+        let (origin, direction) = self.ray(at);
+        let Some(origin) = origin else {
+            let radiance = self.tracer.world.environment.background(direction);
+            return Estimate { radiance, by_map: Rgb::ZERO };
+        };
         let radiance = self.tracer.radiance(origin, direction, walk);
         Estimate { radiance, by_map: walk.by_map }
     }
 
-    fn ray(&self, at: Vec2) -> Option<(Vec3, Vec3)> {
+    /// Where the ray through a place of the picture comes near the scene, if it does, and its unit
+    /// direction.
+    fn ray(&self, at: Vec2) -> (Option<Vec3>, Vec3) {
         let size = Vec2::new(self.size[0] as f32, self.size[1] as f32);
         let at = 2.0 * at / size - 1.0;
         let (origin, direction) = self.frame.ray(Vec2::new(at.x, -at.y));
-        let origin = self.tracer.world.rays.approach(origin, direction)?;
-        Some((origin, direction))
+        (self.tracer.world.rays.approach(origin, direction), direction)
     }
 }
 

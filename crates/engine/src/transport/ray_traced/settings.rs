@@ -36,7 +36,7 @@ static ADAPTIVE_CONTRAST: Setting<Number> =
 static RAYS_PER_PIXEL: Setting<Whole> =
     Setting::new("rays_per_pixel", "1", Whole { low: 1, high: 4096 })
         .unit("rays")
-        .means("rays N that leave the first surface: kd·N/(kd+ks) by the cosine, ks·N/(kd+ks) by the Phong lobe, and N light samples; each goes on as one path");
+        .means("rays N that leave the first surface: kd·N/(kd+ks) by the cosine, ks·N/(kd+ks) by the lobe, and N light samples; each goes on as one path");
 static RAY_DEPTH: Setting<Whole> =
     Setting::new("ray_depth", "0", Whole { low: 0, high: 1_000_000 })
         .unit("reflections")

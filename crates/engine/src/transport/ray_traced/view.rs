@@ -5,8 +5,7 @@ use super::film::Film;
 use super::path::{Caustics, Tracer};
 use super::pixels::Pixels;
 use super::settings::RayTracedSettings;
-use crate::emitters::TriangleLights;
-use crate::emitters::{DiskPoints, Disks};
+use crate::emitters::{DiskPoints, Disks, SceneLights};
 use crate::measurement::Frame;
 use crate::surface::World;
 use crate::transport::job::Job;
@@ -16,7 +15,7 @@ pub struct View {
     /// The scene.
     pub world: World,
     /// Its lights.
-    pub lights: TriangleLights,
+    pub lights: SceneLights,
     disks: Option<(Disks, DiskPoints)>,
     options: RayTracedSettings,
     frame: Frame,
@@ -29,12 +28,12 @@ impl View {
     pub fn new(
         job: &Job<'_>,
         world: World,
-        lights: TriangleLights,
+        lights: SceneLights,
         options: RayTracedSettings,
     ) -> Self {
         let size = [job.request.width, job.request.height];
         Self {
-            disks: options.disks(&world, &lights),
+            disks: lights.triangles.as_ref().and_then(|lights| options.disks(&world, lights)),
             world,
             lights,
             options,

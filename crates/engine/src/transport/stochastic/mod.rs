@@ -6,9 +6,11 @@ mod settings;
 use super::batches::Batches;
 use super::checkpoints::{Parts, Past};
 use super::job::Job;
-use super::known::known_light;
+use super::known::{Beforehand, known_light};
 use super::options::{AnySetting, MESH, MeshSettings, Preset};
+use super::patchless;
 use super::run::Run;
+use super::settled;
 use super::solver::{Estimate, Extent, Method, STEP_SECONDS, Solver, patched_bytes};
 use crate::checkpoint::{CheckpointError, Writer};
 use crate::device::{
@@ -21,6 +23,7 @@ use crate::radiometry::Rgb;
 use crate::render::{RenderError, StopReason};
 use crate::scene::Warning;
 use settings::{ExpectedShots, StochasticSettings};
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -67,11 +70,18 @@ impl Method for Stochastic {
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
         let options = StochasticSettings::new(&job.settings);
         let patches = MeshSettings::new(&job.settings).patches;
-        let scene =
-            job.cut(job.request.scene.clone(), patches, device.description().to_string(), strains);
-        if !scene.patches.any_light() {
-            return Ok(None);
-        }
+        let surrounded = patchless::shines(&job.request.scene, &job.environment);
+        let described = device.description().to_string();
+        let scene = job.cut(job.request.scene.clone(), patches, described, |scene| {
+            strains(scene)
+                .into_iter()
+                .chain(surrounded.then(|| lost_gloss(scene)).flatten())
+                .collect()
+        });
+        let patchless = match settled::begin(job, &scene)? {
+            ControlFlow::Continue(patchless) => patchless,
+            ControlFlow::Break(begun) => return Ok(begun),
+        };
         let measurement = job.measurement(&scene);
         let expected = job.decide(EXPECTED, job.request.limits.iterations.unwrap_or(0))?;
         let expected = (expected > 0).then_some(expected);
@@ -83,7 +93,11 @@ impl Method for Stochastic {
         };
         let known = match &mut job.past {
             Some(past) => restored_light(past, scene.patches.len())?,
-            None => known_light(device, &scene, &settings, options.constant, options.first_shot)?,
+            None => {
+                let StochasticSettings { constant, first_shot, .. } = options;
+                let beforehand = Beforehand { constant, first_shot, patchless };
+                known_light(device, &scene, &settings, beforehand)?
+            }
         };
         settings.known = known.map(Arc::new);
         let known = settings.known.clone();
@@ -149,6 +163,17 @@ fn variance_reduction(
         }
     };
     options.substitute.map(|substitute| VarianceReduction { substitute, shots })
+}
+
+/// Warns of lobes that would show light that no patch sends, which only lobes of rays do.
+fn lost_gloss(scene: &PatchedScene) -> Option<Warning> {
+    let is_glossy = (0..scene.patches.len()).any(|p| scene.patches.is_glossy(p));
+    is_glossy.then(|| {
+        Warning::new(
+            "environment",
+            "glossy surfaces lack the highlights and mirror images of the sky, the sun and lights without extent; hemilux, ray-traced and illumination-map have them",
+        )
+    })
 }
 
 /// Warns of lobes that patches can't resolve, and of light that hardly anything absorbs.

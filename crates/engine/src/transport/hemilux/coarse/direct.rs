@@ -1,13 +1,14 @@
 //! Direct light of an element of the coarse mesh (tier 1): shadow rays from random points of it.
 
 use super::elements::{ElementIndex, Elements};
-use crate::emitters::{PolygonLights, ShadowSample};
+use crate::emitters::DirectLights;
 use crate::patches::PatchedScene;
-use crate::radiometry::{Rgb, importance};
+use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::rays::Eye;
 use crate::sampling::{Seed, Shifted, cosine_direction};
 use crate::surface::World;
+use crate::transport::light_sums::LightSums;
 use bytemuck::{Pod, Zeroable};
 
 /// A point of an element lies in a crevice if its random ray ends within this share of the
@@ -42,24 +43,13 @@ pub struct SampledLight {
     escaped: u32,
 }
 
-/// Sums over shadow rays, as in [`ShadowSample`]: `seen` is the part of `cast` that is not
-/// occluded.
-#[derive(Clone, Copy, Default, Pod, Zeroable)]
-#[repr(C)]
-struct LightSums {
-    count: u32,
-    unoccluded: Rgb,
-    cast: Rgb,
-    seen: Rgb,
-}
-
 /// The scene in which elements are lit.
 #[derive(Clone, Copy)]
 pub struct Lighting<'a> {
     /// The scene as rays meet it.
     pub world: &'a World,
     /// Its emitters.
-    pub lights: &'a PolygonLights,
+    pub lights: &'a DirectLights,
     /// The scene in patches.
     pub scene: &'a PatchedScene,
     /// The elements.
@@ -96,30 +86,9 @@ impl SampledLight {
     /// Direct light of the element by its points outside crevices, or by all others if there are
     /// none.
     pub fn mean(&self) -> DirectLight {
-        let sums = if self.visible.count > 0 { self.visible } else { self.hidden };
+        let sums = if self.visible.count() > 0 { self.visible } else { self.hidden };
         let open = self.open as f32 / self.points.max(1) as f32;
         DirectLight { irradiance: sums.irradiance(), share: sums.share(), open }
-    }
-}
-
-impl LightSums {
-    fn add(&mut self, sample: ShadowSample) {
-        self.count += 1;
-        self.unoccluded += sample.unoccluded;
-        self.cast += sample.cast;
-        if sample.seen {
-            self.seen += sample.cast;
-        }
-    }
-
-    /// Mean irradiance: that without occlusion times the share that is seen of what was cast.
-    fn irradiance(&self) -> Rgb {
-        let share = Rgb::select(self.cast.cmpgt(Rgb::ZERO), self.seen / self.cast, Rgb::ZERO);
-        self.unoccluded * share / self.count.max(1) as f32
-    }
-
-    fn share(&self) -> f32 {
-        importance(self.seen) / importance(self.cast).max(f32::MIN_POSITIVE)
     }
 }
 

@@ -2,11 +2,11 @@
 //! many more patches than are wanted, those small ones in one cell of space that face the same way
 //! and have one material are one element (docs/decisions/0006).
 
-use super::patch_points::PatchPoints;
 use crate::patches::{NO_PATCH, PatchIndex, PatchedScene};
 use crate::radiometry::Rgb;
 use crate::surface::World;
 use crate::transport::known::albedo;
+use crate::transport::patch_points::PatchPoints;
 use foldhash::{HashMap, HashMapExt};
 use glam::Vec3;
 

@@ -3,11 +3,11 @@
 
 use super::elements::{ElementIndex, Elements};
 use super::links::Links;
-use super::patch_points::PatchPoints;
 use crate::emitters::{LightBounds, LightTree};
 use crate::patches::{PatchIndex, PatchedScene};
 use crate::radiometry::Rgb;
 use crate::surface::World;
+use crate::transport::patch_points::PatchPoints;
 use glam::Vec3;
 use std::collections::HashMap;
 
@@ -168,8 +168,8 @@ mod tests {
     use crate::patches::PatchIndex;
     use crate::rays::Eye;
     use crate::scene::made;
-    use crate::transport::hemilux::coarse::patch_points::PatchPoints;
     use crate::transport::hemilux::specimen::Specimen;
+    use crate::transport::patch_points::PatchPoints;
     use glam::Vec3;
 
     #[test]

@@ -6,7 +6,6 @@ use crate::measurement::reconstruction::{Reconstruction, Smoothness};
 use crate::patches::{Facet, FacetIndex, FacetPlace, PatchIndex, PatchedScene, cell_index};
 use crate::radiometry::Rgb;
 use crate::rays::{Hit, Rays};
-use glam::Vec2;
 use std::sync::Arc;
 
 /// Near field: a ray that ends within so many sides of the patch it meets sees a small part of it,
@@ -23,8 +22,6 @@ pub struct CoarseMesh {
     /// What the light is solved for.
     pub elements: Elements,
     reconstruction: Reconstruction,
-    /// Facets of scene triangle t: `pieces[t]..pieces[t + 1]`.
-    pieces: Vec<u32>,
     /// Distance within which a hit on a facet is in the near field ([`NEAR_FIELD`]), ray units.
     near: Vec<f32>,
 }
@@ -41,17 +38,9 @@ pub struct PatchValues {
 impl CoarseMesh {
     /// A mesh whose light is solved for these elements.
     pub fn new(rays: &Rays, scene: Arc<PatchedScene>, elements: Elements) -> Self {
-        let triangles = scene.scene.triangles.len();
-        let mut pieces = vec![0u32; triangles + 1];
-        for facet in &scene.facets {
-            pieces[facet.source as usize + 1] += 1;
-        }
-        for triangle in 0..triangles {
-            pieces[triangle + 1] += pieces[triangle];
-        }
         let near = near_distances(rays, &scene, &elements);
         let reconstruction = Reconstruction::new(&scene, Smoothness::Smooth);
-        Self { scene, elements, reconstruction, pieces, near }
+        Self { scene, elements, reconstruction, near }
     }
 
     /// Turns the near field off: hits take interpolated values however near they are.
@@ -85,27 +74,8 @@ impl CoarseMesh {
 
     /// The place on a facet where a hit is.
     pub fn place_of(&self, hit: &Hit) -> Option<FacetPlace> {
-        let place = |facet: usize, at| {
-            Some(FacetPlace { facet: FacetIndex(facet as u32), back: hit.back, at })
-        };
-        let triangle = hit.triangle as usize;
-        let (first, end) = (self.pieces[triangle] as usize, self.pieces[triangle + 1] as usize);
-        if end == first + 1 {
-            return place(first, Vec2::new(hit.u, hit.v));
-        }
-        let mut found = None;
-        let mut nearest = f32::NEG_INFINITY;
-        for facet in first..end {
-            let at = in_piece(&self.scene.facets[facet].source_uv, hit.u, hit.v);
-            let inside = at.x.min(at.y).min(1.0 - at.x - at.y);
-            if inside > nearest {
-                (nearest, found) = (inside, place(facet, at));
-            }
-            if inside >= 0.0 {
-                break;
-            }
-        }
-        found
+        let (facet, at) = self.scene.place_on_triangle(hit.triangle, hit.u, hit.v)?;
+        Some(FacetPlace { facet, back: hit.back, at })
     }
 
     /// The interpolated value at a place.
@@ -150,14 +120,6 @@ fn near_distances(rays: &Rays, scene: &PatchedScene, elements: &Elements) -> Vec
     near
 }
 
-/// Barycentric coordinates in a piece of the barycentric (u, v) of its triangle.
-fn in_piece(corners: &[Vec2; 3], u: f32, v: f32) -> Vec2 {
-    let [a, b, c] = *corners;
-    let (ab, ac, p) = (b - a, c - a, Vec2::new(u, v) - a);
-    let determinant = ab.perp_dot(ac);
-    Vec2::new(p.perp_dot(ac), ab.perp_dot(p)) / determinant
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -166,8 +128,9 @@ mod tests {
     use crate::sampling::Shifted;
     use crate::sampling::cosine_direction;
     use crate::scene::made;
-    use crate::transport::hemilux::coarse::patch_points::PatchPoints;
     use crate::transport::hemilux::specimen::{SEED, Specimen};
+    use crate::transport::patch_points::PatchPoints;
+    use glam::Vec2;
 
     /// What a ray meets lies in the patch that is found there, also where facets are pieces of long
     /// triangles.

@@ -5,7 +5,6 @@ mod elements;
 mod guide;
 mod links;
 mod mesh;
-mod patch_points;
 mod solution;
 
 pub use direct::SampledLight;

@@ -8,7 +8,7 @@ use super::guide::Guide;
 use super::links::Links;
 use super::mesh::{CoarseMesh, PatchValues};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
-use crate::emitters::PolygonLights;
+use crate::emitters::DirectLights;
 use crate::patches::{FacetPlace, PatchIndex};
 use crate::radiometry::{Rgb, importance};
 use crate::rays::{Eye, Hit};
@@ -33,7 +33,7 @@ pub struct CoarseSolution {
     /// The scene as rays meet it.
     pub world: Arc<World>,
     /// Its emitters.
-    pub lights: Arc<PolygonLights>,
+    pub lights: Arc<DirectLights>,
     /// The mesh that it is solved on.
     pub mesh: CoarseMesh,
     /// Sums over points of each element, from which `direct` follows.
@@ -53,7 +53,7 @@ impl CoarseSolution {
     /// points in `sampled` from a checkpoint.
     pub fn new(
         world: Arc<World>,
-        lights: Arc<PolygonLights>,
+        lights: Arc<DirectLights>,
         mesh: CoarseMesh,
         seed: Seed,
         sampled: Option<Vec<SampledLight>>,
@@ -177,10 +177,10 @@ impl CoarseSolution {
         self.by_albedo(&surface, surface.reflection().mean_albedo(), hit, afresh)
     }
 
-    /// The same of the diffuse part alone.
-    pub fn reflected_diffusely(&self, hit: &Hit, numbers: Afresh) -> Rgb {
+    /// The same of the diffuse part alone, towards the unit vector `viewer`.
+    pub fn reflected_diffusely(&self, hit: &Hit, viewer: Vec3, numbers: Afresh) -> Rgb {
         let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
-        self.by_albedo(&surface, surface.reflection().diffuse(), hit, Some(numbers))
+        self.by_albedo(&surface, surface.reflection().diffuse(viewer), hit, Some(numbers))
     }
 
     /// The same of a surface with that albedo.
@@ -198,13 +198,13 @@ impl CoarseSolution {
         let Some(afresh) = afresh else {
             return albedo * self.mesh.value(&self.total, place) / PI;
         };
-        let (start, normal) = (surface.start(), surface.normal);
+        let (start, normal) = (surface.start(), surface.shading_normal);
         let direct =
             self.lights.sample_by_shadow_ray(&self.world.rays, start, normal, afresh.light);
         let direct = direct.irradiance(self.share(place));
         let bounced = match afresh.next {
             Some(next) if self.mesh.is_near(place.facet, hit.distance) => {
-                self.bounced_by_ray(start, normal, afresh.bounce, next)
+                self.bounced_by_ray(surface, afresh.bounce, next)
             }
             _ => self.mesh.value(&self.indirect, place),
         };
@@ -213,7 +213,8 @@ impl CoarseSolution {
 
     /// Irradiance that has bounced, by one ray: some of them are aimed at bright patches (balance
     /// heuristic, Veach 1997).
-    fn bounced_by_ray(&self, start: Vec3, normal: Vec3, xi: [f32; 2], next: Next) -> Rgb {
+    fn bounced_by_ray(&self, surface: &Surface, xi: [f32; 2], next: Next) -> Rgb {
+        let (start, normal) = (surface.start(), surface.shading_normal);
         let aimed_share = if self.guide.is_some() { AIMED_BOUNCES } else { 0.0 };
         let guide = self.guide.as_ref();
         let aim = match guide.filter(|_| next.number() < aimed_share) {
@@ -226,6 +227,9 @@ impl CoarseSolution {
         };
         let direction =
             aim.as_ref().map_or_else(|| cosine_direction(normal, xi), |aim| aim.direction);
+        if normal != surface.normal && surface.normal.dot(direction) <= 0.0 {
+            return Rgb::ZERO;
+        }
         let Some(hit) = self.world.rays.closest(Eye::Light, start, direction) else {
             return Rgb::ZERO;
         };

@@ -3,7 +3,7 @@
 //! where they do not.
 
 use crate::checkpoint::{CheckpointError, Reader, Writer};
-use crate::emitters::{PolygonLights, TRIES};
+use crate::emitters::{DirectLights, TRIES};
 use crate::filter::Plane;
 use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
@@ -69,7 +69,7 @@ struct StoredShadowSums {
 }
 
 /// Sums over the shadow rays of a fragment. Where lights are too many for the closed form
-/// ([`PolygonLights::is_exact`]) the light points' irradiances are a Monte-Carlo estimate
+/// ([`DirectLights::is_exact`]) the light points' irradiances are a Monte-Carlo estimate
 /// themselves.
 #[derive(Clone, Copy, Default)]
 pub struct ShadowSums {
@@ -104,13 +104,13 @@ pub struct DirectLighting {
 impl DirectLighting {
     /// Direct light without shadow rays yet; `hasty` if the first pass had better be short.
     pub fn new(
-        lights: &PolygonLights,
+        lights: &DirectLights,
         visible: &VisibleSurfaces,
         adaptive: bool,
         hasty: bool,
     ) -> Self {
         let unoccluded = |fragment: &Fragment| ShadowSums {
-            unoccluded: lights.unoccluded(fragment.point, fragment.normal).irradiance,
+            unoccluded: lights.unoccluded(fragment.point, fragment.shading_normal).irradiance,
             ..ShadowSums::default()
         };
         let sums = visible.fragments.par_iter().with_min_len(CHUNK).map(unoccluded).collect();
@@ -159,7 +159,7 @@ impl DirectLighting {
     pub fn pass(
         &mut self,
         world: &World,
-        lights: &PolygonLights,
+        lights: &DirectLights,
         visible: &VisibleSurfaces,
         seed: Seed,
     ) {
@@ -240,7 +240,7 @@ impl DirectLighting {
     /// it, where chance lets them be the same, and how far they are off that plane.
     pub fn irradiance(
         &self,
-        lights: &PolygonLights,
+        lights: &DirectLights,
         visible: &VisibleSurfaces,
         index: usize,
         filtered: bool,
@@ -344,7 +344,7 @@ impl ShadowSums {
 /// What shadow rays are cast with.
 struct Caster<'a> {
     world: &'a World,
-    lights: &'a PolygonLights,
+    lights: &'a DirectLights,
     visible: &'a VisibleSurfaces,
     seed: Seed,
 }
@@ -375,21 +375,23 @@ impl Caster<'_> {
         let place = BAYER[(y % 4 * 4 + x % 4) as usize];
         let sequence = Shifted::new(self.seed, Stream::Light, tile);
         // Lights are picked by what they shine on the fragment's mean place, for all its points.
-        let unoccluded = lights.unoccluded(fragment.point, fragment.normal);
+        let unoccluded = lights.unoccluded(fragment.point, fragment.shading_normal);
         for _ in 0..count {
             let from = visible.sample_point(fragment, sums.rays);
             let xi = |number: u32| sequence.at(number * 16 + place).triple();
             if !lights.is_exact() {
                 let xi = xi(sums.rays);
                 sums.rays += 1;
-                if let Some((end, irradiance)) = lights.one_of_many(from, fragment.normal, xi) {
+                if let Some((end, irradiance)) =
+                    lights.one_of_many(from, fragment.shading_normal, xi)
+                {
                     to.add(Segment { from, to: end }, index, irradiance);
                 }
                 continue;
             }
             let sample = |tries: u32| {
                 let xi = xi(sums.rays * TRIES + tries);
-                lights.sample(&unoccluded, from, fragment.normal, xi)
+                lights.sample(&unoccluded, from, fragment.shading_normal, xi)
             };
             // Where the horizon cuts a light, the ratio of seen to cast asks for points above it.
             let light = (0..TRIES).find_map(sample);

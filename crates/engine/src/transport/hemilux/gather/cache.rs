@@ -247,6 +247,7 @@ impl IrradianceCache {
                 let number = sequences.wrapping_add(index as u32);
                 let point = visible.middle_point(fragment);
                 let mut record = Record::new(point, fragment.normal, footprint, number);
+                record.flat = visible.flat_normal(fragment);
                 record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
                 record.radius_factor = radius_factor.get(place as usize).copied().unwrap_or(1.0);
                 record.radius = radius(&record, gathering.spacing);

@@ -46,8 +46,10 @@ const NO_OBSTACLE: Obstacle = Obstacle { distance: f32::INFINITY, normal: Vec3::
 pub struct Record {
     /// Where; off the surface by the rounding error.
     pub point: Vec3,
-    /// Unit normal of the lit side.
+    /// Unit normal of the lit side, interpolated between vertices where the surface is smooth.
     pub normal: Vec3,
+    /// Unit normal of the triangle on that side: from below its plane no light comes.
+    pub flat: Vec3,
     /// Unit vectors along the surface.
     pub tangents: [Vec3; 2],
     /// Side of a pixel there, seen from the camera that asked for it, of a picture of ordinary
@@ -130,6 +132,7 @@ impl Record {
         Self {
             point,
             normal,
+            flat: normal,
             tangents: [tangent, bitangent],
             footprint,
             number,
@@ -205,6 +208,9 @@ impl Record {
                 let direction = tangent * local.x + bitangent * local.y + self.normal * height;
                 (direction.normalize(), None, hemisphere.afresh())
             };
+            if self.flat != self.normal && self.flat.dot(direction) <= 0.0 {
+                continue;
+            }
             gather_rays.push(GatherRay { number, aim, numbers });
             traced.push(Ray { origin: self.point, direction });
         }

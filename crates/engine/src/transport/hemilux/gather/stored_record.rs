@@ -32,6 +32,7 @@ pub fn restore(from: &mut Reader<'_>) -> Result<Vec<Record>, CheckpointError> {
 struct StoredRecord {
     point: Vec3,
     normal: Vec3,
+    flat: Vec3,
     footprint: f32,
     number: u32,
     rays: u32,
@@ -48,6 +49,7 @@ impl From<&Record> for StoredRecord {
         Self {
             point: record.point,
             normal: record.normal,
+            flat: record.flat,
             footprint: record.footprint,
             number: record.number,
             rays: record.rays,
@@ -71,6 +73,7 @@ impl From<&StoredRecord> for Record {
             radius_factor: kept.radius_factor,
             radius: kept.radius,
             horizon: kept.horizon,
+            flat: kept.flat,
             ..Record::new(kept.point, kept.normal, kept.footprint, kept.number)
         }
     }
@@ -86,6 +89,7 @@ impl StoredRecord {
         positive
             && unit
             && self.point.is_finite()
+            && self.flat.is_finite()
             && self.sum.is_finite()
             && self.split.is_finite()
             && self.rays <= MOST_RAYS

@@ -51,23 +51,33 @@ pub fn radiance_by_lobe(
         let reflection = surface.reflection();
         let axis =
             LobeAxis { direction: surface.mirrored(viewer), exponent: reflection.exponent() };
-        let unoccluded = lights.for_lobe(start, surface.normal, axis);
-        if let Some(light) = lights.sample(&unoccluded, start, surface.normal, numbers.light) {
+        let normal = surface.shading_normal;
+        let unoccluded = lights.for_lobe(start, normal, axis);
+        if let Some(light) = lights.sample(&unoccluded, start, normal, numbers.light) {
             let direction = (light.end - start).normalize_or_zero();
             let (parts, density) = reflection.evaluate_with_pdf(viewer, direction, 0.0);
             let value = parts.both();
-            if value != Rgb::ZERO && !world.rays.blocked(start, light.end, |_| false) {
+            let above = surface.normal.dot(direction) > 0.0;
+            if value != Rgb::ZERO && above && !world.rays.blocked(start, light.end, |_| false) {
                 sum += carried * value * light.irradiance * power_heuristic(light.density, density);
             }
         }
         let Some(scattered) = reflection.sample(viewer, 0.0, false, xi) else { break };
         let direction = scattered.direction;
-        let Some(hit) = world.rays.closest(Eye::Light, start, direction) else { break };
+        let Some(hit) = world.rays.closest(Eye::Light, start, direction) else {
+            carried *= scattered.factor.both();
+            for (radiance, other) in lights.escaping(&unoccluded, normal, direction) {
+                if radiance != Rgb::ZERO {
+                    sum += carried * radiance * power_heuristic(scattered.pdf, other);
+                }
+            }
+            break;
+        };
         if lobe == 1 {
             nearness = 1.0 / hit.distance.max(1e-3);
         }
         let Some(met) = world.surface(&hit) else { break };
-        let place = (start, surface.normal);
+        let place = (start, normal);
         carried *= scattered.factor.both();
         if met.emission != Rgb::ZERO {
             let other = lights.density(&unoccluded, place, &hit, met.normal, direction);
@@ -79,7 +89,7 @@ pub fn radiance_by_lobe(
             sum += carried * coarse.reflected_as_diffuse(&hit, Some(numbers));
             break;
         };
-        sum += carried * coarse.reflected_diffusely(&hit, numbers);
+        sum += carried * coarse.reflected_diffusely(&hit, -direction, numbers);
         (surface, viewer) = (met.lobe_only(), -direction);
         numbers = Afresh { next: Some(next.after()), ..next.afresh() };
         xi = numbers.bounce;
@@ -102,7 +112,8 @@ pub fn reflected_at(
     let Some((numbers, next)) = numbers.and_then(|numbers| Some((numbers, numbers.next?))) else {
         return coarse.by_albedo(&surface, surface.reflection().mean_albedo(), hit, afresh);
     };
-    let diffuse = coarse.by_albedo(&surface, surface.reflection().diffuse(), hit, Some(numbers));
+    let diffuse =
+        coarse.by_albedo(&surface, surface.reflection().diffuse(-direction), hit, Some(numbers));
     let probability = (FOLLOWED_PER_SHARE * (1.0 - surface.reflection().diffuse_share(-direction)))
         .clamp(LEAST_FOLLOWED, 1.0);
     if next.number() >= probability {

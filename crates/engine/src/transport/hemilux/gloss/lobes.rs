@@ -1,5 +1,6 @@
 //! Glossy reflection seen by the camera: rays by the lobe of every glossy fragment. Neighbouring
-//! pixels share these rays as far as the lobes blur what they show (docs/decisions/0024).
+//! pixels share these rays as far as the lobes blur what they show (docs/decisions/0024). What they
+//! share is radiance over the lobe's albedo, so that textures of colour and metal stay sharp.
 
 use super::lobe_rays::{LobePathNumbers, radiance_by_lobe};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
@@ -30,6 +31,10 @@ const NEIGHBOUR_REACH: i32 = 2;
 /// Lobes share rays if they look less than 1/√this beside each other, as a share of the angle at
 /// which a lobe has fallen to e^−½: half of it. A wider reach flattens highlights on balls.
 const NARROWNESS: f32 = 4.0;
+/// Lobes share rays if their exponents, at least 1, differ by less than this factor.
+const LIKE_EXPONENTS: f32 = 1.3;
+/// Least albedo of a lobe that radiance is divided by.
+const LEAST_ALBEDO: f32 = 1e-6;
 /// Squared difference between two neighbours' means, in units of its variance, up to which they
 /// count in full: 2.4 standard deviations. As with shadows.
 const ALIKE_VARIANCES: f32 = 6.0;
@@ -58,10 +63,12 @@ pub struct Gloss {
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 struct LobeSums {
-    /// Σ radiance.
+    /// Σ radiance over the lobe's albedo.
     radiance: Rgb,
-    /// Σ squared radiance.
+    /// Σ squares of the same.
     squares: Rgb,
+    /// Σ albedos of the lobe towards the camera.
+    albedo: Rgb,
     /// Σ 1/distance to what they met.
     nearness: f32,
     /// Rays so far.
@@ -139,7 +146,8 @@ impl Gloss {
         let chunks = self.sums.par_chunks(1024).zip(visible.lobes.par_chunks(1024));
         let of_chunk = |(sums, lobes): (&[LobeSums], &[Lobe])| {
             let of_lobe = |(sums, lobe): (&LobeSums, &Lobe)| {
-                f64::from(visible.share(lobe).powi(2) * sums.variance().element_sum())
+                let [_, variance] = sums.reflected(sums.mean(), sums.variance());
+                f64::from(visible.share(lobe).powi(2) * variance.element_sum())
             };
             sums.iter().zip(lobes).map(of_lobe).sum::<f64>()
         };
@@ -179,8 +187,11 @@ impl Gloss {
                 let path_numbers =
                     LobePathNumbers { xi: at.pair(), numbers: at.afresh(), most_lobes: MOST_LOBES };
                 let (radiance, nearness) = radiance_by_lobe(coarse, surface, viewer, path_numbers);
-                sums.radiance += radiance;
-                sums.squares += radiance * radiance;
+                let albedo = surface.lobe_only().reflection().albedo(viewer);
+                let seen = radiance / albedo.max(Rgb::splat(LEAST_ALBEDO));
+                sums.radiance += seen;
+                sums.squares += seen * seen;
+                sums.albedo += albedo;
                 sums.nearness += nearness;
             }
             sums.rays += rays;
@@ -193,7 +204,8 @@ impl Gloss {
     /// (Neyman allocation).
     fn rays_by_scatter(&self, visible: &VisibleSurfaces) -> Vec<u32> {
         let scatter = |lobe: usize| {
-            let variance = self.sums[lobe].variance() * self.sums[lobe].rays as f32;
+            let sums = &self.sums[lobe];
+            let [_, variance] = sums.reflected(sums.mean(), sums.variance() * sums.rays as f32);
             visible.share(&visible.lobes[lobe]) * variance.element_sum().sqrt()
         };
         let own: Vec<f32> = (0..self.len()).into_par_iter().map(scatter).collect();
@@ -220,9 +232,14 @@ impl Gloss {
     /// Radiance that each fragment's lobes reflect to the camera, with its variance; shared between
     /// neighbouring pixels if `filtered`.
     pub fn of_fragments(&self, visible: &VisibleSurfaces, filtered: bool) -> Vec<(Rgb, Rgb)> {
-        let own = |lobe| match filtered {
-            true => self.with_neighbours(visible, lobe),
-            false => (self.sums[lobe].mean(), self.sums[lobe].variance()),
+        let own = |lobe| {
+            let sums: &LobeSums = &self.sums[lobe];
+            let (mean, variance) = match filtered {
+                true => self.with_neighbours(visible, lobe),
+                false => (sums.mean(), sums.variance()),
+            };
+            let [mean, variance] = sums.reflected(mean, variance);
+            (mean, variance)
         };
         let lobes: Vec<(Rgb, Rgb)> =
             (0..self.len()).into_par_iter().with_min_len(1024).map(own).collect();
@@ -237,7 +254,7 @@ impl Gloss {
         fragments
     }
 
-    /// Mean and variance by a plane fitted through the means of neighbouring lobes that look at
+    /// Mean and variance of radiance over albedo by a plane fitted through the means of neighbouring lobes that look at
     /// about the same place.
     fn with_neighbours(&self, visible: &VisibleSurfaces, index: usize) -> (Rgb, Rgb) {
         let mine = &self.sums[index];
@@ -293,20 +310,28 @@ impl Gloss {
     /// distance of their rays.
     fn looks_at_the_same(&self, one: usize, other: usize) -> f32 {
         let (a, b) = (&self.lobes[one], &self.lobes[other]);
-        if a.exponent != b.exponent {
+        let [least, most] = [a.exponent.min(b.exponent), a.exponent.max(b.exponent)];
+        if most.max(1.0) > least.max(1.0) * LIKE_EXPONENTS {
             return 0.0;
         }
         let nearness = |lobe: usize| self.sums[lobe].nearness / self.sums[lobe].rays.max(1) as f32;
         let nearness = 0.5 * (nearness(one) + nearness(other));
         let between = (b.point - a.point) * nearness + (b.direction - a.direction);
         let across = between - a.direction * a.direction.dot(between);
-        1.0 - (across.length_squared() * a.exponent * NARROWNESS).min(1.0)
+        1.0 - (across.length_squared() * most.max(1.0) * NARROWNESS).min(1.0)
     }
 }
 
 impl LobeSums {
     fn mean(&self) -> Rgb {
         self.radiance / self.rays.max(1) as f32
+    }
+
+    /// What the lobe reflects of radiance with that mean and variance, by its mean albedo: mean and
+    /// variance.
+    fn reflected(&self, mean: Rgb, variance: Rgb) -> [Rgb; 2] {
+        let albedo = self.albedo / self.rays.max(1) as f32;
+        [mean * albedo, variance * albedo * albedo]
     }
 
     /// Variance of the mean.

@@ -61,13 +61,16 @@ impl PatchPoints {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::gltf::{ImportLimits, Resources, import};
     use crate::scene::made;
-    use crate::transport::hemilux::specimen::Specimen;
+    use std::sync::Arc;
 
     #[test]
     fn points_lie_on_their_patch_and_fill_it() {
-        let specimen = Specimen::new(&made::cornell(), 300);
-        let (world, scene) = (&specimen.world, &specimen.scene);
+        let imported = import(&made::cornell(), &Resources::default(), &ImportLimits::default());
+        let scene = PatchedScene::new(Arc::new(imported.unwrap()), 300);
+        let world = World::new(scene.scene.clone());
+        let (world, scene) = (&world, &scene);
         let scale = world.rays.scale() as f32;
         const SIDE: usize = 16;
         for patch in (0..scene.patches.len()).step_by(13) {
