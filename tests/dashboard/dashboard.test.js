@@ -115,6 +115,28 @@ test("the form shows the server's objections at their fields", async () => {
   expected = [];
 });
 
+test("a map of a sky is stored, chosen and sent", async () => {
+  const map = Buffer.concat([Buffer.from("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n"), Buffer.alloc(32, 128)]);
+  const send = (name, buffer) => page.setInputFiles("#files", { name, mimeType: "image/vnd.radiance", buffer });
+  expected = [/422.*\/v1\/(environments|jobs)/];
+  await send("broken.hdr", map.subarray(0, 20));
+  await page.waitForSelector("#environment-error:not([hidden])");
+  await send("grey.hdr", map);
+  await until("the upload", async () => (await text(".drop")).includes("chosen as the sky"));
+  const id = await page.inputValue("#environment");
+  assert.match(id, /^[0-9a-f]{64}$/);
+  assert.match(await text("#environment optgroup"), /grey\.hdr \(4 × 2\)/);
+  const [request] = await Promise.all([
+    page.waitForRequest((sent) => sent.method() === "POST" && sent.url().endsWith("/v1/jobs")),
+    page.getByRole("button", { name: "Start job" }).click(),
+  ]);
+  assert.deepEqual(request.postDataJSON().environment, { sky: { environment: id } });
+  await page.waitForSelector("#width-error:not([hidden])");
+  await page.selectOption("#environment", "");
+  await page.locator(".more-fields summary").click();
+  expected = [];
+});
+
 test("a method shows its settings, and only it gets them", async () => {
   await page.locator(".more-fields summary").click();
   assert.match(await text(".more-fields fieldset"), /auto picks a method by the scene/);

@@ -1,5 +1,5 @@
 //! What goes, and when: deleted jobs, jobs past their time, scenes that nothing uses, files that
-//! nothing names.
+//! nothing names. Maps of skies are kept and go as scenes do, and "scenes" stands for both here.
 //!
 //! A record goes before its file, so a file that a record names is never removed; a crash in
 //! between leaves a file that nothing names, and the [`sweep`] finds it. Scenes are
@@ -8,6 +8,7 @@
 
 pub mod sweep;
 
+use crate::api::environments::EnvironmentMap;
 use crate::api::scenes::Scene;
 use crate::artifacts::{ArtifactError, Artifacts, Content};
 use crate::clock::{Clock, Memory, Reading};
@@ -69,7 +70,7 @@ impl Rules {
 pub struct Removed {
     /// Jobs, hidden now and purged later.
     pub jobs: u64,
-    /// Scenes with their files.
+    /// Scenes and maps with their files.
     pub scenes: u64,
 }
 
@@ -101,9 +102,30 @@ impl Keeper {
         let _nothing_goes = self.collecting.read().await;
         self.artifacts.put_scene(&scene.id, content).await?;
         self.store.put_scene(scene).await?;
+        self.hold(&scene.id, holder).await
+    }
+
+    /// Stores a map of a sky, file first; whether it is new to `holder`.
+    ///
+    /// # Errors
+    /// Where file or record cannot be stored.
+    pub async fn keep_environment(
+        &self,
+        map: &EnvironmentMap,
+        content: impl Into<Content>,
+        holder: &str,
+    ) -> Result<bool, RetentionError> {
+        let _nothing_goes = self.collecting.read().await;
+        self.artifacts.put_scene(&map.id, content).await?;
+        self.store.put_environment(map).await?;
+        self.hold(&map.id, holder).await
+    }
+
+    /// Makes a stored upload a holder's; whether it is new to them.
+    async fn hold(&self, id: &str, holder: &str) -> Result<bool, RetentionError> {
         // It may have been there and about to expire.
-        self.store.use_scene(&scene.id).await?;
-        Ok(self.store.hold_scene(&scene.id, holder).await?)
+        self.store.use_scene(id).await?;
+        Ok(self.store.hold_scene(id, holder).await?)
     }
 
     /// Removes scenes that all their holders have let go of, unless a job names them.

@@ -380,6 +380,7 @@ fn plan_of_the_engine(limits: Limits) -> Value {
     let scene = import(&file, &Resources::new(), &ImportLimits::default()).unwrap();
     let request = RenderRequest {
         scene: std::sync::Arc::new(scene),
+        environment: None,
         camera: CameraChoice::First,
         width: 32,
         height: 24,

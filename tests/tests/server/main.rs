@@ -17,4 +17,5 @@ mod mutations;
 mod restart;
 mod sharing;
 mod solutions;
+mod surroundings;
 mod webhooks;

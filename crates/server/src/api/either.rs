@@ -1,14 +1,18 @@
 //! Reading fields that may be of several kinds. By hand: what serde derives for them forgets which
 //! part was wrong, and a client is to hear which.
 
+use super::environment::{MapOfSky, SkyRequest};
 use super::jobs::{CameraRequest, ExplicitCamera, OptionValue};
-use serde::de::value::MapAccessDeserializer;
-use serde::de::{Deserialize, Deserializer, Error, MapAccess, Unexpected, Visitor};
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Unexpected, Visitor};
 use std::fmt;
 
 /// What a camera may be, for errors.
 const A_CAMERA: &str =
     "the index of a camera, the name of one, or an object with eye, target and yfov_degrees";
+/// What a sky may be, for errors.
+const A_SKY: &str =
+    "\"none\", \"studio\", an array of three radiances, or an object with the id of an environment";
 
 impl<'de> Deserialize<'de> for CameraRequest {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -45,6 +49,37 @@ impl<'de> Visitor<'de> for CameraVisitor {
 
     fn visit_map<A: MapAccess<'de>>(self, fields: A) -> Result<Self::Value, A::Error> {
         ExplicitCamera::deserialize(MapAccessDeserializer::new(fields)).map(CameraRequest::Explicit)
+    }
+}
+
+impl<'de> Deserialize<'de> for SkyRequest {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(SkyVisitor)
+    }
+}
+
+struct SkyVisitor;
+
+impl<'de> Visitor<'de> for SkyVisitor {
+    type Value = SkyRequest;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(A_SKY)
+    }
+
+    fn visit_str<E: Error>(self, word: &str) -> Result<Self::Value, E> {
+        let known = [SkyRequest::None, SkyRequest::Studio];
+        let sky = known.into_iter().find(|sky| sky.word() == Some(word));
+        sky.ok_or_else(|| E::invalid_value(Unexpected::Str(word), &A_SKY))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, items: A) -> Result<Self::Value, A::Error> {
+        <[f32; 3]>::deserialize(SeqAccessDeserializer::new(items)).map(SkyRequest::Uniform)
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, fields: A) -> Result<Self::Value, A::Error> {
+        let map = MapOfSky::deserialize(MapAccessDeserializer::new(fields))?;
+        Ok(SkyRequest::Map(map.environment))
     }
 }
 
@@ -104,6 +139,12 @@ mod tests {
             let read: CameraRequest = serde_json::from_str(&value.to_string()).unwrap();
             assert_eq!(serde_json::to_value(read).unwrap(), value);
         }
+        for value in
+            [json!("none"), json!("studio"), json!([0.5, 1.0, 2.0]), json!({"environment": "ab"})]
+        {
+            let read: SkyRequest = serde_json::from_str(&value.to_string()).unwrap();
+            assert_eq!(serde_json::to_value(read).unwrap(), value);
+        }
         for value in [json!(true), json!(3), json!(-3), json!(0.25), json!("auto")] {
             let read: OptionValue = serde_json::from_str(&value.to_string()).unwrap();
             assert_eq!(serde_json::to_value(read).unwrap(), value);
@@ -121,6 +162,12 @@ mod tests {
         assert!(camera(json!(1_u64 << 32)).contains("below 4294967296"));
         assert!(camera(json!({"eye": [0, 0, 0]})).contains("missing field `target`"));
         assert!(camera(json!({"fov": 1})).contains("unknown field `fov`, expected one of `eye`"));
+        let sky = |value: Value| serde_json::from_value::<SkyRequest>(value).unwrap_err();
+        for value in [json!(null), json!("blue"), json!(1)] {
+            assert!(sky(value.clone()).to_string().contains(A_SKY), "{value}");
+        }
+        assert!(sky(json!({})).to_string().contains("missing field `environment`"));
+        assert!(sky(json!([1, 2])).to_string().contains("array of length 3"));
         for value in [json!(null), json!([1]), json!({})] {
             let error = serde_json::from_value::<OptionValue>(value).unwrap_err().to_string();
             assert!(error.contains("a number, true, false or a word"), "{error}");

@@ -1,5 +1,6 @@
 //! Jobs as clients ask for them and as the API shows them.
 
+use super::environment::EnvironmentRequest;
 use super::scenes::CameraName;
 use super::webhooks::WebhookTarget;
 use super::{Warning, instant};
@@ -30,6 +31,16 @@ pub struct JobRequest {
     #[serde(default)]
     #[schema(nullable = false)]
     pub camera: Option<CameraRequest>,
+    /// The name of one of the scene's `variants` (KHR_materials_variants), whose materials are shown.
+    /// Without it those that the file shows by itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false, max_length = 1024)]
+    pub variant: Option<String>,
+    /// What surrounds the scene. Without it nothing where the scene has lights of its own, else a
+    /// neutral studio, with a warning.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub environment: Option<EnvironmentRequest>,
     /// Picture width, pixels. The server may be configured for less.
     #[serde(default = "default_side")]
     #[schema(minimum = 1, maximum = 16384, default = 512, example = 64)]
@@ -341,7 +352,8 @@ impl Stats {
 /// Why a job failed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct JobError {
-    /// A short name for programs: `parameter`, `scene`, `device`, `panic`, `picture`, `poisoned`.
+    /// A short name for programs: `parameter`, `scene`, `environment`, `device`, `panic`,
+    /// `picture`, `poisoned`.
     #[schema(example = "device")]
     pub code: String,
     /// What happened, in words.
@@ -483,6 +495,11 @@ pub struct Trace {
 }
 
 impl JobRequest {
+    /// The id of the stored map that the sky is, if it is one.
+    pub fn environment_map(&self) -> Option<&str> {
+        self.environment.as_ref()?.map()
+    }
+
     /// Whether `cameras` has what [`JobRequest::camera`] asks for; the message if not.
     pub fn camera_problem(&self, cameras: &[CameraName]) -> Option<String> {
         match self.camera.as_ref()? {
@@ -495,5 +512,16 @@ impl JobRequest {
             }
             _ => None,
         }
+    }
+
+    /// Whether a scene has the variant that [`JobRequest::variant`] asks for; the message if not.
+    /// Of scenes that an earlier release stored it is not known: then the import says.
+    pub fn variant_problem(&self, variants: Option<&[String]>) -> Option<String> {
+        let (name, variants) = self.variant.as_ref().zip(variants)?;
+        if variants.contains(name) {
+            return None;
+        }
+        let names: Vec<_> = variants.iter().take(32).collect();
+        Some(format!("no variant named {name:?}; the scene has {names:?}"))
     }
 }

@@ -16,6 +16,8 @@ const MAX_LABEL_CHARS: usize = 64;
 pub const MAX_OPTIONS: usize = 100;
 const MAX_OPTION_CHARS: usize = 256;
 const MAX_CAMERA_NAME_CHARS: usize = 1024;
+/// Longest name of a variant in a request, characters.
+const MAX_VARIANT_CHARS: usize = 1024;
 
 /// Limits of this server, at or below the hard ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +74,12 @@ impl JobRequest {
         self.label_problems(&mut wrong);
         self.option_problems(limits, &mut wrong);
         self.camera_shape_problems(&mut wrong);
+        if self.variant.as_ref().is_some_and(|name| name.chars().count() > MAX_VARIANT_CHARS) {
+            wrong("variant", format!("at most {MAX_VARIANT_CHARS} characters"));
+        }
+        if let Some(environment) = &self.environment {
+            environment.problems(&mut wrong);
+        }
         errors
     }
 
@@ -203,6 +211,21 @@ mod tests {
                 "camera.eye",
             ),
             (serde_json::json!({"camera": "n".repeat(1025)}), "camera"),
+            (serde_json::json!({"variant": "n".repeat(1025)}), "variant"),
+            (serde_json::json!({"environment": {"sky": [0, -1, 0]}}), "environment.sky"),
+            (serde_json::json!({"environment": {"scale": -1}}), "environment.scale"),
+            (
+                serde_json::json!({"environment": {"rotation_degrees": 1e7}}),
+                "environment.rotation_degrees",
+            ),
+            (
+                serde_json::json!({"environment": {"sun": {"direction": [0, 1, 0], "irradiance": [1, 2, 1e13]}}}),
+                "environment.sun.irradiance",
+            ),
+            (
+                serde_json::json!({"environment": {"sun": {"direction": [0, 1, 0], "irradiance": [1, 2, 3], "angular_diameter_degrees": 21}}}),
+                "environment.sun.angular_diameter_degrees",
+            ),
         ];
         for (json, field) in cases {
             assert_eq!(fields(json.clone()), [field], "{json}");

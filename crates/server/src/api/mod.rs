@@ -2,6 +2,8 @@
 //! beyond checking itself.
 
 mod either;
+pub mod environment;
+pub mod environments;
 pub mod events;
 pub mod instant;
 pub mod jobs;
@@ -11,6 +13,7 @@ pub mod request_hash;
 pub mod scenes;
 pub mod settings;
 pub mod solutions;
+pub mod uploads;
 pub mod webhooks;
 
 use serde::{Deserialize, Serialize};

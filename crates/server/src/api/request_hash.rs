@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 const FORM: &str = "v1:";
 /// Objects in a request whose fields have defaults of their own. (In `options` and `labels` the
 /// names are the client's.)
-const NESTED: [&str; 3] = ["camera", "snapshots", "webhook"];
+const NESTED: [&str; 4] = ["camera", "environment", "snapshots", "webhook"];
 /// What tells requests under the same `Idempotency-Key` apart.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RequestHash {

@@ -1,5 +1,6 @@
 //! Scenes as the API shows them.
 
+use super::uploads::Upload;
 use super::{Warning, instant};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -50,8 +51,33 @@ pub struct Scene {
     pub bounds: Option<Bounds>,
     /// Cameras in node order.
     pub cameras: Vec<CameraName>,
+    /// Names of the sets of materials that a job can choose from as `variant`; `null` of scenes that
+    /// were stored by a release that did not look.
+    #[serde(default)]
+    #[schema(required)]
+    pub variants: Option<Vec<String>>,
     /// What was approximated or ignored.
     pub warnings: Vec<Warning>,
+}
+
+impl Upload for Scene {
+    const KIND: &'static str = "scene";
+
+    fn id(&self) -> &str {
+        &self.id
+    }
+
+    fn size(&self) -> u64 {
+        self.size
+    }
+
+    fn created_at(&self) -> Timestamp {
+        self.created_at
+    }
+
+    fn seen_as(self, name: Option<String>, created_at: Timestamp) -> Self {
+        Self { name, created_at, ..self }
+    }
 }
 
 /// Longest name of a scene, characters.

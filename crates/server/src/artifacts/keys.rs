@@ -35,7 +35,7 @@ pub fn picture_file(sha256: &str, format: PictureFormat) -> String {
 /// Where a file belongs.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum FilePlace {
-    /// A scene, by its id.
+    /// A scene or a map of a sky, by its id.
     Scene(String),
     /// A file of a job, by its name.
     Job(Uuid, String),

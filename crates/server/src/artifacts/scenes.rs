@@ -1,4 +1,4 @@
-//! The files of scenes, each named by the SHA-256 of its content.
+//! The files of scenes, and of maps of skies, which are kept as scenes are: each is named by the SHA-256 of its content.
 
 use super::content::Content;
 use super::error::{ArtifactError, damaged};

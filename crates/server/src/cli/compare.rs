@@ -1,9 +1,9 @@
 //! `hemilux compare`.
 
+use super::files::read_file;
 use super::process::{self, Failure};
 use super::render::{
-    camera_choice, listen_for_interrupt, parse_positive, parse_setting, parse_size, read_file,
-    read_scene,
+    camera_choice, listen_for_interrupt, parse_positive, parse_setting, parse_size, read_scene,
 };
 use crate::worker::devices;
 use clap::Args;
@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if (contenders.len() * budgets.len()) as u64 * seeds > MOST_RUNS {
         return Err(Failure::usage(format!("more than {MOST_RUNS} runs; ask for fewer seeds")));
     }
-    let scene = Arc::new(read_scene(&arguments.scene)?);
+    let scene = Arc::new(read_scene(&arguments.scene, None)?);
     let camera = camera_choice(arguments.camera.as_deref(), &scene);
     choose_camera(&scene, &camera).map_err(Failure::usage)?;
     if let Some(size) = arguments.size {
@@ -181,6 +181,7 @@ fn seeds(arguments: &Arguments) -> u64 {
 fn check_size(scene: &Arc<Scene>, camera: &CameraChoice, size: (u32, u32)) -> Result<(), Failure> {
     let request = RenderRequest {
         scene: scene.clone(),
+        environment: None,
         camera: camera.clone(),
         width: size.0,
         height: size.1,

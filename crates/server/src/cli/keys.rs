@@ -63,7 +63,7 @@ struct New {
     /// Jobs that may run at the same time.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     max_running: Option<u64>,
-    /// MiB of scenes.
+    /// MiB of scenes and environments.
     #[arg(long, value_parser = clap::value_parser!(u64).range(..=1 << 40))]
     max_scenes_mb: Option<u64>,
     /// MiB of pictures and solutions of its jobs.

@@ -3,6 +3,7 @@
 mod backup;
 mod compare;
 mod devices;
+mod files;
 mod health;
 mod keys;
 mod process;
@@ -10,10 +11,9 @@ mod render;
 mod serve;
 mod settings;
 
-use crate::api::scenes::SceneFormat;
 use crate::config::Config;
 use crate::telemetry::{self, LogFormat};
-use crate::worker::import::{self, ImportBounds};
+use crate::worker::import::{self, FileKind, ImportBounds};
 use clap::{Parser, Subcommand};
 use process::{Failure, print};
 use std::process::ExitCode;
@@ -60,12 +60,12 @@ enum Command {
         #[arg(long, value_enum, default_value_t)]
         log_format: LogFormat,
     },
-    /// Import the scene on standard input for the server that started this.
+    /// Import the file on standard input for the server that started this.
     #[command(hide = true)]
     ImportWorker {
-        /// The scene is a bundle of several files.
-        #[arg(long)]
-        bundle: bool,
+        /// What is in it.
+        #[arg(long, value_enum)]
+        kind: FileKind,
         /// Bounds.
         #[command(flatten)]
         bounds: ImportBounds,
@@ -96,9 +96,8 @@ pub fn main() -> ExitCode {
         Command::DeviceWorker { device, memory_mb, .. } => {
             crate::worker::child::run(&device, memory_mb).map_err(Failure::failed)
         }
-        Command::ImportWorker { bundle, bounds } => {
-            let format = if bundle { SceneFormat::Bundle } else { SceneFormat::Gltf };
-            import::run(format, bounds).map_err(Failure::failed)
+        Command::ImportWorker { kind, bounds } => {
+            import::run(kind, bounds).map_err(Failure::failed)
         }
     };
     match done {

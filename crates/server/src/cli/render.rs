@@ -1,5 +1,9 @@
 //! `hemilux render`.
 
+mod surroundings;
+mod view;
+
+use super::files::read_file;
 use super::process::Failure;
 use crate::worker::{devices, scenes};
 use crate::{builtin, panic_text};
@@ -7,7 +11,7 @@ use clap::Args;
 use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::image::{Exposure, Picture};
 use hemilux_engine::render::{
-    Begin, CameraChoice, Limits, Observer, Plan, Progress, RenderError, RenderRequest, Rendered,
+    Begin, Limits, Observer, Plan, Progress, RenderError, RenderRequest, Rendered,
 };
 use hemilux_engine::scene::{Scene, Warning};
 use hemilux_engine::transport::render;
@@ -21,8 +25,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Largest file that is read, bytes.
-const MAX_FILE_BYTES: u64 = 1 << 30;
+use surroundings::Surroundings;
+use view::View;
+pub(super) use view::camera_choice;
+
 /// Time between checkpoints.
 const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(10);
 
@@ -34,9 +40,14 @@ pub struct Arguments {
     /// Where the picture goes; ends in .png or .exr. Can be repeated.
     #[arg(short, long = "output", required = true, value_name = "OUT.{png,exr}")]
     output: Vec<PathBuf>,
-    /// The camera, by name or index; the scene's first by default.
-    #[arg(long, value_name = "NAME|INDEX")]
-    camera: Option<String>,
+    /// The set of materials to show, by its name, where the file has several
+    /// (KHR_materials_variants).
+    #[arg(long, value_name = "NAME")]
+    variant: Option<String>,
+    #[command(flatten)]
+    view: View,
+    #[command(flatten)]
+    surroundings: Surroundings,
     /// Picture size, pixels.
     #[arg(long, default_value = "512x512", value_parser = parse_size, value_name = "WxH")]
     size: (u32, u32),
@@ -137,11 +148,12 @@ fn check_outputs(output: &[PathBuf]) -> Result<(), Failure> {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let started = Instant::now();
     check_outputs(&arguments.output)?;
-    let scene = read_scene(&arguments.scene)?;
+    let scene = read_scene(&arguments.scene, arguments.variant.as_deref())?;
     let device_id = devices::choose_one(&arguments.device).map_err(Failure::usage)?;
-    let camera = camera_choice(arguments.camera.as_deref(), &scene);
+    let camera = arguments.view.camera(&scene);
     let request = RenderRequest {
         scene: Arc::new(scene),
+        environment: arguments.surroundings.read()?,
         camera,
         width: arguments.size.0,
         height: arguments.size.1,
@@ -210,21 +222,11 @@ fn write_outputs(arguments: &Arguments, picture: &Picture) -> Result<(), Failure
     Ok(())
 }
 
-/// A camera's name goes before its index, so that a camera named "2" can be chosen.
-pub(super) fn camera_choice(word: Option<&str>, scene: &Scene) -> CameraChoice {
-    let Some(word) = word else { return CameraChoice::First };
-    let is_name = scene.cameras.iter().any(|camera| camera.name == word);
-    match word.parse::<u32>() {
-        Ok(index) if !is_name => CameraChoice::Index(index),
-        _ => CameraChoice::Name(word.to_owned()),
-    }
-}
-
-pub(super) fn read_scene(name: &str) -> Result<Scene, Failure> {
+pub(super) fn read_scene(name: &str, variant: Option<&str>) -> Result<Scene, Failure> {
     let path = Path::new(name);
     let refuse = |refusal| Failure::failed(format!("{name}: {refusal}"));
     if let Some(bytes) = builtin::scene(name).filter(|_| !path.exists()) {
-        return scenes::load_file(bytes, &BTreeMap::new()).map_err(refuse);
+        return scenes::load_file(bytes, &BTreeMap::new(), variant).map_err(refuse);
     }
     let bytes = read_file(path).map_err(|error| {
         let known = builtin::names();
@@ -247,15 +249,7 @@ pub(super) fn read_scene(name: &str) -> Result<Scene, Failure> {
             Some((uri, bytes))
         })
         .collect();
-    scenes::load_file(&bytes, &resources).map_err(refuse)
-}
-
-pub(super) fn read_file(path: &Path) -> std::io::Result<Vec<u8>> {
-    let size = std::fs::metadata(path)?.len();
-    if size > MAX_FILE_BYTES {
-        return Err(std::io::Error::other(format!("larger than {MAX_FILE_BYTES} bytes")));
-    }
-    std::fs::read(path)
+    scenes::load_file(&bytes, &resources, variant).map_err(refuse)
 }
 
 /// Shows progress on the terminal, or as lines now and then where there is none; hears Ctrl-C.

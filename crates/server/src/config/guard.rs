@@ -54,7 +54,7 @@ pub struct GuardConfig {
     /// Jobs of one key or address that may run at the same time; no limit by default.
     #[arg(long, env = "HEMILUX_MAX_RUNNING_EACH", value_parser = clap::value_parser!(u64).range(1..))]
     pub max_running_each: Option<u64>,
-    /// MiB of scenes of one key or address; no limit by default.
+    /// MiB of scenes and environments of one key or address; no limit by default.
     #[arg(long, env = "HEMILUX_MAX_SCENES_MB_EACH", value_parser = clap::value_parser!(u64).range(..=1 << 40))]
     pub max_scenes_mb_each: Option<u64>,
     /// MiB of snapshots of one job. A job that reaches them loses every second one, and the next

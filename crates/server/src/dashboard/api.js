@@ -62,6 +62,8 @@ export const remove = (id) => request(`/v1/jobs/${encodeURIComponent(id)}`, { me
 
 export const removeScene = (id) => request(`/v1/scenes/${encodeURIComponent(id)}`, { method: "DELETE" });
 
+export const environments = async () => (await getJson("/v1/environments?limit=200")).environments;
+
 export const scenes = async () => (await getJson("/v1/scenes?limit=200")).scenes;
 
 /** Posts a job. The key makes sending the same again safe. */
@@ -83,10 +85,10 @@ const isGltf = (name) => /\.(glb|gltf)$/i.test(name);
 /** The file of a selection that is the scene; the others are what it refers to. */
 export const mainFile = (files) => files.find((file) => isGltf(file.name));
 
-/**
- * Uploads a scene. XMLHttpRequest, because fetch does not report how much was sent.
- * `onProgress` hears the share sent, in [0, 1].
- */
+/** Whether a file is a map of a sky by its name. */
+export const isSky = (file) => /\.(exr|hdr)$/i.test(file.name);
+
+/** Uploads a scene; `onProgress` hears the share sent, in [0, 1]. */
 export function uploadScene(files, onProgress) {
   const main = mainFile(files);
   const form = new FormData();
@@ -94,10 +96,21 @@ export function uploadScene(files, onProgress) {
   for (const file of files) {
     if (file !== main) form.append(file.webkitRelativePath || file.name, file, file.name);
   }
+  // The name as it is: forms write quotes in file names in another way.
+  return send(`/v1/scenes?name=${encodeURIComponent(main.name)}`, form, onProgress);
+}
+
+/** Uploads a map of a sky; `onProgress` hears the share sent, in [0, 1]. */
+export function uploadEnvironment(file, onProgress) {
+  const map = new Blob([file], { type: "application/octet-stream" });
+  return send(`/v1/environments?name=${encodeURIComponent(file.name)}`, map, onProgress);
+}
+
+/** Posts a body. XMLHttpRequest, because fetch does not report how much was sent. */
+function send(path, body, onProgress) {
   return new Promise((resolve, reject) => {
     const upload = new XMLHttpRequest();
-    // The name as it is: forms write quotes in file names in another way.
-    upload.open("POST", `/v1/scenes?name=${encodeURIComponent(main.name)}`);
+    upload.open("POST", path);
     for (const [name, value] of Object.entries(key.headers())) upload.setRequestHeader(name, value);
     upload.upload.addEventListener("progress", (event) => {
       if (event.lengthComputable && event.total > 0) onProgress(event.loaded / event.total);
@@ -108,7 +121,7 @@ export function uploadScene(files, onProgress) {
       else reject(new Problem(upload.status, answer));
     });
     upload.addEventListener("error", () => reject(unreachable()));
-    upload.send(form);
+    upload.send(body);
   });
 }
 

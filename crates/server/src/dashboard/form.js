@@ -26,6 +26,9 @@ function readLines(text, separator, read) {
   return found;
 }
 
+/** Skies to choose from: value and name. */
+const SKIES = [["", "As the scene needs"], ["none", "None"], ["studio", "Studio"], ["white", "White all around"]];
+
 export class JobForm {
   /** `nameOfScene(id)` may know what a scene was used for; `onAccepted(job)` hears of the job. */
   constructor(nameOfScene, onAccepted) {
@@ -33,6 +36,7 @@ export class JobForm {
     this.onAccepted = onAccepted;
     this.key = newKey();
     this.scenes = [];
+    this.environments = [];
     this.build();
     this.load();
   }
@@ -40,10 +44,14 @@ export class JobForm {
   build() {
     const scene = h("select", { on: { change: () => this.chose() } });
     const camera = h("select", {}, h("option", { value: "" }, "The scene's first"));
+    const variant = h("select", {}, h("option", { value: "" }, "As the file shows it"));
+    const sky = h("select", {}, SKIES.map(([value, name]) => h("option", { value }, name)));
     const method = h("select", {}, h("option", { value: "auto" }, "auto"));
     this.fields = {
       scene: field("scene", "Stored or built-in scene", scene),
       camera: field("camera", "Camera", camera),
+      variant: field("variant", "Materials", variant, { hint: "Of the sets that the scene offers." }),
+      environment: field("environment", "Sky", sky, { hint: "By default none where the scene has lights, else the studio. A map (.exr, .hdr) is uploaded as a scene is." }),
       name: field("name", "Name", h("input", { type: "text", maxlength: MAX_LABEL_CHARS, autocomplete: "off" }), { hint: "Shown in the list; kept as the label “name”." }),
       width: field("width", "Width", number(512, { min: 1, step: 1 }), { unit: "px" }),
       height: field("height", "Height", number(512, { min: 1, step: 1 }), { unit: "px" }),
@@ -62,7 +70,7 @@ export class JobForm {
     for (const { control } of Object.values(fields)) control.addEventListener("input", changed);
     this.settings = new MethodSettings(changed);
     method.addEventListener("change", () => this.showSettings());
-    this.files = h("input", { type: "file", id: "files", class: "visually-hidden", multiple: true, accept: ".glb,.gltf,.bin,.png,.jpg,.jpeg,.webp,model/gltf-binary,model/gltf+json", on: { change: () => this.take([...this.files.files]) } });
+    this.files = h("input", { type: "file", id: "files", class: "visually-hidden", multiple: true, accept: ".glb,.gltf,.bin,.exr,.hdr,.png,.jpg,.jpeg,.webp,model/gltf-binary,model/gltf+json", on: { change: () => this.take([...this.files.files]) } });
     this.dropText = h("span", {}, h("strong", {}, "Upload a scene"), " or drop it here");
     this.dropHint = h("span", { class: "hint" }, ".glb, or a .gltf together with its files");
     this.drop = h("label", { class: "drop", for: "files" }, icon("upload"), this.dropText, this.dropHint, h("span", { class: "bar", "aria-hidden": "true" }, h("span", { class: "bar-fill" })));
@@ -76,7 +84,7 @@ export class JobForm {
     this.summary = h("div", { class: "notice bad", role: "alert", tabindex: "-1", hidden: true });
     this.submit = h("button", { type: "submit", class: "button primary" }, "Start job");
     this.more = h("details", { class: "more-fields" }, h("summary", {}, "More settings"),
-      h("div", { class: "field-grid" }, fields.method.root, fields.snapshots.root, fields.camera.root, fields.seed.root, fields.priority.root, fields.labels.root),
+      h("div", { class: "field-grid" }, fields.method.root, fields.snapshots.root, fields.camera.root, fields.variant.root, fields.environment.root, fields.seed.root, fields.priority.root, fields.labels.root),
       h("fieldset", {}, h("legend", {}, "Settings of the method"), this.settings.root));
     const group = (title, ...rows) => h("fieldset", {}, h("legend", {}, title), rows);
     this.heading = h("h2", { tabindex: "-1" }, "New job");
@@ -100,10 +108,11 @@ export class JobForm {
 
   async load() {
     try {
-      const [about, scenes] = await Promise.all([api.about(), api.scenes()]);
+      const [about, scenes, environments] = await Promise.all([api.about(), api.scenes(), api.environments()]);
       if (this.closed) return;
       this.about = about;
       this.scenes = scenes;
+      this.environments = environments;
       const { width, height, time_budget_s: time, method } = this.fields;
       for (const { control } of [width, height]) setAttribute(control, "max", about.max_side);
       setAttribute(time.control, "max", about.max_seconds);
@@ -111,6 +120,7 @@ export class JobForm {
       this.showSettings();
       setText(this.dropHint, `.glb, or a .gltf together with its files; at most ${about.max_upload_mb} MiB`);
       this.listScenes();
+      this.listSkies();
     } catch (problem) {
       if (!this.closed) this.fail(problem.message);
     }
@@ -135,12 +145,26 @@ export class JobForm {
     this.chose();
   }
 
+  /** Lists the skies, stored maps among them; a map's value is its id. */
+  listSkies(chosen) {
+    const { control } = this.fields.environment;
+    const before = chosen ?? control.value;
+    const words = SKIES.map(([value, name]) => h("option", { value }, name));
+    const maps = this.environments.map(({ id, name, width, height }) =>
+      h("option", { value: id }, `${name ?? `Map ${shortHash(id)}`} (${width} × ${height})`));
+    control.replaceChildren(...words, ...(maps.length ? [h("optgroup", { label: "Stored maps" }, maps)] : []));
+    control.value = before;
+  }
+
   /** Shows what is known of the chosen scene. */
   chose() {
     const id = this.fields.scene.control.value;
     const scene = this.scenes.find((known) => known.id === id);
     const cameras = (scene?.cameras ?? []).map(({ index, name }) => h("option", { value: index }, name));
     this.fields.camera.control.replaceChildren(h("option", { value: "" }, "The scene's first"), ...cameras);
+    const variants = (scene?.variants ?? []).map((name) => h("option", { value: name }, name));
+    this.fields.variant.control.replaceChildren(h("option", { value: "" }, "As the file shows it"), ...variants);
+    this.fields.variant.root.hidden = variants.length === 0;
     if (!scene) {
       this.sceneFacts.replaceChildren();
       return;
@@ -177,9 +201,10 @@ export class JobForm {
   async take(files) {
     if (files.length === 0) return;
     this.clearErrors();
-    const main = api.mainFile(files);
+    const sky = files.length === 1 && api.isSky(files[0]);
+    const main = sky ? files[0] : api.mainFile(files);
     if (!main) {
-      this.mark("scene", "choose a .glb file, or a .gltf file with what it refers to");
+      this.mark("scene", "choose a .glb file, a .gltf file with what it refers to, or a sky as .exr or .hdr");
       return;
     }
     const limit = (this.about?.max_upload_mb ?? Infinity) * 2 ** 20;
@@ -192,7 +217,12 @@ export class JobForm {
     this.submit.disabled = true;
     this.dropText.replaceChildren("Uploading ", h("strong", {}, main.name));
     try {
-      const scene = await api.uploadScene(files, (share) => setVariable(this.drop, "--share", share));
+      const heard = (share) => setVariable(this.drop, "--share", share);
+      if (sky) {
+        await this.takeSky(main, heard);
+        return;
+      }
+      const scene = await api.uploadScene(files, heard);
       if (this.closed) return;
       this.scenes = [scene, ...this.scenes.filter((known) => known.id !== scene.id)];
       this.listScenes(scene.id);
@@ -203,7 +233,7 @@ export class JobForm {
       announce("The scene is stored");
     } catch (problem) {
       this.dropText.replaceChildren(h("strong", {}, "Upload a scene"), " or drop it here");
-      this.mark("scene", problem.message);
+      this.mark(sky ? "environment" : "scene", problem.message);
     } finally {
       setAttribute(this.drop, "data-busy", null);
       this.files.disabled = false;
@@ -211,6 +241,18 @@ export class JobForm {
       this.files.value = "";
       this.submit.disabled = false;
     }
+  }
+
+  /** Stores a map of a sky and chooses it. */
+  async takeSky(file, heard) {
+    const map = await api.uploadEnvironment(file, heard);
+    if (this.closed) return;
+    this.environments = [map, ...this.environments.filter((known) => known.id !== map.id)];
+    this.listSkies(map.id);
+    this.key = newKey();
+    this.more.open = true;
+    this.dropText.replaceChildren(h("strong", {}, file.name), " is stored and chosen as the sky");
+    announce("The sky is stored");
   }
 
   /** The job as filled in; marks what cannot be read and answers null. */
@@ -250,6 +292,11 @@ export class JobForm {
     if (!job.scene) wrong("scene", "upload a scene, or choose a stored one");
     const camera = fields.camera.control.value;
     if (camera !== "") job.camera = Number(camera);
+    const variant = fields.variant.control.value;
+    if (variant !== "") job.variant = variant;
+    const sky = fields.environment.control.value;
+    const isStored = this.environments.some(({ id }) => id === sky);
+    if (sky !== "") job.environment = { sky: isStored ? { environment: sky } : sky === "white" ? [1, 1, 1] : sky };
     for (const name of ["time_budget_s", "max_iterations", "seed", "priority"]) {
       const value = numeric(name);
       if (value !== null) job[name] = value;

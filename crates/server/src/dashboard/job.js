@@ -111,6 +111,8 @@ export class JobView {
       ["Scene", h("span", {}, job.scene_name ? `${job.scene_name} ` : "", h("code", { title: job.scene }, `${job.scene.slice(0, 16)}…`))],
       ["Picture", pixels(request.width, request.height)],
       ["Camera", camera === null ? "the scene's first" : typeof camera === "object" ? "its own" : String(camera)],
+      ...(request.variant ? [["Materials", request.variant]] : []),
+      ...(request.environment ? [["Surroundings", surroundings(request.environment)]] : []),
       ["Stops at", limits.length ? limits.join(" or ") : "10 s (default)"],
       ["Method", request.method],
       ["Seed", String(request.seed)],
@@ -332,6 +334,15 @@ export class JobView {
 }
 
 const download = (name) => h("a", { class: "button", "aria-disabled": "true", title: "No picture in this format yet" }, icon("download"), name);
+
+/** Sky and sun in words. */
+function surroundings({ sky, sun, sun_at: at }) {
+  const words = { none: "no sky", studio: "studio" };
+  const unnamed = at ? "clear sky" : "no sky";
+  const skyText = Array.isArray(sky) ? `sky of radiance ${sky.join(", ")}` : sky?.environment ? `map ${sky.environment.slice(0, 16)}…` : words[sky] ?? sky ?? unnamed;
+  if (at) return `${skyText}, the sun at ${at.latitude}°, ${at.longitude}° on ${at.time}`;
+  return sun ? `${skyText}, a sun` : skyText;
+}
 
 const table = (rows) => h("dl", { class: "table" }, rows.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))));
 

@@ -158,12 +158,14 @@ async fn hide_foreign(
 ) -> Result<Option<Response>, Problem> {
     let path = request.uri().path();
     let is_job = path.starts_with("/v1/jobs/");
-    let is_scene = path.starts_with("/v1/scenes/");
-    if !is_job && !is_scene {
-        return Ok(None);
-    }
+    let what = match path {
+        _ if is_job => "job",
+        _ if path.starts_with("/v1/scenes/") => "scene",
+        _ if path.starts_with("/v1/environments/") => "environment",
+        _ => return Ok(None),
+    };
     let method = request.method().clone();
-    // "/v1/jobs/{id}" and "/v1/scenes/{id}" have three parts behind the empty first one.
+    // "/v1/jobs/{id}" and their like have three parts behind the empty first one.
     let is_whole = path.split('/').count() == 4;
     let params = request.extract_parts::<RawPathParams>().await.ok();
     let id = params.as_ref().and_then(|params| params.iter().find(|(name, _)| *name == "id"));
@@ -184,7 +186,7 @@ async fn hide_foreign(
         // As for what is not there.
         return Ok(Some(StatusCode::NO_CONTENT.into_response()));
     }
-    Err(Problem::not_found(if is_job { "there is no such job" } else { "there is no such scene" }))
+    Err(Problem::not_found(format!("there is no such {what}")))
 }
 
 impl<S: Send + Sync> FromRequestParts<S> for Caller {

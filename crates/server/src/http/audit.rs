@@ -42,6 +42,7 @@ struct Subject<'a> {
     action: &'static str,
     job: Option<&'a str>,
     scene: Option<&'a str>,
+    environment: Option<&'a str>,
 }
 
 /// Whether a query asks for pictures within events; names of parameters may come in any spelling.
@@ -57,6 +58,15 @@ fn subject<'a>(method: &Method, path: &'a str, query: &str) -> Option<Subject<'a
     let parts: Vec<&str> = rest.split('/').collect();
     let (read, post, delete) =
         (method == Method::GET, method == Method::POST, method == Method::DELETE);
+    if let ["environments", rest @ ..] = &parts[..] {
+        let (action, environment) = match rest {
+            [] if post => ("environment.create", None),
+            [id] if delete => ("environment.delete", Some(*id)),
+            _ if !method.is_safe() => ("other", rest.first().copied()),
+            _ => return None,
+        };
+        return Some(Subject { action, job: None, scene: None, environment });
+    }
     let (action, job, scene) = match parts[..] {
         ["jobs"] if post => ("job.create", None, None),
         ["jobs", id] if delete => ("job.delete", Some(id), None),
@@ -78,7 +88,7 @@ fn subject<'a>(method: &Method, path: &'a str, query: &str) -> Option<Subject<'a
         _ if !method.is_safe() => ("other", None, None),
         _ => return None,
     };
-    Some(Subject { action, job, scene })
+    Some(Subject { action, job, scene, environment: None })
 }
 
 /// One line.
@@ -106,6 +116,8 @@ struct Line<'a> {
     job: Option<Cow<'a, str>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     scene: Option<Cow<'a, str>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    environment: Option<Cow<'a, str>>,
     /// Where the answer says that what was made lies.
     #[serde(skip_serializing_if = "Option::is_none")]
     made: Option<Cow<'a, str>>,
@@ -181,6 +193,7 @@ impl Drop for Entry {
             address: self.address.map(|address| address.to_canonical().to_string()),
             job: subject.job.map(cut),
             scene: subject.scene.map(cut),
+            environment: subject.environment.map(cut),
             made: good.and_then(|answer| answer.location.as_deref()).map(cut),
             request_id: &self.request_id,
             bytes_sent: self.bytes_sent,
@@ -254,6 +267,8 @@ mod tests {
             ("/v1/jobs/x/views", "job.view"),
             ("/v1/jobs/x/pin", "job.pin"),
             ("/v1/scenes", "scene.create"),
+            ("/v1/environments", "environment.create"),
+            ("/v1/environments/x/share", "other"),
             // What nobody thought of is in it all the same.
             ("/v1/jobs/x/sell", "other"),
             ("/v1/anything", "other"),
@@ -263,6 +278,8 @@ mod tests {
         assert_eq!(action(Method::DELETE, "/v1/jobs/x"), Some("job.delete"));
         assert_eq!(action(Method::DELETE, "/v1/jobs/x/pin"), Some("job.unpin"));
         assert_eq!(action(Method::DELETE, "/v1/scenes/x"), Some("scene.delete"));
+        assert_eq!(action(Method::DELETE, "/v1/environments/x"), Some("environment.delete"));
+        assert_eq!(action(Method::GET, "/v1/environments/x"), None);
         assert_eq!(action(Method::PUT, "/v1/jobs/x"), Some("other"));
         for path in ["image", "image.png", "image.exr", "snapshots/0.png"] {
             let path = format!("/v1/jobs/x/{path}");

@@ -4,9 +4,10 @@ use super::app::App;
 use super::documented;
 use super::problem::Problem;
 use super::read::{self, JobId, MAX_JSON_BYTES, Query, in_range, media_type};
-use super::{scenes, upload};
+use super::{kept, upload};
 use crate::access::Caller;
 use crate::api::FieldError;
+use crate::api::environments::EnvironmentMap;
 use crate::api::jobs::{CameraRequest, Job, JobPage, JobRequest};
 use crate::api::keys::Scope;
 use crate::api::request_hash::RequestHash;
@@ -30,6 +31,10 @@ use uuid::Uuid;
 
 /// How long a waiting request trusts that no news is no news.
 const RECHECK: Duration = Duration::from_secs(10);
+
+/// Memory of a job for each texel of the map that is its sky: the map as it is read and as it is
+/// kept, and what light is sampled by.
+const BYTES_OF_A_TEXEL: u64 = 48;
 
 /// A job and its scene in one request.
 #[derive(ToSchema)]
@@ -73,7 +78,11 @@ pub async fn create_job(
     if let Some(detail) = job.camera_problem(&scene.cameras) {
         return Err(Problem::invalid(vec![FieldError::new("camera", detail)]));
     }
-    check_memory(&app, &job, &scene)?;
+    if let Some(detail) = job.variant_problem(scene.variants.as_deref()) {
+        return Err(Problem::invalid(vec![FieldError::new("variant", detail)]));
+    }
+    let map = named_map(&app, &caller, &job).await?;
+    check_memory(&app, &job, &scene, map.as_ref())?;
     job.scene = Some(scene.id.clone());
     let webhook = job.webhook.clone().or_else(|| caller.key().and_then(|key| key.webhook.clone()));
     let unserialisable = |error: serde_json::Error| Problem::internal(error.to_string());
@@ -127,7 +136,7 @@ async fn arrived(
                 (true, None) => {
                     let name = parts.scene_name.take();
                     let (scene, _) = parts.store(app, caller).await?;
-                    scenes::named(app, caller, scene, name).await?
+                    kept::named(app, caller, scene, name).await?
                 }
                 (false, _) => named_scene(app, caller, &job).await?,
                 (true, Some(_)) => {
@@ -176,6 +185,9 @@ pub fn answer(app: &App, caller: &Caller, accepted_as: Accepted) -> Result<Respo
         Accepted::OwnQueueFull => Err(own_queue_full(app, caller)),
         Accepted::StoreFull { stored } => Err(store_full(app, caller, stored)),
         Accepted::SceneGone => Err(Problem::not_found("the scene was removed; send it again")),
+        Accepted::EnvironmentGone => {
+            Err(Problem::not_found("the environment was removed; send it again"))
+        }
     }
 }
 
@@ -211,9 +223,10 @@ fn render_key(
         other => other.clone(),
     };
     // Everything else travels with the job but does not show in the picture.
-    let JobRequest { scene, method, width, height, target_error, max_iterations, seed, .. } = job;
-    let limits = (target_error, max_iterations);
-    let asked = (scene, method, camera, (width, height), limits, seed, settings);
+    let JobRequest { scene, variant, environment, method, width, height, .. } = job;
+    let limits = (job.target_error, job.max_iterations);
+    let shown = ((scene, variant), environment, camera, (width, height));
+    let asked = (shown, method, limits, job.seed, settings);
     let whole = serde_json::to_vec(&(env!("CARGO_PKG_VERSION"), owner, asked))?;
     Ok(Some(sha256_hex(&whole)))
 }
@@ -291,9 +304,17 @@ fn webhook_problem(app: &App, job: &JobRequest) -> Option<FieldError> {
 }
 
 /// Refuses a job that could never fit into this server's memory, rather than to let it fail.
-pub fn check_memory(app: &App, job: &JobRequest, scene: &Scene) -> Result<(), Problem> {
+pub fn check_memory(
+    app: &App,
+    job: &JobRequest,
+    scene: &Scene,
+    map: Option<&EnvironmentMap>,
+) -> Result<(), Problem> {
     let needed = worker::needed_bytes(job, scene.triangles);
     let Some((needed, most)) = needed.zip(app.max_job_bytes) else { return Ok(()) };
+    let of_map =
+        map.map_or(0, |map| BYTES_OF_A_TEXEL * u64::from(map.width) * u64::from(map.height));
+    let needed = needed.saturating_add(of_map);
     if needed <= most {
         return Ok(());
     }
@@ -340,6 +361,20 @@ async fn named_scene(app: &App, caller: &Caller, job: &JobRequest) -> Result<Sce
             builtin::names()
         );
         Problem::not_found(detail.clone()).with_error(FieldError::new("scene", detail))
+    })
+}
+
+/// The stored map that a job names as its sky, if it does.
+async fn named_map(
+    app: &App,
+    caller: &Caller,
+    job: &JobRequest,
+) -> Result<Option<EnvironmentMap>, Problem> {
+    let Some(id) = job.environment_map() else { return Ok(None) };
+    let found = app.shared.store.shown_environment(id, caller.viewer()).await?;
+    found.map(Some).ok_or_else(|| {
+        let detail = "no stored environment has this id; POST it to /v1/environments first";
+        Problem::not_found(detail).with_error(FieldError::new("environment.sky", detail))
     })
 }
 

@@ -8,6 +8,7 @@ mod cors;
 mod dashboard;
 mod docs;
 mod documented;
+mod environments;
 mod events;
 mod file;
 mod fresh;
@@ -16,6 +17,7 @@ mod guard;
 mod images;
 pub mod import_turns;
 mod jobs;
+mod kept;
 pub mod listen;
 mod openapi;
 mod pin;
@@ -49,6 +51,8 @@ fn api() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(openapi::base())
         .routes(routes!(scenes::create_scene, scenes::list_scenes))
         .routes(routes!(scenes::get_scene, scenes::delete_scene))
+        .routes(routes!(environments::create_environment, environments::list_environments))
+        .routes(routes!(environments::get_environment, environments::delete_environment))
         .routes(routes!(jobs::create_job, jobs::list_jobs))
         .routes(routes!(jobs::get_job, jobs::delete_job))
         .routes(routes!(jobs::cancel_job))

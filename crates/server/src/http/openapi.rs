@@ -1,6 +1,7 @@
 //! The API's description, written from the handlers themselves.
 
 use super::problem::{MEDIA_TYPE, ProblemDocument};
+use crate::api::environment::MapOfSky;
 use crate::api::events::{NoticeEvent, ProgressEvent, SnapshotEvent, StateEvent};
 use crate::api::jobs::{ExplicitCamera, OptionValue};
 use crate::worker;
@@ -24,11 +25,12 @@ use utoipa::openapi::{Ref, RefOr, Response};
     servers((url = "/")),
     tags(
         (name = "scenes", description = "What there is to light."),
+        (name = "environments", description = "Maps of skies to light it with."),
         (name = "jobs", description = "Pictures to compute."),
         (name = "results", description = "Pictures and figures."),
         (name = "operations", description = "Running the service."),
     ),
-    components(schemas(ProblemDocument, ExplicitCamera, OptionValue, StateEvent, ProgressEvent, SnapshotEvent, NoticeEvent))
+    components(schemas(ProblemDocument, ExplicitCamera, MapOfSky, OptionValue, StateEvent, ProgressEvent, SnapshotEvent, NoticeEvent))
 )]
 struct Base;
 

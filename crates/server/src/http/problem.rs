@@ -184,6 +184,12 @@ impl Problem {
         Self::new(status, "bad-scene", "The scene cannot be used", detail)
     }
 
+    /// 422: the map of a sky cannot be used.
+    pub fn bad_environment(detail: impl Into<String>) -> Self {
+        let status = StatusCode::UNPROCESSABLE_ENTITY;
+        Self::new(status, "bad-environment", "The environment cannot be used", detail)
+    }
+
     /// 429: the queue is full.
     pub fn queue_full(retry_after_s: u32) -> Self {
         let status = StatusCode::TOO_MANY_REQUESTS;

@@ -4,10 +4,11 @@ use super::app::App;
 use super::documented;
 use super::problem::Problem;
 use super::read::{Query, in_range, media_type};
-use super::upload;
+use super::{kept, upload};
 use crate::access::Caller;
 use crate::api::FieldError;
 use crate::api::scenes::{MAX_NAME_CHARS, Scene, ScenePage, name_of_file};
+use crate::api::uploads::Upload;
 use crate::store::scenes::ScenePosition;
 use axum::Json;
 use axum::extract::{Path, Request, State};
@@ -26,11 +27,11 @@ pub struct SceneFiles {
     scene: Vec<u8>,
 }
 
-/// What a scene is called.
+/// What an upload is called.
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct NameQuery {
-    /// A name for the scene; in a form, the name of its file counts where this is left out.
+    /// A name for it; in a form, the name of the scene's file counts where this is left out.
     #[param(max_length = 255)]
     name: Option<String>,
 }
@@ -81,12 +82,13 @@ pub async fn create_scene(
             return Err(Problem::unsupported_media(detail));
         }
     };
-    let scene = named(&app, &caller, scene, name).await?;
+    let scene = kept::named(&app, &caller, scene, name).await?;
     let status = if is_new { StatusCode::CREATED } else { StatusCode::OK };
     Ok((status, [(header::LOCATION, format!("/v1/scenes/{}", scene.id))], Json(scene)))
 }
 
-fn given_name(query: NameQuery) -> Result<Option<String>, Problem> {
+/// The name that was given, fit to be shown.
+pub fn given_name(query: NameQuery) -> Result<Option<String>, Problem> {
     let Some(name) = query.name else { return Ok(None) };
     if name.chars().count() > MAX_NAME_CHARS {
         let rule = format!("must have at most {MAX_NAME_CHARS} characters");
@@ -95,19 +97,6 @@ fn given_name(query: NameQuery) -> Result<Option<String>, Problem> {
         );
     }
     Ok(name_of_file(&name))
-}
-
-/// A scene that was just stored as the caller sees it, by its new name if it has one.
-pub async fn named(
-    app: &App,
-    caller: &Caller,
-    scene: Scene,
-    name: Option<String>,
-) -> Result<Scene, Problem> {
-    if let Some(name) = name {
-        app.shared.store.name_scene(&scene.id, caller.billed_to(), &name).await?;
-    }
-    Ok(app.shared.store.shown_scene(&scene.id, caller.viewer()).await?.unwrap_or(scene))
 }
 
 /// Get a scene.
@@ -141,12 +130,7 @@ pub async fn delete_scene(
     caller: Caller,
     Path(id): Path<String>,
 ) -> Result<StatusCode, Problem> {
-    let holder = (!caller.sees_all()).then(|| caller.billed_to());
-    app.shared.store.let_go_scene(&id, holder).await?;
-    if let Err(error) = app.keeper.collect_let_go().await {
-        // Retention finds it again.
-        tracing::warn!(%error, scene = id, "cannot remove a scene that nobody holds");
-    }
+    kept::let_go::<Scene>(&app, &caller, &id).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -156,11 +140,11 @@ pub async fn delete_scene(
 pub struct PageQuery {
     /// How many, at most.
     #[param(minimum = 1, maximum = 200, default = 50)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before. It names a place in the list and stays good when the
-    /// scene there goes.
+    pub limit: Option<u32>,
+    /// `next_cursor` of the page before. It names a place in the list and stays good when
+    /// what is there goes.
     #[param(pattern = "^[0-9]{1,18}\\.[0-9a-f]{64}$")]
-    cursor: Option<String>,
+    pub cursor: Option<String>,
 }
 
 /// List scenes, newest first.
@@ -183,13 +167,13 @@ pub async fn list_scenes(
     Ok(Json(ScenePage { scenes, next_cursor }))
 }
 
-/// The place behind a scene, with nothing in it that its viewer does not see.
-fn cursor(scene: &Scene) -> String {
-    format!("{}.{}", scene.created_at.as_millisecond(), scene.id)
+/// The place behind an upload, with nothing in it that its viewer does not see.
+pub fn cursor<T: Upload>(upload: &T) -> String {
+    format!("{}.{}", upload.created_at().as_millisecond(), upload.id())
 }
 
-/// The place that a cursor names. Whether there is, or ever was, a scene plays no part in it.
-fn position(cursor: &str) -> Result<ScenePosition, Problem> {
+/// The place that a cursor names. Whether there is, or ever was, an upload plays no part in it.
+pub fn position(cursor: &str) -> Result<ScenePosition, Problem> {
     let parts = cursor.split_once('.').and_then(|(ms, id)| Some((ms.parse().ok()?, id)));
     match parts {
         Some((created_ms, id)) if id.len() == 64 && id.bytes().all(|b| b.is_ascii_hexdigit()) => {

@@ -114,7 +114,11 @@ pub async fn create_view(
     if let Some(detail) = request.camera_problem(&scene.cameras) {
         return Err(Problem::invalid(vec![FieldError::new("camera", detail)]));
     }
-    check_memory(&app, &request, &scene)?;
+    let map = match request.environment_map() {
+        Some(id) => app.shared.store.environment(id).await?,
+        None => None,
+    };
+    check_memory(&app, &request, &scene, map.as_ref())?;
     check_priority(&caller, &request)?;
     request.view_of = Some(id);
     let request_hash =

@@ -1,19 +1,21 @@
 //! Taking uploads in: bytes go to an unnamed temporary file while they are counted and hashed, a
-//! process of its own imports them from there, and what it accepts is kept. None of it is ever in
-//! the server's memory as a whole.
+//! process of its own imports them from there, and what it accepts is kept (see `kept`). None of it
+//! is ever in the server's memory as a whole.
 
 use super::app::App;
 use super::gauge::Gauge;
+use super::kept::{Received, check_quota, keep, refused, store_received, stored};
 use super::problem::Problem;
 use super::slots::{NoSlot, Slot, Slots};
 use super::spool::{Allowance, Pace, Piece, Spool, check_disk, disk_trouble, unnamed_file};
 use crate::access::Caller;
 use crate::api::FieldError;
+use crate::api::environments::EnvironmentMap;
 use crate::api::scenes::{Scene, SceneFormat, name_of_file};
-use crate::artifacts::{Content, Hashing};
+use crate::artifacts::Hashing;
 use crate::bundle;
-use crate::worker::import::{ImportBounds, ImportError, describe_apart};
-use crate::worker::scenes::{self, SceneRefusal};
+use crate::worker::import::{describe_apart, describe_map_apart};
+use crate::worker::scenes;
 use axum::body::Body;
 use axum::extract::multipart::{Field, MultipartError};
 use axum::extract::{FromRequest, Multipart, Request};
@@ -53,14 +55,6 @@ pub async fn small_body(
     Ok(bytes)
 }
 
-/// A scene as it will be kept, whole on disk.
-struct Received {
-    file: File,
-    sha256: String,
-    size: u64,
-    format: SceneFormat,
-}
-
 /// A slot for an upload of `caller`, or when to come back.
 fn slot(app: &App, caller: &Caller) -> Result<Slot, Problem> {
     app.uploads.take(caller.billed_to()).map_err(|full| {
@@ -85,17 +79,49 @@ pub async fn scene_from_body(
     caller: &Caller,
     body: Body,
 ) -> Result<(Scene, bool), Problem> {
-    let _slot = slot(app, caller)?;
+    let empty = || Problem::bad_scene("the body is empty; send a .glb or .gltf file");
+    let (_slot, received) = whole_body(app, caller, body, empty).await?;
+    store_scene(app, caller, received, SceneFormat::Gltf).await
+}
+
+/// Stores a map of a sky that is the whole body.
+pub async fn map_from_body(
+    app: &App,
+    caller: &Caller,
+    body: Body,
+) -> Result<(EnvironmentMap, bool), Problem> {
+    let empty = || Problem::bad_environment("the body is empty; send an .exr or .hdr file");
+    let (_slot, received) = whole_body(app, caller, body, empty).await?;
+    store_received(app, caller, received, describe_map_apart).await
+}
+
+/// Takes a body in that is one file; what to answer where there is nothing in it.
+async fn whole_body(
+    app: &App,
+    caller: &Caller,
+    body: Body,
+    empty: impl FnOnce() -> Problem,
+) -> Result<(Slot, Received), Problem> {
+    let slot = slot(app, caller)?;
     let cut = |error: axum::Error| Problem::unreadable(format!("the upload broke off: {error}"));
     let mut limits = (Allowance::new(app), Pace::new(app.shared.config.intake.upload_time()));
     let mut spool = Spool::new(app).await?;
     let Piece { size, sha256, .. } =
         spool.take(body.into_data_stream(), (&mut limits.0, &mut limits.1), cut).await?;
     if size == 0 {
-        return Err(Problem::bad_scene("the body is empty; send a .glb or .gltf file"));
+        return Err(empty());
     }
-    let file = spool.into_file().await;
-    store_received(app, caller, Received { file, sha256, size, format: SceneFormat::Gltf }).await
+    Ok((slot, Received { file: spool.into_file().await, sha256, size }))
+}
+
+async fn store_scene(
+    app: &App,
+    caller: &Caller,
+    received: Received,
+    format: SceneFormat,
+) -> Result<(Scene, bool), Problem> {
+    let import = move |file: &File, id, bounds| describe_apart(file, id, format, bounds);
+    store_received(app, caller, received, import).await
 }
 
 /// A multipart request, taken apart.
@@ -247,13 +273,13 @@ impl Parts {
             return Err(Problem::invalid(vec![FieldError::new("scene", rule)]));
         };
         let file = spool.into_file().await;
-        let received = if resources.is_empty() {
+        if resources.is_empty() {
             // Then there is nothing else in the file.
-            Received { file, sha256: scene.sha256, size: scene.size, format: SceneFormat::Gltf }
-        } else {
-            pack(app, file, scene, resources).await?
-        };
-        store_received(app, caller, received).await
+            let received = Received { file, sha256: scene.sha256, size: scene.size };
+            return store_scene(app, caller, received, SceneFormat::Gltf).await;
+        }
+        let packed = pack(app, file, scene, resources).await?;
+        store_scene(app, caller, packed, SceneFormat::Bundle).await
     }
 }
 
@@ -275,7 +301,7 @@ async fn pack(
     });
     let packed = packed.await.map_err(|error| Problem::internal(error.to_string()))?;
     let (file, size, sha256) = packed.map_err(disk_trouble)?.finish();
-    Ok(Received { file, sha256, size, format: SceneFormat::Bundle })
+    Ok(Received { file, sha256, size })
 }
 
 fn repeated(name: &str) -> Problem {
@@ -287,53 +313,6 @@ fn is_gltf(name: &str) -> bool {
     name.ends_with(".gltf") || name.ends_with(".glb")
 }
 
-/// The scene of that id, unless its file is lost or damaged, so that sending it again mends it.
-/// Damage is looked for where the look is to be `thorough`.
-async fn sound_scene(app: &App, id: &str, thorough: bool) -> Result<Option<Scene>, Problem> {
-    let Some(scene) = app.shared.store.scene(id).await? else { return Ok(None) };
-    let sound = if thorough {
-        app.shared.artifacts.scene_is_sound(id).await?
-    } else {
-        app.shared.artifacts.has_scene(id, scene.size).await?
-    };
-    if !sound {
-        tracing::warn!(scene = id, "the file is lost or damaged and is stored again");
-    }
-    Ok(sound.then_some(scene))
-}
-
-/// Checks an uploaded scene by importing it in a process of its own, then keeps it; whether it is
-/// new to the caller. What cannot be imported is not kept.
-async fn store_received(
-    app: &App,
-    caller: &Caller,
-    received: Received,
-) -> Result<(Scene, bool), Problem> {
-    let Received { file, sha256: id, size, format } = received;
-    if let Some(stored) = stored_scene(app, caller, &id, true).await? {
-        return Ok(stored);
-    }
-    check_quota(app, caller, size).await?;
-    let turn = app.imports.take(caller.billed_to()).await;
-    // Somebody may have sent it at the same time.
-    if let Some(stored) = stored_scene(app, caller, &id, true).await? {
-        return Ok(stored);
-    }
-    let bounds = ImportBounds {
-        max_triangles: app.shared.config.max_triangles,
-        memory_mb: app.shared.config.intake.import_memory_mb,
-        seconds: app.shared.config.intake.import_seconds,
-    };
-    // The import goes on where the client hangs up meanwhile, and keeps its turn until it ends.
-    let (described, file, _turn) = tokio::task::spawn_blocking(move || {
-        (describe_apart(&file, id, format, bounds), file, turn)
-    })
-    .await
-    .map_err(|error| Problem::internal(error.to_string()))?;
-    check_disk(app, size)?;
-    keep(app, caller, described.map_err(import_problem)?, file).await
-}
-
 /// Keeps a scene of the program's own, which nobody needs protection from and every job may ask
 /// for.
 pub async fn store_builtin(
@@ -342,77 +321,17 @@ pub async fn store_builtin(
     id: String,
     bytes: &'static [u8],
 ) -> Result<Scene, Problem> {
-    if let Some((scene, _)) = stored_scene(app, caller, &id, false).await? {
+    if let Some((scene, _)) = stored(app, caller, &id, false).await? {
         return Ok(scene);
     }
     check_quota(app, caller, bytes.len() as u64).await?;
     let _turn = app.imports.take(caller.billed_to()).await;
     let max_triangles = app.shared.config.max_triangles;
     let described = tokio::task::spawn_blocking(move || {
-        let scene = scenes::load(SceneFormat::Gltf, bytes, max_triangles)?;
+        let scene = scenes::load(SceneFormat::Gltf, bytes, &scenes::options(max_triangles, None))?;
         Ok(scenes::describe(id, SceneFormat::Gltf, bytes.len() as u64, &scene))
     });
     let described = described.await.map_err(|error| Problem::internal(error.to_string()))?;
-    let scene = described.map_err(scene_problem)?;
+    let scene = described.map_err(refused::<Scene>)?;
     Ok(keep(app, caller, scene, Bytes::from_static(bytes)).await?.0)
-}
-
-async fn keep(
-    app: &App,
-    caller: &Caller,
-    scene: Scene,
-    content: impl Into<Content>,
-) -> Result<(Scene, bool), Problem> {
-    let is_new = app.keeper.keep_scene(&scene, content, caller.billed_to()).await?;
-    Ok((scene, is_new))
-}
-
-/// The scene of that id, if it is there already and sound; it is the caller's too from now on.
-/// Whether it was not before, as if it had been stored for them.
-async fn stored_scene(
-    app: &App,
-    caller: &Caller,
-    id: &str,
-    thorough: bool,
-) -> Result<Option<(Scene, bool)>, Problem> {
-    let Some(scene) = sound_scene(app, id, thorough).await? else { return Ok(None) };
-    let is_new = !app.shared.store.holds_scene(id, caller.billed_to()).await?;
-    if is_new {
-        check_quota(app, caller, scene.size).await?;
-        app.shared.store.hold_scene(id, caller.billed_to()).await?;
-    }
-    // It may have been collected since it was read.
-    Ok(app.shared.store.use_scene(id).await?.then_some((scene, is_new)))
-}
-
-/// Refuses scenes over the caller's quota. Uploads at the same time may each find room: then it
-/// is exceeded by as many as may be imported at once.
-async fn check_quota(app: &App, caller: &Caller, size: u64) -> Result<(), Problem> {
-    let Some(most) = caller.limits.scene_bytes else { return Ok(()) };
-    let held = app.shared.store.scene_bytes_of(caller.billed_to()).await?;
-    if held.saturating_add(size) <= most {
-        return Ok(());
-    }
-    app.shared.metrics.count_refusal("scene_bytes");
-    let detail = format!(
-        "this caller has {held} bytes of scenes and may have {most}; this one has {size}, and what no job uses expires"
-    );
-    Err(Problem::over_limit("scene_bytes", detail, 600.0))
-}
-
-fn import_problem(error: ImportError) -> Problem {
-    match error {
-        ImportError::Refused(refusal) => scene_problem(refusal),
-        ImportError::Trouble(error) => {
-            tracing::error!(%error, "cannot import a scene");
-            Problem::unavailable("the scene cannot be imported now")
-        }
-    }
-}
-
-fn scene_problem(refusal: SceneRefusal) -> Problem {
-    let SceneRefusal { at, what, fix, too_large } = refusal;
-    let detail = format!("{at}: {what}; {fix}");
-    let problem = if too_large { Problem::too_large(detail) } else { Problem::bad_scene(detail) };
-    problem.with_error(FieldError::new(at, format!("{what}; {fix}")))
 }

@@ -70,7 +70,7 @@ impl Keeper {
         }
         for scene in self.artifacts.scenes_with_files().await? {
             swept.files += 1;
-            if self.store.scene(&scene).await?.is_none() {
+            if !self.store.is_stored(&scene).await? {
                 orphans.push(FilePlace::Scene(scene));
             }
         }
@@ -105,7 +105,7 @@ impl Keeper {
 
     async fn is_unnamed(&self, place: &FilePlace) -> Result<bool, RetentionError> {
         Ok(match place {
-            FilePlace::Scene(id) => self.store.scene(id).await?.is_none(),
+            FilePlace::Scene(id) => !self.store.is_stored(id).await?,
             FilePlace::Job(job, name) => is_orphan(&self.store.recorded_files(*job).await?, name),
         })
     }
@@ -134,7 +134,7 @@ impl Keeper {
 
     async fn is_named(&self, place: &FilePlace) -> Result<bool, RetentionError> {
         Ok(match place {
-            FilePlace::Scene(id) => self.store.scene(id).await?.is_some(),
+            FilePlace::Scene(id) => self.store.is_stored(id).await?,
             FilePlace::Job(job, name) => match self.store.recorded_files(*job).await? {
                 Recorded::Unknown => false,
                 Recorded::Open(names) | Recorded::Ended(names) => names.contains(name),

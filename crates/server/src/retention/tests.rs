@@ -2,6 +2,7 @@
 //! always there, and what nothing names goes.
 
 use super::*;
+use crate::api::environment::EnvironmentRequest;
 use crate::api::jobs::PictureFormat;
 use crate::job_state::JobState;
 use crate::store::bytes::Pinned;
@@ -40,21 +41,41 @@ impl World {
         (specimens::scene(&bytes), bytes)
     }
 
+    /// Sends the map of the sky of every second scene, as the handlers do; what a job asks for
+    /// that names it.
+    async fn sky(&self, number: u64) -> Option<EnvironmentRequest> {
+        if number.is_multiple_of(2) {
+            return None;
+        }
+        let bytes = Bytes::from(format!("sky {}", number % 4));
+        let map = specimens::map(&bytes);
+        if !self.store.use_scene(&map.id).await.unwrap() {
+            self.keeper.keep_environment(&map, bytes, "somebody").await.unwrap();
+        }
+        serde_json::from_value(serde_json::json!({"sky": {"environment": map.id}})).unwrap()
+    }
+
     /// Sends a scene and asks for a picture of it, as the handlers do; `None` where it was
     /// collected in between.
     async fn submit(&self, number: u64) -> Option<Uuid> {
+        self.submit_under(number, None).await
+    }
+
+    /// As [`World::submit`], with something about the scene.
+    async fn submit_under(&self, number: u64, sky: Option<EnvironmentRequest>) -> Option<Uuid> {
         let (scene, bytes) = Self::scene(number);
         if !self.store.use_scene(&scene.id).await.unwrap() {
             self.keeper.keep_scene(&scene, bytes, "somebody").await.unwrap();
         }
-        let job = specimens::job(&scene.id);
+        let mut job = specimens::job(&scene.id);
+        job.request.environment = sky;
         match self.store.accept(job, 1_000_000).await.unwrap() {
             Accepted::New(job) => {
                 // What was accepted can be rendered from now on.
                 self.artifacts.scene(&scene.id).await.expect("the scene of an accepted job");
                 Some(job.id)
             }
-            Accepted::SceneGone => None,
+            Accepted::SceneGone | Accepted::EnvironmentGone => None,
             other => panic!("{other:?}"),
         }
     }
@@ -85,6 +106,10 @@ impl World {
         for job in self.store.jobs(&filter).await.unwrap() {
             let scene = self.artifacts.scene(&job.scene).await;
             assert!(scene.is_ok(), "the scene of job {} is gone", job.id);
+            if let Some(map) = job.request.environment_map() {
+                let map = self.artifacts.scene(map).await;
+                assert!(map.is_ok(), "the map of job {} is gone", job.id);
+            }
             for picture in job.result.iter().flatten() {
                 let bytes = self.artifacts.picture(job.id, &picture.sha256, picture.format).await;
                 assert!(bytes.is_ok(), "a picture of job {} is gone", job.id);
@@ -113,7 +138,11 @@ async fn live(world: Arc<World>, dice: Arc<Dice>, steps: u64) {
     for _ in 0..steps {
         let soon = || Timestamp::now() + SignedDuration::from_millis(2);
         match dice.below(12) {
-            0..=3 => drop(world.submit(dice.below(SCENES)).await),
+            0..=3 => {
+                let number = dice.below(SCENES);
+                let sky = world.sky(number).await;
+                world.submit_under(number, sky).await;
+            }
             4..=5 => world.run().await,
             6 => {
                 let filter = JobFilter { limit: 20, ..JobFilter::default() };
@@ -159,6 +188,7 @@ async fn nothing_that_a_record_names_is_ever_removed() {
     world.keeper.tend_quarantine(Some(Timestamp::MAX)).await.unwrap();
     assert_eq!(files(&world.folder.path().join("artifacts")), Vec::<String>::new());
     assert_eq!(world.store.shown_scenes(ALL, None, 10).await.unwrap(), []);
+    assert_eq!(world.store.shown_environments(ALL, None, 10).await.unwrap(), []);
 }
 
 fn files(folder: &std::path::Path) -> Vec<String> {

@@ -3,6 +3,7 @@
 //! that another store is one line away from passing the same.
 
 mod attempts;
+mod environments;
 mod extensions;
 pub mod fixture;
 mod outbox;
@@ -23,6 +24,7 @@ use std::sync::Arc;
 use uuid::Uuid;
 
 pub use attempts::*;
+pub use environments::*;
 pub use extensions::*;
 pub use outbox::*;
 pub use sharing::*;
@@ -63,6 +65,8 @@ macro_rules! suite {
             messages_wait_in_lanes_of_caller_and_receiver
             each_holder_sees_a_scene_as_their_own
             who_lets_go_of_a_scene_leaves_it_to_the_others
+            maps_and_scenes_are_kept_alike_and_listed_apart
+            a_job_keeps_the_map_of_its_sky
             messages_that_wait_are_bounded_from_the_fullest_lane
         }
     };

@@ -51,6 +51,8 @@ pub enum Accepted {
     },
     /// The scene was removed meanwhile.
     SceneGone,
+    /// The map of the sky was removed meanwhile.
+    EnvironmentGone,
 }
 
 /// A worker's claim on a job. Writes under an outdated claim fail with

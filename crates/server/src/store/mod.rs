@@ -4,6 +4,7 @@
 pub mod bytes;
 #[cfg(test)]
 pub(crate) mod conformance;
+pub mod environments;
 mod error;
 mod jobs;
 pub mod keys;
@@ -24,6 +25,7 @@ use async_trait::async_trait;
 use uuid::Uuid;
 
 pub use bytes::Bytes;
+pub use environments::Environments;
 pub use error::StoreError;
 pub use jobs::{
     Accepted, Asking, Claim, JobCounts, JobFilter, Lease, MAX_PROGRESS_EVENTS, NewJob, Outcome,
@@ -38,7 +40,7 @@ pub use scenes::Holdings;
 /// The store of one service.
 #[async_trait]
 pub trait Store:
-    Bytes + Keys + Meta + Outbox + Retention + Holdings + solutions::Solutions
+    Bytes + Keys + Meta + Outbox + Retention + Holdings + Environments + solutions::Solutions
 {
     /// Stores a scene; false where it was there already.
     async fn put_scene(&self, scene: &Scene) -> Result<bool, StoreError>;

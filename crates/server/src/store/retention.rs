@@ -18,14 +18,14 @@ pub enum Recorded {
     Ended(BTreeSet<String>),
 }
 
-/// Expiry of jobs and scenes.
+/// Expiry of jobs, scenes and maps of skies.
 #[async_trait]
 pub trait Retention: Send + Sync {
     /// Jobs that ended before `before` and are not pinned, those that ended first at the front.
     async fn expired(&self, before: Timestamp, limit: u32) -> Result<Vec<Uuid>, StoreError>;
     /// Deletes a job, unless it was pinned, extended or deleted since it was found; whether it did.
     async fn hide_expired(&self, job: Uuid) -> Result<bool, StoreError>;
-    /// Scenes that no job names, deleted ones included, and that nobody sent or used since
+    /// Scenes, and maps of skies, that no job names, deleted ones included, and that nobody sent or used since
     /// `before`.
     async fn unused_scenes(&self, before: Timestamp, limit: u32)
     -> Result<Vec<String>, StoreError>;

@@ -2,6 +2,7 @@
 
 use super::jobs::NewJob;
 use super::keys::Submitter;
+use crate::api::environments::{EnvironmentMap, MapFormat};
 use crate::api::request_hash::RequestHash;
 use crate::api::scenes::{Scene, SceneFormat};
 use crate::hash::sha256_hex;
@@ -22,7 +23,22 @@ pub fn scene(content: &[u8]) -> Scene {
         lights: 0,
         bounds: None,
         cameras: Vec::new(),
+        variants: None,
         warnings: Vec::new(),
+    }
+}
+
+/// The record of a map of a sky whose file has this content.
+pub fn map(content: &[u8]) -> EnvironmentMap {
+    EnvironmentMap {
+        id: sha256_hex(content),
+        name: None,
+        format: MapFormat::Exr,
+        size: content.len() as u64,
+        created_at: jiff::Timestamp::now(),
+        width: 2,
+        height: 1,
+        mean: [1.0; 3],
     }
 }
 

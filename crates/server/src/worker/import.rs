@@ -1,11 +1,12 @@
-//! Imports of uploaded scenes, each in a process of its own. What is in a scene is hostile: a small
+//! Imports of uploaded scenes and maps of skies, each in a process of its own. What is in them is hostile: a small
 //! file may decode to gigabytes, and an allocation that fails ends the process. So the server
 //! starts `hemilux import-worker`, which bounds its own memory and time, reads the scene from its
 //! standard input and writes what it found to its standard output; however it ends, the server
 //! goes on and says what became of the scene.
 
 use super::process::{in_words, own_program};
-use super::scenes::{SceneRefusal, describe, load_from};
+use super::scenes::{SceneRefusal, describe, describe_map, load_from, options};
+use crate::api::environments::EnvironmentMap;
 use crate::api::scenes::{Scene, SceneFormat};
 use crate::failpoints;
 use crate::memory;
@@ -18,7 +19,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Longest record of a scene, bytes: names of cameras and warnings.
+/// Longest record of a scene, bytes: names of cameras and variants, warnings.
 const MAX_RECORD_BYTES: u64 = 1 << 20;
 /// What is read of the process's last words, bytes.
 const MAX_WORDS_BYTES: u64 = 4 << 10;
@@ -28,6 +29,8 @@ const LOOK_EVERY: (Duration, Duration) = (Duration::from_millis(1), Duration::fr
 const SPARE_CPU_S: u64 = 5;
 /// What a sender can do about a scene that no importer should end over.
 const FIX_FILE: &str = "the file is probably damaged; check it with a glTF validator";
+/// What a sender can do about a map that no importer should end over.
+const FIX_MAP: &str = "the file is probably damaged; save it again as OpenEXR or Radiance HDR";
 
 /// Bounds on one import.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -43,10 +46,41 @@ pub struct ImportBounds {
     pub seconds: u64,
 }
 
-/// Why there is no description of a scene.
+/// What is in an uploaded file, as its sender says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum FileKind {
+    /// A glTF file.
+    Gltf,
+    /// A glTF file with the resources that it names, packed together.
+    Bundle,
+    /// A map of a sky.
+    Sky,
+}
+
+impl FileKind {
+    /// Its name on the command line.
+    fn word(self) -> &'static str {
+        match self {
+            Self::Gltf => "gltf",
+            Self::Bundle => "bundle",
+            Self::Sky => "sky",
+        }
+    }
+}
+
+impl From<SceneFormat> for FileKind {
+    fn from(format: SceneFormat) -> Self {
+        match format {
+            SceneFormat::Gltf => Self::Gltf,
+            SceneFormat::Bundle => Self::Bundle,
+        }
+    }
+}
+
+/// Why there is no description of an upload.
 #[derive(Debug)]
 pub enum ImportError {
-    /// The scene cannot be used.
+    /// The file cannot be used.
     Refused(SceneRefusal),
     /// The server could not look at it.
     Trouble(io::Error),
@@ -62,6 +96,7 @@ impl From<io::Error> for ImportError {
 #[derive(Serialize, Deserialize)]
 enum Finding {
     Scene(Scene),
+    Map(EnvironmentMap),
     Refused(SceneRefusal),
     /// Its input could not be read.
     Unread(String),
@@ -79,7 +114,44 @@ pub fn describe_apart(
     bounds: ImportBounds,
 ) -> Result<Scene, ImportError> {
     let size = file.metadata()?.len();
-    let mut child = Ended(start(file, format, bounds)?);
+    match find_out(file, &id, format.into(), bounds)? {
+        Finding::Scene(scene) => {
+            Ok(Scene { id, format, size, created_at: crate::clock::now(), ..scene })
+        }
+        _ => Err(other_finding()),
+    }
+}
+
+/// As [`describe_apart`], of a map of a sky.
+///
+/// # Errors
+/// As [`describe_apart`].
+pub fn describe_map_apart(
+    file: &File,
+    id: String,
+    bounds: ImportBounds,
+) -> Result<EnvironmentMap, ImportError> {
+    let size = file.metadata()?.len();
+    match find_out(file, &id, FileKind::Sky, bounds)? {
+        Finding::Map(map) => {
+            Ok(EnvironmentMap { id, size, created_at: crate::clock::now(), ..map })
+        }
+        _ => Err(other_finding()),
+    }
+}
+
+fn other_finding() -> ImportError {
+    ImportError::Trouble(io::Error::other("the importer answered another question"))
+}
+
+/// What a process of its own finds in a file: a scene or a map.
+fn find_out(
+    file: &File,
+    id: &str,
+    kind: FileKind,
+    bounds: ImportBounds,
+) -> Result<Finding, ImportError> {
+    let mut child = Ended(start(file, kind, bounds)?);
     let output = listen(child.0.stdout.take(), MAX_RECORD_BYTES)?;
     let words = listen(child.0.stderr.take(), MAX_WORDS_BYTES)?;
     let status = wait(&mut child.0, Duration::from_secs(bounds.seconds))?;
@@ -87,25 +159,23 @@ pub fn describe_apart(
     let (output, words) = (heard(output), heard(words));
     let words = String::from_utf8_lossy(&words);
     if !words.trim().is_empty() {
-        tracing::warn!(scene = id, said = words.trim(), "from the import of a scene");
+        tracing::warn!(id, said = words.trim(), "from the import of an upload");
     }
     let finding = serde_json::from_slice(&output).ok();
     match (status, finding) {
         (Some(status), Some(finding)) if status.success() => match finding {
-            Finding::Scene(scene) => {
-                Ok(Scene { id, format, size, created_at: crate::clock::now(), ..scene })
-            }
             Finding::Refused(refusal) => Err(ImportError::Refused(refusal)),
             Finding::Unread(error) => Err(ImportError::Trouble(io::Error::other(error))),
+            finding => Ok(finding),
         },
         // Where the system runs out of memory it ends imports first, which says nothing of this one.
         (Some(status), _) if status.signal() == Some(9) => {
-            let how = format!("the import of a scene ended with {}", in_words(status));
+            let how = format!("the import of an upload ended with {}", in_words(status));
             Err(ImportError::Trouble(io::Error::other(how)))
         }
         (status, _) => {
-            let refusal = why_it_ended(status, &words, bounds);
-            tracing::warn!(scene = id, %refusal, "the import of a scene was ended");
+            let refusal = why_it_ended(status, &words, (kind, bounds));
+            tracing::warn!(id, %refusal, "the import of an upload was ended");
             Err(ImportError::Refused(refusal))
         }
     }
@@ -122,14 +192,11 @@ impl Drop for Ended {
     }
 }
 
-fn start(mut file: &File, format: SceneFormat, bounds: ImportBounds) -> io::Result<Child> {
+fn start(mut file: &File, kind: FileKind, bounds: ImportBounds) -> io::Result<Child> {
     // Both descriptors share one position.
     file.rewind()?;
     let mut command = Command::new(own_program()?);
-    command.arg("import-worker");
-    if format == SceneFormat::Bundle {
-        command.arg("--bundle");
-    }
+    command.args(["import-worker", "--kind", kind.word()]);
     let ImportBounds { max_triangles, memory_mb, seconds } = bounds;
     command.args(["--max-triangles", &max_triangles.to_string()]);
     command.args(["--memory-mb", &memory_mb.to_string(), "--seconds", &seconds.to_string()]);
@@ -168,7 +235,23 @@ fn wait(child: &mut Child, most: Duration) -> io::Result<Option<ExitStatus>> {
 }
 
 /// What the sender is told about a process that ended without an answer.
-fn why_it_ended(status: Option<ExitStatus>, words: &str, bounds: ImportBounds) -> SceneRefusal {
+fn why_it_ended(
+    status: Option<ExitStatus>,
+    words: &str,
+    (kind, bounds): (FileKind, ImportBounds),
+) -> SceneRefusal {
+    let (fix_memory, fix_time, fix_file) = match kind {
+        FileKind::Gltf | FileKind::Bundle => (
+            "send smaller images and fewer objects; who runs the server can allow more with --import-memory-mb",
+            "send a simpler scene; who runs the server can allow more with --import-seconds",
+            FIX_FILE,
+        ),
+        FileKind::Sky => (
+            "send a map of fewer texels; who runs the server can allow more with --import-memory-mb",
+            "send a map of fewer texels; who runs the server can allow more with --import-seconds",
+            FIX_MAP,
+        ),
+    };
     let ImportBounds { memory_mb, seconds, .. } = bounds;
     let cpu_time_is_up = |status: ExitStatus| status.signal() == Some(24);
     let (what, fix) = match status {
@@ -177,14 +260,14 @@ fn why_it_ended(status: Option<ExitStatus>, words: &str, bounds: ImportBounds) -
                 "importing it takes more than the {memory_mb} MiB of memory that it may have ({})",
                 in_words(status)
             ),
-            "send smaller images and fewer objects; who runs the server can allow more with --import-memory-mb",
+            fix_memory,
         ),
         Some(status) if !cpu_time_is_up(status) => {
-            (format!("the importer ended with {}", in_words(status)), FIX_FILE)
+            (format!("the importer ended with {}", in_words(status)), fix_file)
         }
         _ => (
             format!("importing it takes more than the {seconds} seconds that it may have"),
-            "send a simpler scene; who runs the server can allow more with --import-seconds",
+            fix_time,
         ),
     };
     SceneRefusal { at: "file".into(), what, fix: fix.into(), too_large: false }
@@ -194,10 +277,10 @@ fn why_it_ended(status: Option<ExitStatus>, words: &str, bounds: ImportBounds) -
 ///
 /// # Errors
 /// Where the process cannot be bounded or heard.
-pub fn run(format: SceneFormat, bounds: ImportBounds) -> io::Result<()> {
+pub fn run(kind: FileKind, bounds: ImportBounds) -> io::Result<()> {
     bound_myself(bounds)?;
-    let finding = match look(format, bounds.max_triangles) {
-        Ok(Ok(scene)) => Finding::Scene(scene),
+    let finding = match look(kind, bounds.max_triangles) {
+        Ok(Ok(finding)) => finding,
         Ok(Err(refusal)) => Finding::Refused(refusal),
         Err(error) => Finding::Unread(error.to_string()),
     };
@@ -205,8 +288,8 @@ pub fn run(format: SceneFormat, bounds: ImportBounds) -> io::Result<()> {
     if record.len() as u64 > MAX_RECORD_BYTES {
         record = serde_json::to_vec(&Finding::Refused(SceneRefusal {
             at: "nodes".into(),
-            what: format!("names of cameras take more than {MAX_RECORD_BYTES} bytes"),
-            fix: "send fewer cameras, with shorter names".into(),
+            what: format!("names of cameras and variants take more than {MAX_RECORD_BYTES} bytes"),
+            fix: "send fewer of them, with shorter names".into(),
             too_large: true,
         }))?;
     }
@@ -214,12 +297,21 @@ pub fn run(format: SceneFormat, bounds: ImportBounds) -> io::Result<()> {
     io::stdout().flush()
 }
 
-fn look(format: SceneFormat, max_triangles: usize) -> io::Result<Result<Scene, SceneRefusal>> {
+fn look(kind: FileKind, max_triangles: usize) -> io::Result<Result<Finding, SceneRefusal>> {
     let mut file = File::from(rustix::io::dup(io::stdin())?);
     let size = file.metadata()?.len();
     failpoints::pass("import", || format!("{size} bytes")).map_err(io::Error::other)?;
-    let scene = load_from(&mut file, format, max_triangles)?;
-    Ok(scene.map(|scene| describe(String::new(), format, size, &scene)))
+    let format = match kind {
+        FileKind::Gltf => SceneFormat::Gltf,
+        FileKind::Bundle => SceneFormat::Bundle,
+        FileKind::Sky => {
+            let mut bytes = Vec::new();
+            file.read_to_end(&mut bytes)?;
+            return Ok(describe_map(String::new(), &bytes).map(Finding::Map));
+        }
+    };
+    let scene = load_from(&mut file, format, &options(max_triangles, None))?;
+    Ok(scene.map(|scene| Finding::Scene(describe(String::new(), format, size, &scene))))
 }
 
 /// Bounds memory and time, lets the kernel end this process before any other, and ties it to the
@@ -261,9 +353,12 @@ mod tests {
             (status(1 << 8), "", "exit status: 1", "validator"),
         ];
         for (status, words, what, fix) in cases {
-            let refusal = why_it_ended(status, words, BOUNDS);
+            let refusal = why_it_ended(status, words, (FileKind::Gltf, BOUNDS));
             assert!(refusal.what.contains(what), "{refusal}");
             assert!(refusal.fix.contains(fix), "{refusal}");
+            let of_map = why_it_ended(status, words, (FileKind::Sky, BOUNDS));
+            assert_eq!(of_map.what, refusal.what);
+            assert!(!of_map.fix.contains("glTF") && !of_map.fix.contains("scene"), "{of_map}");
         }
     }
 

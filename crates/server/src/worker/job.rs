@@ -156,6 +156,7 @@ async fn prepare(
         }
     })?;
     let mut parts = vec![scene];
+    parts.extend(sky_of(shared, job).await?);
     let (begins, begins_without) =
         match checkpoints::begin(shared, job).await.map_err(CannotBegin::NotNow)? {
             Start::With(begins, checkpoint) => {
@@ -187,6 +188,19 @@ async fn prepare(
         keeps_solution: config.keep_solutions_mb > 0,
     };
     Ok((task, parts))
+}
+
+/// The file of the map that a job's sky is, where it is one.
+async fn sky_of(shared: &Shared, job: &Job) -> Result<Option<Content>, CannotBegin> {
+    let Some(id) = job.request.environment_map() else { return Ok(None) };
+    shared.artifacts.scene(id).await.map(Some).map_err(|error| {
+        if error.is_lasting() {
+            let what = format!("{error}; send the environment again, then the job");
+            CannotBegin::Useless(Failure::new("environment", what))
+        } else {
+            CannotBegin::NotNow(error.to_string())
+        }
+    })
 }
 
 /// The end of a job whose identical twin has one already. Anything that goes wrong means that the

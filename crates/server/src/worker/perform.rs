@@ -5,7 +5,9 @@ use super::encode;
 use super::pacing::Pacing;
 use super::requests::without_idle_settings;
 use super::threads::TaskThreads;
-use super::translation::{finite_header, render_request, to_plan, to_progress, to_stats};
+use super::translation::{
+    environment, finite_header, render_request, to_plan, to_progress, to_stats,
+};
 use super::wire::{ExecutorEvent, Failure, Message, STORAGE, Task};
 use super::{devices, scenes};
 use crate::api::jobs::{PictureFormat, SnapshotRequest};
@@ -19,6 +21,7 @@ use hemilux_engine::image;
 use hemilux_engine::render::{Begin, Observer, Plan, Progress, RenderError, Rendered, StopReason};
 use hemilux_engine::scene::Warning;
 use hemilux_engine::scene::gltf::BakedMesh;
+use hemilux_engine::scene::sky_map::SkyMap;
 use hemilux_engine::transport::render;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -158,15 +161,23 @@ fn attempt(
     };
     let mut parts = parts.into_iter().map(Content::into_bytes);
     let scene_bytes = parts.next().transpose().map_err(unread)?.unwrap_or_default();
-    let scene = scenes::load(task.scene_format, &scene_bytes, task.max_triangles)
+    let options = scenes::options(task.max_triangles, task.request.variant.as_deref());
+    let scene = scenes::load(task.scene_format, &scene_bytes, &options)
         .map_err(|refusal| Failure::new("scene", refusal.to_string()))?;
     drop(scene_bytes);
+    let sky = match task.request.environment_map() {
+        Some(_) => Some(load_sky(&parts.next().transpose().map_err(unread)?.unwrap_or_default())?),
+        None => None,
+    };
     let _ = events.blocking_send(ExecutorEvent::Began.into());
     failpoints::pass("render", about)
         .map_err(|injected| Failure::of_executor(injected.to_string()))?;
     let (begin, trouble) = begin(task, parts.next().transpose().map_err(unread)?);
     let job = without_idle_settings(task.request.clone());
-    let mut request = render_request(&job, Arc::new(scene), Some(task.max_seconds), begin);
+    let around = job.environment.as_ref().map(|around| environment(around, sky)).transpose();
+    let around = around.map_err(|error| Failure::new("parameter", error.to_string()))?;
+    let (scene, around) = (Arc::new(scene), around.map(Arc::new));
+    let mut request = render_request(&job, scene, around, Some(task.max_seconds), begin);
     let mut watcher = Watcher::new(task, switches, events);
     watcher.beginning = trouble.map(begins_afresh);
     let threads = crew.of(task.threads).map_err(|error| Failure::of_executor(error.to_string()))?;
@@ -191,6 +202,12 @@ fn attempt(
     failpoints::pass("rendered", about)
         .map_err(|injected| Failure::of_executor(injected.to_string()))?;
     Ok(rendered)
+}
+
+/// The map that is a job's sky.
+fn load_sky(bytes: &[u8]) -> Result<Arc<SkyMap>, Failure> {
+    let map = scenes::load_map(bytes).map(Arc::new);
+    map.map_err(|refusal| Failure::new("environment", refusal.to_string()))
 }
 
 /// What a task begins with, and why not with what it should.

@@ -1,8 +1,9 @@
 //! What the engine says of jobs before they run: what they can ask for, what it would refuse, what
 //! memory they need.
 
-use super::translation::{render_request, settings};
+use super::translation::{environment, render_request, settings};
 use crate::api::FieldError;
+use crate::api::environment::EnvironmentRequest;
 use crate::api::jobs::{JobRequest, OptionValue};
 use crate::api::limits::{MAX_OPTIONS, shorten};
 use crate::api::settings::{Setting, Values};
@@ -94,7 +95,14 @@ fn is_of(form: &Form, value: &OptionValue) -> bool {
 /// What the engine would refuse of a job, whatever its scene: the engine's own check, asked before
 /// the job is accepted.
 pub fn request_problem(job: &JobRequest) -> Option<FieldError> {
-    let request = render_request(job, Arc::default(), None, Begin::Afresh);
+    // What the model of daylight gives needs no check, and takes time.
+    let around =
+        job.environment.clone().map(|around| EnvironmentRequest { sun_at: None, ..around });
+    let around = match around.map(|around| environment(&around, None)).transpose() {
+        Ok(around) => around.map(Arc::new),
+        Err(error) => return Some(FieldError::new("environment", error.to_string())),
+    };
+    let request = render_request(job, Arc::default(), around, None, Begin::Afresh);
     match transport::check(&request).err()? {
         RenderError::Parameter { parameter, what } => {
             let field = match parameter.as_str() {

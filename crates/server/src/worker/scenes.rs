@@ -1,10 +1,12 @@
-//! Scene files to scenes.
+//! Scene files to scenes, and files of maps of skies to maps.
 
 use crate::api::Warning;
+use crate::api::environments::{EnvironmentMap, MapFormat};
 use crate::api::scenes::{Bounds, CameraName, Scene, SceneFormat};
 use crate::bundle;
 use hemilux_engine::scene;
-use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
+use hemilux_engine::scene::gltf::{ImportLimits, ImportOptions, Resources, import_with};
+use hemilux_engine::scene::sky_map::SkyMap;
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -34,12 +36,24 @@ impl SceneRefusal {
     }
 }
 
-/// Imports a file with the resources that came with it, under the default limits.
+/// What is asked of an import: so many triangles at most, and the materials of that variant.
+pub fn options(max_triangles: usize, variant: Option<&str>) -> ImportOptions {
+    let limits = ImportLimits { max_triangles, ..ImportLimits::default() };
+    ImportOptions { limits, variant: variant.map(str::to_owned) }
+}
+
+/// Imports a file with the resources that came with it and the materials of a variant, under the
+/// default limits.
 ///
 /// # Errors
 /// As [`load`].
-pub fn load_file(main: &[u8], resources: &Resources) -> Result<scene::Scene, SceneRefusal> {
-    guarded(|| import(main, resources, &ImportLimits::default()).map_err(refusal))
+pub fn load_file(
+    main: &[u8],
+    resources: &Resources,
+    variant: Option<&str>,
+) -> Result<scene::Scene, SceneRefusal> {
+    let options = options(ImportLimits::default().max_triangles, variant);
+    guarded(|| import_with(main, resources, &options).map_err(refusal))
 }
 
 /// Relative URIs that a .gltf file names, as written; none where it is a .glb or no JSON.
@@ -63,13 +77,12 @@ pub fn resource_names(main: &[u8]) -> Vec<String> {
 pub fn load(
     format: SceneFormat,
     bytes: &[u8],
-    max_triangles: usize,
+    options: &ImportOptions,
 ) -> Result<scene::Scene, SceneRefusal> {
-    let limits = ImportLimits { max_triangles, ..ImportLimits::default() };
     guarded(|| match format {
-        SceneFormat::Gltf => import(bytes, &Resources::new(), &limits).map_err(refusal),
+        SceneFormat::Gltf => import_with(bytes, &Resources::new(), options).map_err(refusal),
         SceneFormat::Bundle => match bundle::unpack(bytes) {
-            Some((main, resources)) => import(main, &resources, &limits).map_err(refusal),
+            Some((main, resources)) => import_with(main, &resources, options).map_err(refusal),
             None => Err(damaged_bundle()),
         },
     })
@@ -82,9 +95,8 @@ pub fn load(
 pub fn load_from(
     from: &mut impl Read,
     format: SceneFormat,
-    max_triangles: usize,
+    options: &ImportOptions,
 ) -> io::Result<Result<scene::Scene, SceneRefusal>> {
-    let limits = ImportLimits { max_triangles, ..ImportLimits::default() };
     let (main, resources) = match format {
         SceneFormat::Gltf => {
             let mut main = Vec::new();
@@ -96,7 +108,7 @@ pub fn load_from(
             None => return Ok(Err(damaged_bundle())),
         },
     };
-    Ok(guarded(|| import(&main, &resources, &limits).map_err(refusal)))
+    Ok(guarded(|| import_with(&main, &resources, options).map_err(refusal)))
 }
 
 fn damaged_bundle() -> SceneRefusal {
@@ -138,8 +150,37 @@ pub fn describe(id: String, format: SceneFormat, size: u64, scene: &scene::Scene
         cameras: cameras
             .map(|(camera, index)| CameraName { index, name: camera.name.clone() })
             .collect(),
+        variants: Some(scene.variants.clone()),
         warnings: scene.warnings.iter().map(warning).collect(),
     }
+}
+
+/// The map of a sky in a file. The decoder reads hostile input and answers for itself.
+///
+/// # Errors
+/// [`SceneRefusal`] says what is wrong and what to do.
+pub fn load_map(bytes: &[u8]) -> Result<SkyMap, SceneRefusal> {
+    SkyMap::decode(bytes).map_err(refusal)
+}
+
+/// What a map's file holds.
+///
+/// # Errors
+/// As [`load_map`].
+pub fn describe_map(id: String, bytes: &[u8]) -> Result<EnvironmentMap, SceneRefusal> {
+    /// How OpenEXR files begin; the others are Radiance HDR.
+    const EXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+    let map = load_map(bytes)?;
+    Ok(EnvironmentMap {
+        id,
+        name: None,
+        format: if bytes.starts_with(&EXR) { MapFormat::Exr } else { MapFormat::Hdr },
+        size: bytes.len() as u64,
+        created_at: crate::clock::now(),
+        width: map.width(),
+        height: map.height(),
+        mean: map.mean().to_array(),
+    })
 }
 
 /// An engine's warning in the API's words.

@@ -1,27 +1,34 @@
 //! Between the API's words and the engine's, each way in one place: a job's request goes to the
 //! engine, its plan, its figures and what its checkpoints are of come back.
 
+use crate::api::environment::{EnvironmentRequest, SkyRequest, SunAtRequest};
 use crate::api::jobs::{self as api, CameraRequest, JobRequest, OptionValue};
 use crate::api::solutions::{Begins, Solution};
 use hemilux_engine::checkpoint::Header;
+use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
     Begin, CameraChoice, ExplicitCamera, Figures, Limits, Plan, Progress, RenderRequest, Stats,
 };
-use hemilux_engine::scene::Scene;
+use hemilux_engine::scene::daylight::PlaceAndTime;
+use hemilux_engine::scene::environment::{Environment, PlacedMap, Sky, Sun};
+use hemilux_engine::scene::sky_map::SkyMap;
+use hemilux_engine::scene::{Scene, SceneError};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// A job in the engine's words: its limits as it named them, as on the command line, and beside them
+/// A job in the engine's words, what surrounds the scene apart: its limits as it named them, as on the command line, and beside them
 /// the longest time of the server, which ends jobs that name only iterations or an accuracy which
 /// they may never reach.
 pub fn render_request(
     job: &JobRequest,
     scene: Arc<Scene>,
+    environment: Option<Arc<Environment>>,
     cap_seconds: Option<f64>,
     begin: Begin,
 ) -> RenderRequest {
     RenderRequest {
         scene,
+        environment,
         camera: camera(job.camera.as_ref()),
         width: job.width,
         height: job.height,
@@ -54,6 +61,55 @@ fn camera(request: Option<&CameraRequest>) -> CameraChoice {
             CameraChoice::Explicit(ExplicitCamera { eye, target, up, yfov_degrees })
         }
     }
+}
+
+/// A job's sky and sun in the engine's words; `map` is the stored map that the sky is, where it is
+/// one. (Without it such a sky is black, which is enough to check the rest.) The light of a place and a moment is computed here,
+/// which takes a good part of a second.
+///
+/// # Errors
+/// Where the model of daylight fails.
+pub fn environment(
+    request: &EnvironmentRequest,
+    map: Option<Arc<SkyMap>>,
+) -> Result<Environment, SceneError> {
+    let day = request.sun_at.as_ref().map(place_and_time);
+    let day = day.map(|at| Environment::of_daylight(&at)).transpose()?;
+    let sun = request.sun.map(|sun| {
+        let [direction, irradiance] = [sun.direction, sun.irradiance].map(Rgb::from_array);
+        Sun::towards(direction, irradiance, 0.5 * sun.angular_diameter_degrees.to_radians())
+    });
+    let placed = |around: Environment| {
+        around.placed(request.rotation_degrees.to_radians(), Rgb::splat(request.scale))
+    };
+    let around = match &request.sky {
+        None => placed(day.unwrap_or_default()),
+        Some(sky) => {
+            let sky = placed(Environment { sky: sky_of(sky, map), sun: None }).sky;
+            Environment { sky, sun: day.and_then(|day| day.sun) }
+        }
+    };
+    Ok(Environment { sun: sun.or(around.sun), ..around })
+}
+
+fn sky_of(request: &SkyRequest, map: Option<Arc<SkyMap>>) -> Sky {
+    match request {
+        SkyRequest::None => Sky::None,
+        SkyRequest::Uniform(radiance) => Sky::Uniform(Rgb::from_array(*radiance)),
+        SkyRequest::Studio => Environment::studio().sky,
+        SkyRequest::Map(_) => {
+            map.map_or(Sky::None, |map| Sky::Map(PlacedMap { map, rotation: 0.0, scale: Rgb::ONE }))
+        }
+    }
+}
+
+/// A place and a moment in the engine's words.
+fn place_and_time(at: &SunAtRequest) -> PlaceAndTime {
+    /// Julian day of the beginning of 1970.
+    const UNIX_EPOCH: f64 = 2_440_587.5;
+    let SunAtRequest { latitude, longitude, time } = *at;
+    let days = time.as_millisecond() as f64 / 86_400_000.0;
+    PlaceAndTime { latitude, longitude, julian_day: UNIX_EPOCH + days }
 }
 
 /// JSON has no NaN; a figure that is none reads 0.
@@ -128,5 +184,56 @@ pub fn to_solution(checkpoint: Header, file: String, size: u64) -> Solution {
         seconds: checkpoint.seconds,
         estimated_error: checkpoint.estimated_error,
         baked: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn skies_and_suns_reach_the_engine() {
+        let read = |text: &str| environment(&serde_json::from_str(text).unwrap(), None).unwrap();
+        assert!(read("{}").is_dark());
+        let uniform = read(r#"{"sky": [1, 2, 3], "scale": 0.5}"#);
+        assert_eq!(uniform.radiance(Rgb::X), Rgb::new(0.5, 1.0, 1.5));
+        let studio = read(r#"{"sky": "studio", "rotation_degrees": 180, "scale": 2}"#);
+        let Sky::Map(placed) = &studio.sky else { panic!("a map") };
+        assert_eq!((placed.rotation, placed.scale), (std::f32::consts::PI, Rgb::splat(2.0)));
+        let lit = read(r#"{"sun": {"direction": [0, 2, 0], "irradiance": [3, 2, 1]}}"#);
+        let sun = lit.sun.unwrap();
+        assert_eq!((sun.direction, sun.irradiance), (Rgb::Y, Rgb::new(3.0, 2.0, 1.0)));
+        assert!((sun.angular_radius - 0.00465).abs() < 1e-5);
+        let map = Arc::new(SkyMap::new(1, 1, vec![Rgb::new(3.0, 2.0, 1.0)]).unwrap());
+        let request = serde_json::from_str(r#"{"sky": {"environment": "x"}, "scale": 2}"#).unwrap();
+        let stored = super::environment(&request, Some(map)).unwrap();
+        assert_eq!(stored.radiance(Rgb::Z), Rgb::new(6.0, 4.0, 2.0));
+        for environment in [uniform, studio, lit] {
+            assert_eq!(environment.check(), Ok(()));
+        }
+    }
+    #[test]
+    fn the_day_of_a_place_gives_the_sun_and_where_none_is_named_the_sky() {
+        let read = |request: serde_json::Value| {
+            environment(&serde_json::from_value(request).unwrap(), None).unwrap()
+        };
+        let place = "48.1,11.6,2026-06-21T13:00:00Z".parse().unwrap();
+        let day = Environment::of_daylight(&place).unwrap();
+        let at = serde_json::json!({"latitude": 48.1, "longitude": 11.6,
+                                    "time": "2026-06-21T15:00:00+02:00"});
+        let whole = read(serde_json::json!({"sun_at": at, "scale": 2.0}));
+        let sun = (whole.sun.unwrap(), day.sun.unwrap());
+        assert!((sun.0.direction - sun.1.direction).length() < 1e-6);
+        assert!((sun.0.irradiance / sun.1.irradiance - Rgb::ONE).length() < 1e-4);
+        let seen = whole.radiance(Rgb::Y) / day.radiance(Rgb::Y);
+        assert!((seen - Rgb::splat(2.0)).length() < 1e-3, "{seen}");
+        // A quarter turn takes the sun along, but only with its own sky.
+        let turned = read(serde_json::json!({"sun_at": at, "rotation_degrees": 90}));
+        let direction = turned.sun.unwrap().direction;
+        assert!((direction.x - sun.1.direction.z).abs() < 1e-6, "{direction}");
+        let other =
+            read(serde_json::json!({"sky": [1, 1, 1], "sun_at": at, "rotation_degrees": 90}));
+        assert!((other.sun.unwrap().direction - sun.1.direction).length() < 1e-6);
+        assert_eq!(other.radiance(Rgb::Y), Rgb::ONE);
     }
 }

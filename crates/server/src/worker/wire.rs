@@ -49,8 +49,8 @@ impl<H> From<H> for Message<H> {
 /// What the server says.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Order {
-    /// Run this; the first part is the scene's bytes, the second, where [`Task::begins`] says
-    /// whose, a checkpoint.
+    /// Run this; the first part is the scene's bytes, the next, where the job's sky is a stored map,
+    /// that map's, and the last, where [`Task::begins`] says whose, a checkpoint.
     Run(Box<Task>),
     /// End that run.
     Stop {

@@ -40,7 +40,7 @@ pub async fn accept(
     Ok(Accepted::New(Box::new(expect(connection, job.id).await?)))
 }
 
-/// Why a job is not queued, if so; its scene counts as used.
+/// Why a job is not queued, if so; its scene, and the map of its sky, count as used.
 async fn refusal(
     connection: &mut SqliteConnection,
     job: &NewJob,
@@ -59,12 +59,23 @@ async fn refusal(
             return Ok(Some(Accepted::StoreFull { stored }));
         }
     }
-    let scene = sqlx::query("UPDATE scenes SET used_ms = max(used_ms, ?) WHERE id = ?")
+    if !is_used(connection, &job.scene_id).await? {
+        return Ok(Some(Accepted::SceneGone));
+    }
+    match job.request.environment_map() {
+        Some(map) if !is_used(connection, map).await? => Ok(Some(Accepted::EnvironmentGone)),
+        _ => Ok(None),
+    }
+}
+
+/// Notes that a scene or a map of a sky is wanted now; false where it is not there any more.
+async fn is_used(connection: &mut SqliteConnection, id: &str) -> Result<bool, StoreError> {
+    let done = sqlx::query("UPDATE scenes SET used_ms = max(used_ms, ?) WHERE id = ?")
         .bind(now_ms())
-        .bind(&job.scene_id)
-        .execute(&mut *connection)
+        .bind(id)
+        .execute(connection)
         .await?;
-    Ok((scene.rows_affected() == 0).then_some(Accepted::SceneGone))
+    Ok(done.rows_affected() == 1)
 }
 
 async fn insert(connection: &mut SqliteConnection, job: &NewJob) -> Result<(), StoreError> {
@@ -72,8 +83,8 @@ async fn insert(connection: &mut SqliteConnection, job: &NewJob) -> Result<(), S
     sqlx::query(
         "INSERT INTO jobs (id, scene_id, state, priority, created_ms, idempotency_key,
                            request_hash, request, owner, billed_to, max_running, trace_parent,
-                           render_key, max_stored, scene_name, place)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?,
+                           render_key, max_stored, scene_name, environment_id, place)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?,
                  (SELECT coalesce(max(place), 0) + 1 FROM jobs))",
     )
     .bind(job.id.to_string())
@@ -91,6 +102,7 @@ async fn insert(connection: &mut SqliteConnection, job: &NewJob) -> Result<(), S
     .bind(&job.render_key)
     .bind(quota(job.submitter.max_stored))
     .bind(scenes::name_for(connection, &job.scene_id, &job.submitter.billed_to).await?)
+    .bind(job.request.environment_map())
     .execute(&mut *connection)
     .await?;
     if let Some(webhook) = &job.submitter.webhook {

@@ -70,10 +70,15 @@ impl Bytes for SqliteStore {
             "WITH needed AS (
                  SELECT json_extract(record, '$.size') AS size, used_ms >= ?1 AS is_new,
                    EXISTS (SELECT 1 FROM jobs WHERE scene_id = scenes.id AND deleted_ms IS NULL)
+                     OR EXISTS (SELECT 1 FROM jobs
+                                WHERE environment_id = scenes.id AND deleted_ms IS NULL)
                        AS is_named,
                    EXISTS (SELECT 1 FROM jobs INDEXED BY jobs_that_stay
                            WHERE scene_id = scenes.id AND deleted_ms IS NULL
-                             AND (pinned = 1 OR finished_ms IS NULL OR bytes = 0)) AS is_fixed
+                             AND (pinned = 1 OR finished_ms IS NULL OR bytes = 0))
+                     OR EXISTS (SELECT 1 FROM jobs
+                                WHERE environment_id = scenes.id AND deleted_ms IS NULL
+                                  AND (pinned = 1 OR finished_ms IS NULL OR bytes = 0)) AS is_fixed
                  FROM scenes)
              SELECT (SELECT coalesce(sum(bytes), 0) FROM payers)
                       + coalesce(sum(iif(is_new OR is_named, size, 0)), 0) AS bytes,

@@ -8,6 +8,7 @@ mod accept;
 mod bytes;
 mod claims;
 mod database;
+mod environments;
 mod events;
 mod jobs;
 mod keys;
@@ -25,6 +26,7 @@ pub mod tables;
 pub(crate) mod tests;
 pub(crate) mod time;
 mod trouble;
+mod uploads;
 
 pub use database::SqliteStore;
 
@@ -38,32 +40,17 @@ use crate::api::scenes::Scene;
 use crate::job_state::{Cause, Event as JobEvent};
 use async_trait::async_trait;
 use sqlx::Row;
-use time::now_ms;
 use trouble::failpoint;
 use uuid::Uuid;
 
 #[async_trait]
 impl Store for SqliteStore {
     async fn put_scene(&self, scene: &Scene) -> Result<bool, StoreError> {
-        let done = sqlx::query(
-            "INSERT INTO scenes (id, created_ms, record, used_ms) VALUES (?, ?, ?, ?)
-             ON CONFLICT DO NOTHING",
-        )
-        .bind(&scene.id)
-        .bind(scene.created_at.as_millisecond())
-        .bind(rows::to_json(scene))
-        .bind(now_ms())
-        .execute(&self.writer)
-        .await?;
-        Ok(done.rows_affected() == 1)
+        uploads::put(self, scene).await
     }
 
     async fn scene(&self, id: &str) -> Result<Option<Scene>, StoreError> {
-        let row = sqlx::query("SELECT record FROM scenes WHERE id = ?")
-            .bind(id)
-            .fetch_optional(&self.reader)
-            .await?;
-        row.map(|row| rows::from_json("scene", row.get("record"))).transpose()
+        uploads::get(self, id).await
     }
 
     async fn accept(&self, job: NewJob, max_queued: u64) -> Result<Accepted, StoreError> {

@@ -56,6 +56,7 @@ impl Retention for SqliteStore {
         let found = sqlx::query(
             "SELECT id FROM scenes
              WHERE used_ms < ? AND NOT EXISTS (SELECT 1 FROM jobs WHERE scene_id = scenes.id)
+               AND NOT EXISTS (SELECT 1 FROM jobs WHERE environment_id = scenes.id)
              ORDER BY used_ms, id LIMIT ?",
         )
         .bind(before.as_millisecond())
@@ -68,7 +69,8 @@ impl Retention for SqliteStore {
     async fn forget_scene(&self, scene: &str, before: Timestamp) -> Result<bool, StoreError> {
         let done = sqlx::query(
             "DELETE FROM scenes WHERE id = ? AND used_ms < ?
-               AND NOT EXISTS (SELECT 1 FROM jobs WHERE scene_id = scenes.id)",
+               AND NOT EXISTS (SELECT 1 FROM jobs WHERE scene_id = scenes.id)
+               AND NOT EXISTS (SELECT 1 FROM jobs WHERE environment_id = scenes.id)",
         )
         .bind(scene)
         .bind(before.as_millisecond())

@@ -1,35 +1,15 @@
 //! Holders of scenes in SQLite.
 
 use super::database::SqliteStore;
-use super::rows;
 use super::time::now_ms;
+use super::uploads;
 use crate::api::scenes::Scene;
 use crate::builtin;
 use crate::store::StoreError;
 use crate::store::scenes::{Holdings, ScenePosition, Viewer};
 use async_trait::async_trait;
 use sqlx::Row;
-use sqlx::sqlite::{SqliteConnection, SqliteRow};
-
-/// Scenes as their holder ?1 sees them, or as who sees all does: since they were first stored,
-/// under their own name for it, or that of its first holder who has one.
-const HELD: &str = "SELECT scenes.id, record, held.created_ms AS since_ms, held.name AS name
-     FROM scene_holders AS held JOIN scenes ON scenes.id = scene_id WHERE holder = ?1";
-const ALL: &str = "SELECT id, record, created_ms AS since_ms, (
-         SELECT name FROM scene_holders WHERE scene_id = id AND name IS NOT NULL
-         ORDER BY holder <> ?1, created_ms LIMIT 1) AS name
-     FROM scenes WHERE let_go = 0";
-
-fn of(viewer: Viewer<'_>) -> &'static str {
-    if viewer.sees_all { ALL } else { HELD }
-}
-
-fn shown(row: &SqliteRow) -> Result<Scene, StoreError> {
-    let scene: Scene = rows::from_json("scene", row.get("record"))?;
-    let name = row.get::<Option<String>, _>("name");
-    let name = name.or_else(|| builtin::name_of(&scene.id).map(str::to_owned));
-    Ok(Scene { name, created_at: rows::time(row.get("since_ms"))?, ..scene })
-}
+use sqlx::sqlite::SqliteConnection;
 
 /// What `holder` calls a scene, or what it is called as a built-in one.
 pub async fn name_for(
@@ -89,17 +69,20 @@ impl Holdings for SqliteStore {
         Ok(row.get("held"))
     }
 
+    async fn is_stored(&self, id: &str) -> Result<bool, StoreError> {
+        let row = sqlx::query("SELECT EXISTS (SELECT 1 FROM scenes WHERE id = ?) AS stored")
+            .bind(id)
+            .fetch_one(&self.reader)
+            .await?;
+        Ok(row.get("stored"))
+    }
+
     async fn shown_scene(
         &self,
         scene: &str,
         viewer: Viewer<'_>,
     ) -> Result<Option<Scene>, StoreError> {
-        let row = sqlx::query(sqlx::AssertSqlSafe(format!("{} AND scenes.id = ?2", of(viewer))))
-            .bind(viewer.holder)
-            .bind(scene)
-            .fetch_optional(&self.reader)
-            .await?;
-        row.as_ref().map(shown).transpose()
+        uploads::shown(self, scene, viewer).await
     }
 
     async fn shown_scenes(
@@ -108,21 +91,7 @@ impl Holdings for SqliteStore {
         before: Option<&ScenePosition>,
         limit: u32,
     ) -> Result<Vec<Scene>, StoreError> {
-        let column = if viewer.sees_all { "scenes.created_ms" } else { "held.created_ms" };
-        let place = if viewer.sees_all { "scenes.id" } else { "held.scene_id" };
-        let query = format!(
-            "{} AND (?2 IS NULL OR ({column}, {place}) < (?2, ?3))
-             ORDER BY {column} DESC, {place} DESC LIMIT ?4",
-            of(viewer)
-        );
-        let found = sqlx::query(sqlx::AssertSqlSafe(query))
-            .bind(viewer.holder)
-            .bind(before.map(|place| place.created_ms))
-            .bind(before.map(|place| place.id.as_str()))
-            .bind(limit)
-            .fetch_all(&self.reader)
-            .await?;
-        found.iter().map(shown).collect()
+        uploads::list(self, viewer, before, limit).await
     }
 
     async fn scene_bytes_of(&self, holder: &str) -> Result<u64, StoreError> {
@@ -161,7 +130,8 @@ impl Holdings for SqliteStore {
     async fn scenes_let_go(&self, limit: u32) -> Result<Vec<String>, StoreError> {
         let found = sqlx::query(
             "SELECT id FROM scenes WHERE let_go = 1
-               AND NOT EXISTS (SELECT 1 FROM jobs WHERE scene_id = scenes.id) LIMIT ?",
+               AND NOT EXISTS (SELECT 1 FROM jobs WHERE scene_id = scenes.id)
+               AND NOT EXISTS (SELECT 1 FROM jobs WHERE environment_id = scenes.id) LIMIT ?",
         )
         .bind(limit)
         .fetch_all(&self.reader)
@@ -172,7 +142,8 @@ impl Holdings for SqliteStore {
     async fn forget_let_go(&self, scene: &str) -> Result<bool, StoreError> {
         let done = sqlx::query(
             "DELETE FROM scenes WHERE id = ? AND let_go = 1
-               AND NOT EXISTS (SELECT 1 FROM jobs WHERE scene_id = scenes.id)",
+               AND NOT EXISTS (SELECT 1 FROM jobs WHERE scene_id = scenes.id)
+               AND NOT EXISTS (SELECT 1 FROM jobs WHERE environment_id = scenes.id)",
         )
         .bind(scene)
         .execute(&self.writer)

@@ -3,7 +3,6 @@
 use super::database::SqliteStore;
 use super::{retention, rows, solutions, tables};
 use crate::api::jobs::Picture;
-use crate::api::scenes::Scene;
 use crate::api::solutions::Solution;
 use crate::artifacts::{FilePlace, picture_file};
 use crate::store::StoreError;
@@ -31,7 +30,7 @@ pub struct NamedFile {
 /// What a file is that a record names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
-    /// A scene or a picture.
+    /// A scene, a map of a sky or a picture.
     Content,
     /// What a job goes on from; without it, it begins afresh.
     Checkpoint,
@@ -90,7 +89,7 @@ impl Snapshot {
     pub async fn facts(&mut self) -> Result<Facts, StoreError> {
         let row = sqlx::query(
             "SELECT (SELECT count(*) FROM jobs WHERE deleted_ms IS NULL) AS jobs,
-                    (SELECT count(*) FROM scenes) AS scenes",
+                    (SELECT count(*) FROM scenes WHERE kind = 'scene') AS scenes",
         )
         .fetch_one(&mut self.connection)
         .await?;
@@ -150,24 +149,25 @@ impl Snapshot {
         Ok(files)
     }
 
-    /// Some scenes in order, beginning after one.
+    /// The files of some scenes, and maps of skies, in order, beginning after one.
     ///
     /// # Errors
     /// Where it cannot be read.
     pub async fn scenes(&mut self, after: &str) -> Result<Vec<NamedFile>, StoreError> {
-        let query = "SELECT record FROM scenes WHERE id > ? ORDER BY id LIMIT ?";
+        let query = "SELECT id, json_extract(record, '$.size') AS size FROM scenes
+             WHERE id > ? ORDER BY id LIMIT ?";
         let found =
             sqlx::query(query).bind(after).bind(PAGE).fetch_all(&mut self.connection).await?;
         let file = |row: &SqliteRow| {
-            let scene: Scene = rows::from_json("scene", row.get("record"))?;
-            Ok(NamedFile {
-                place: FilePlace::Scene(scene.id.clone()),
-                sha256: Some(scene.id),
-                size: scene.size,
+            let id: String = row.get("id");
+            NamedFile {
+                place: FilePlace::Scene(id.clone()),
+                sha256: Some(id),
+                size: row.get::<i64, _>("size").unsigned_abs(),
                 kind: Kind::Content,
-            })
+            }
         };
-        found.iter().map(file).collect()
+        Ok(found.iter().map(file).collect())
     }
 
     /// Whether that file is one that a record names.

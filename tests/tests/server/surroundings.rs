@@ -1,0 +1,241 @@
+//! What surrounds a scene and which of its materials it shows: the sun of a place and a moment,
+//! stored maps of skies, variants.
+
+use hemilux_engine::image::Picture;
+use hemilux_engine::radiometry::Rgb;
+use hemilux_engine::scene::made::assemble;
+use hemilux_tests::keys::{With, keys};
+use hemilux_tests::malformed::triangle;
+use hemilux_tests::server::{Answer, Server, program};
+use serde_json::{Value, json};
+use std::io::Cursor;
+use std::process::Command;
+
+/// A shining triangle that is red, or in the variant `green` green.
+fn two_colours() -> Vec<u8> {
+    let (mut root, binary) = triangle();
+    root["materials"][0]["emissiveFactor"] = json!([1, 0, 0]);
+    let mut green = root["materials"][0].clone();
+    green["emissiveFactor"] = json!([0, 1, 0]);
+    root["materials"].as_array_mut().unwrap().push(green);
+    root["extensionsUsed"] = json!(["KHR_materials_variants"]);
+    root["extensions"] =
+        json!({"KHR_materials_variants": {"variants": [{"name": "red"}, {"name": "green"}]}});
+    let mappings = json!([{"material": 1, "variants": [1]}]);
+    root["meshes"][0]["primitives"][0]["extensions"] =
+        json!({"KHR_materials_variants": {"mappings": mappings}});
+    assemble(&root, &binary)
+}
+
+fn of_exr(bytes: &[u8]) -> [f32; 3] {
+    let picture = image::load(Cursor::new(bytes), image::ImageFormat::OpenExr).unwrap();
+    let pixels = picture.into_rgb32f();
+    let count = pixels.pixels().len() as f32;
+    [0, 1, 2].map(|channel| pixels.pixels().map(|pixel| pixel[channel]).sum::<f32>() / count)
+}
+
+/// The mean colour of a job's picture, once it has succeeded.
+fn mean(server: &Server, job: &Value) -> [f32; 3] {
+    assert_eq!(job["state"], "succeeded", "{job}");
+    let answer = server.get(&format!("/v1/jobs/{}/image.exr", job["id"].as_str().unwrap()));
+    assert_eq!(answer.status, 200, "{}", answer.text());
+    of_exr(&answer.body)
+}
+
+fn small(scene: &str, field: &str, value: Value) -> Value {
+    let mut job = json!({"scene": scene, "width": 24, "height": 24, "max_iterations": 4});
+    job[field] = value;
+    job
+}
+
+#[test]
+fn a_variant_is_chosen_by_name_and_is_another_job() {
+    let server = Server::start();
+    let stored = server.post_scene(&two_colours()).json();
+    assert_eq!(stored["variants"], json!(["red", "green"]), "{stored}");
+    let id = stored["id"].as_str().unwrap();
+    let plain = server.wait(&server.submit(&small(id, "variant", json!("red"))));
+    let green = server.wait(&server.submit(&small(id, "variant", json!("green"))));
+    assert_eq!(green["result_of"], Value::Null, "another picture");
+    assert_eq!(green["request"]["variant"], "green");
+    let ([r0, g0, _], [r1, g1, _]) = (mean(&server, &plain), mean(&server, &green));
+    assert!(r0 > 0.01 && g0 < 1e-4 && g1 > 0.01 && r1 < 1e-4, "{r0} {g0} {r1} {g1}");
+    let refused = server.post("/v1/jobs", &small(id, "variant", json!("blue"))).problem(422);
+    assert_eq!(refused["errors"][0]["field"], "variant");
+    let detail = refused["errors"][0]["detail"].as_str().unwrap();
+    assert!(detail.contains("\"red\", \"green\""), "{detail}");
+    let none = server.post("/v1/jobs", &small("cornell", "variant", json!("red"))).problem(422);
+    assert_eq!(none["errors"][0]["field"], "variant");
+}
+
+#[test]
+fn the_command_line_shows_a_variant_and_a_day() {
+    let folder = tempfile::tempdir().unwrap();
+    let (glb, exr) = (folder.path().join("two.glb"), folder.path().join("out.exr"));
+    std::fs::write(&glb, two_colours()).unwrap();
+    let render = |more: &[&str]| {
+        let mut command = Command::new(program());
+        command.arg("render").arg(&glb).arg("-o").arg(&exr).args(["--size", "24x24", "-q"]);
+        let done = command.args(["--iterations", "4", "--device", "cpu"]).args(more).output();
+        let done = done.unwrap();
+        let said = String::from_utf8_lossy(&done.stderr).into_owned();
+        if done.status.success() { Ok(of_exr(&std::fs::read(&exr).unwrap())) } else { Err(said) }
+    };
+    let [red, green, _] = render(&["--variant", "green"]).unwrap();
+    assert!(green > 0.01 && red < 1e-4, "{red} {green}");
+    let refused = render(&["--variant", "blue"]).unwrap_err();
+    assert!(refused.contains("\"red\"") && refused.contains("\"green\""), "{refused}");
+    let [red, _, blue] = render(&["--sun-at", "48.1,11.6,2026-06-21T12:00:00Z"]).unwrap();
+    assert!(red > 100.0 && blue > red, "a clear sky is blue, and light is in lux: {red} {blue}");
+}
+
+#[test]
+fn the_sun_of_a_place_and_a_moment_lights_a_job() {
+    let server = Server::start();
+    let id = server.post_scene(&two_colours()).json()["id"].as_str().unwrap().to_owned();
+    let at = |time: &str| {
+        let at = json!({"latitude": 48.1, "longitude": 11.6, "time": time});
+        small(&id, "environment", json!({"sun_at": at}))
+    };
+    let noon = server.wait(&server.submit(&at("2026-06-21T12:00:00Z")));
+    let same = server.wait(&server.submit(&at("2026-06-21T14:00:00+02:00")));
+    assert_eq!(same["result_of"], noon["id"], "the same moment in other words");
+    let night = server.wait(&server.submit(&at("2026-06-21T23:00:00Z")));
+    assert_eq!(night["result_of"], Value::Null);
+    let ([_, _, day], [_, _, dark]) = (mean(&server, &noon), mean(&server, &night));
+    assert!(day > 100.0 && dark < 0.1, "{day} {dark}");
+    let mut nowhere = at("2026-06-21T12:00:00Z");
+    nowhere["environment"]["sun_at"]["latitude"] = json!(91);
+    let problem = server.post("/v1/jobs", &nowhere).problem(422);
+    assert_eq!(problem["errors"][0]["field"], "environment.sun_at.latitude");
+    let problem = server.post("/v1/jobs", &at("noon")).problem(422);
+    assert_eq!(problem["errors"][0]["field"], "environment.sun_at.time");
+}
+
+/// A map of one colour, OpenEXR.
+fn sky(colour: Rgb) -> Vec<u8> {
+    Picture { width: 4, height: 2, pixels: vec![colour; 8] }.to_exr().unwrap()
+}
+
+fn send_sky(server: &Server, path: &str, bytes: &[u8]) -> Answer {
+    server.send("POST", path, &[("content-type", "image/x-exr")], bytes)
+}
+
+fn under(scene: &str, map: &str) -> Value {
+    small(scene, "environment", json!({"sky": {"environment": map}, "scale": 3.0}))
+}
+
+#[test]
+fn a_stored_map_lights_jobs_and_stays_for_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let server = Server::start_in(folder.path(), &[]);
+    let bytes = sky(Rgb::new(0.0, 0.5, 1.0));
+    let stored = send_sky(&server, "/v1/environments?name=blue.exr", &bytes);
+    assert_eq!(stored.status, 201, "{}", stored.text());
+    let map = stored.json();
+    let id = map["id"].as_str().unwrap();
+    assert_eq!(stored.header("location"), format!("/v1/environments/{id}"));
+    assert_eq!((&map["format"], &map["name"]), (&json!("exr"), &json!("blue.exr")));
+    assert_eq!((&map["width"], &map["height"]), (&json!(4), &json!(2)));
+    assert!((map["mean"][1].as_f64().unwrap() - 0.5).abs() < 1e-3, "{map}");
+    let again = send_sky(&server, "/v1/environments", &bytes);
+    assert_eq!((again.status, again.json()), (200, map.clone()));
+    assert_eq!(server.get(&format!("/v1/environments/{id}")).json(), map);
+    assert_eq!(server.get("/v1/environments").json()["environments"], json!([map]));
+    // It is no scene, however it is asked for.
+    assert_eq!(server.get("/v1/scenes").json()["scenes"], json!([]));
+    server.get(&format!("/v1/scenes/{id}")).problem(404);
+    server.post("/v1/jobs", &json!({"scene": id})).problem(404);
+    assert_eq!(server.send("DELETE", &format!("/v1/scenes/{id}"), &[], b"").status, 204);
+    assert_eq!(server.get(&format!("/v1/environments/{id}")).status, 200);
+
+    let scene = server.post_scene(&two_colours()).json()["id"].as_str().unwrap().to_owned();
+    let job = server.wait(&server.submit(&under(&scene, id)));
+    let [_, green, blue] = mean(&server, &job);
+    assert!((blue - 3.0).abs() < 0.5 && (green - 1.5).abs() < 0.3, "{green} {blue}");
+    assert_eq!(job["request"]["environment"]["sky"], json!({"environment": id}));
+    let twin = server.wait(&server.submit(&under(&scene, id)));
+    assert_eq!(twin["result_of"], job["id"]);
+
+    // Let go of, it is nobody's, but its file stays as long as a job names it.
+    let file = folder.path().join("artifacts/scenes").join(id);
+    assert_eq!(server.send("DELETE", &format!("/v1/environments/{id}"), &[], b"").status, 204);
+    server.get(&format!("/v1/environments/{id}")).problem(404);
+    assert!(file.exists());
+    let unknown = server.post("/v1/jobs", &under(&scene, id)).problem(404);
+    assert_eq!(unknown["errors"][0]["field"], "environment.sky");
+    let view = json!({"max_iterations": 6, "width": 16, "height": 16});
+    let path = format!("/v1/jobs/{}/views", job["id"].as_str().unwrap());
+    let view = server.post(&path, &view);
+    assert_eq!(view.status, 202, "{}", view.text());
+    let view = server.wait(view.json()["id"].as_str().unwrap());
+    assert!(mean(&server, &view)[2] > 2.0);
+}
+
+#[test]
+fn what_is_no_map_is_refused_and_not_kept() {
+    let server = Server::start_with(&["--max-upload-mb", "1"]);
+    let mut negative = sky(Rgb::ONE);
+    let length = negative.len();
+    negative.truncate(length - 9);
+    let scene = two_colours();
+    for (bytes, what) in [
+        (&b""[..], "empty"),
+        (b"no sky", "OpenEXR"),
+        (&negative, "decoded"),
+        (&scene, "OpenEXR"),
+        (&sky(Rgb::new(-1.0, 0.0, 0.0)), "radiance"),
+    ] {
+        let problem = send_sky(&server, "/v1/environments", bytes).problem(422);
+        assert_eq!(problem["type"], "urn:hemilux:problem:bad-environment");
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(detail.contains(what), "{detail}");
+    }
+    send_sky(&server, "/v1/environments", &vec![0; (1 << 20) + 1]).problem(413);
+    let text = [("content-type", "text/plain")];
+    server.send("POST", "/v1/environments", &text, b"x").problem(415);
+    let map = sky(Rgb::ONE);
+    server.post_scene(&map).problem(422);
+    assert_eq!(server.get("/v1/environments").json()["environments"], json!([]));
+    let sky = |sky: Value| json!({"scene": "cornell", "environment": {"sky": sky}});
+    for wrong in [json!({}), json!({"environment": 3}), json!({"map": "x"})] {
+        let problem = server.post("/v1/jobs", &sky(wrong)).problem(422);
+        let field = problem["errors"][0]["field"].as_str().unwrap();
+        assert!(field.starts_with("environment.sky"), "{field}");
+    }
+}
+
+#[test]
+fn maps_are_each_callers_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let (ann, bob) = (
+        keys(folder.path(), &["add", "ann"]),
+        keys(folder.path(), &["add", "bob", "--max-scenes-mb", "1"]),
+    );
+    let server = Server::start_in(folder.path(), &[]);
+    let [ann, bob] = [&ann, &bob].map(|key| With(&server, key));
+    let send = |who: &With<'_>, bytes: &[u8]| {
+        who.send("POST", "/v1/environments", &[("content-type", "image/x-exr")], bytes)
+    };
+    let bytes = sky(Rgb::new(0.1, 0.2, 0.3));
+    let first = send(&ann, &bytes);
+    assert_eq!(first.status, 201, "{}", first.text());
+    let id = first.json()["id"].as_str().unwrap().to_owned();
+    let path = format!("/v1/environments/{id}");
+    bob.get(&path).problem(404);
+    bob.post("/v1/jobs", &under("cornell", &id)).problem(404);
+    assert_eq!(bob.send("DELETE", &path, &[], b"").status, 204);
+    assert_eq!(ann.get(&path).status, 200);
+    assert_eq!(send(&bob, &bytes).status, 201, "it tells nothing of who else sent the bytes");
+    assert_eq!(ann.send("DELETE", &path, &[], b"").status, 204);
+    ann.get(&path).problem(404);
+    assert_eq!(bob.get(&path).status, 200);
+    let pixels = (0..400 * 400).map(|i: u32| {
+        let noise = i.wrapping_mul(2_654_435_761) as f32 / u32::MAX as f32;
+        Rgb::new(noise, noise.sqrt(), noise.exp())
+    });
+    let large = Picture { width: 400, height: 400, pixels: pixels.collect() }.to_exr().unwrap();
+    assert!(large.len() > 1 << 20);
+    let full = send(&bob, &large).problem(429);
+    assert_eq!(full["limit"], "scene_bytes");
+}
