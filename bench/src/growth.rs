@@ -126,6 +126,7 @@ pub fn point(arguments: &PointArguments) -> Result<(), Failure> {
     ];
     let request = RenderRequest {
         scene: Arc::new(scene),
+        environment: None,
         camera: CameraChoice::First,
         width: SIDE,
         height: SIDE,

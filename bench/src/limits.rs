@@ -297,6 +297,7 @@ fn stages() -> Result<Table, Failure> {
     for (name, glb) in [("Cornell box", made::cornell()), ("office", made::office())] {
         let request = RenderRequest {
             scene: Arc::new(imported(&glb)),
+            environment: None,
             camera: CameraChoice::First,
             width: 500,
             height: 500,

@@ -184,6 +184,7 @@ fn request(
 ) -> RenderRequest {
     RenderRequest {
         scene: scene.clone(),
+        environment: None,
         camera,
         width: arguments.side,
         height: arguments.side,

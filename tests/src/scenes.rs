@@ -1,6 +1,6 @@
 //! Small scenes built directly, for tests that need exact control.
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::device::{Device, ShootingSettings, Sums};
 use hemilux_engine::patches::PatchedScene;
@@ -42,12 +42,7 @@ impl Builder {
         let normal = edge_u.cross(edge_v).normalize();
         let first = self.scene.vertices.len() as u32;
         for position in [corner, corner + edge_u, corner + edge_u + edge_v, corner + edge_v] {
-            self.scene.vertices.push(Vertex {
-                position,
-                normal,
-                uv: [Vec2::ZERO; 2],
-                color: Rgb::ONE,
-            });
+            self.scene.vertices.push(Vertex::new(position, normal));
         }
         for vertices in [[first, first + 1, first + 2], [first, first + 2, first + 3]] {
             self.scene.triangles.push(Triangle { vertices, material });
@@ -72,8 +67,7 @@ impl Builder {
             center + radius * (cos * u + sin * v)
         });
         for position in std::iter::once(center).chain(rim) {
-            let uv = [Vec2::ZERO; 2];
-            self.scene.vertices.push(Vertex { position, normal, uv, color: Rgb::ONE });
+            self.scene.vertices.push(Vertex::new(position, normal));
         }
         for side in 0..sides {
             let vertices = [first, first + 1 + side, first + 1 + (side + 1) % sides];

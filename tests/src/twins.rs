@@ -7,7 +7,7 @@ use hemilux_engine::patches::{PatchIndex, PatchedScene};
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::random::{Stream, uniform};
 use hemilux_engine::sampling::frame;
-use hemilux_engine::scene::{Material, Scene, Triangle, Vertex};
+use hemilux_engine::scene::{Material, Model, Scene, Triangle, Vertex};
 use std::f32::consts::TAU;
 use std::sync::Arc;
 
@@ -28,12 +28,7 @@ impl Builder {
     pub fn triangle(&mut self, corners: [Vec3; 3], material: u32) {
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
         let first = self.scene.vertices.len() as u32;
-        self.scene.vertices.extend(corners.map(|position| Vertex {
-            position,
-            normal,
-            uv: [Vec2::ZERO; 2],
-            color: Rgb::ONE,
-        }));
+        self.scene.vertices.extend(corners.map(|position| Vertex::new(position, normal)));
         self.scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], material });
     }
 
@@ -103,6 +98,7 @@ pub fn metal(color: Rgb, exponent: f32) -> Material {
     let roughness = (2.0 * exponent + 1.0).powf(-0.25);
     Material {
         name: "metal".into(),
+        model: Model::Phong,
         base_color: color,
         metallic: 1.0,
         roughness,

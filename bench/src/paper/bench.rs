@@ -137,6 +137,7 @@ impl Bench {
         options.extend(variant.options.iter().map(|(n, v)| ((*n).to_string(), v.clone())));
         RenderRequest {
             scene: scene.clone(),
+            environment: None,
             camera: CameraChoice::First,
             width: side,
             height: side,

@@ -55,6 +55,7 @@ impl Bench {
     ) -> Result<Rendered, Failure> {
         let mut request = RenderRequest {
             scene: scene.clone(),
+            environment: None,
             camera: CameraChoice::First,
             width: self.size.side,
             height: self.size.side,

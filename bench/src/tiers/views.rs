@@ -3,7 +3,7 @@
 
 use crate::results::Failure;
 use crate::views::imported;
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use hemilux_charts::accuracy::{Reference, error};
 use hemilux_charts::regions::Regions;
 use hemilux_engine::device::Device;
@@ -53,6 +53,7 @@ impl View {
         let text = |(name, value): &(&str, &str)| ((*name).to_string(), (*value).to_string());
         RenderRequest {
             scene: self.scene.clone(),
+            environment: None,
             camera: CameraChoice::First,
             width: self.side,
             height: self.side,
@@ -206,12 +207,7 @@ pub fn with_lights(mut scene: Scene, count: usize) -> Scene {
         let first = scene.vertices.len() as u32;
         // Counter-clockwise seen from below.
         for (x, z) in [(-half, -half), (half, -half), (half, half), (-half, half)] {
-            scene.vertices.push(Vertex {
-                position: center + Vec3::new(x, 0.0, z),
-                normal: Vec3::NEG_Y,
-                uv: [Vec2::ZERO; 2],
-                color: Rgb::ONE,
-            });
+            scene.vertices.push(Vertex::new(center + Vec3::new(x, 0.0, z), Vec3::NEG_Y));
         }
         for corners in [[0, 1, 2], [0, 2, 3]] {
             let vertices = corners.map(|corner| first + corner);

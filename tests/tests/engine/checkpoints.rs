@@ -58,6 +58,7 @@ impl Observer for Keeper {
 fn request(scene: &Arc<Scene>, method: &str, iterations: u64) -> RenderRequest {
     RenderRequest {
         scene: scene.clone(),
+        environment: None,
         camera: CameraChoice::First,
         width: 32,
         height: 27,

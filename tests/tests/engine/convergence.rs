@@ -19,6 +19,7 @@ use std::time::SystemTime;
 fn request(scene: &Arc<Scene>, method: &str, side: u32) -> RenderRequest {
     RenderRequest {
         scene: scene.clone(),
+        environment: None,
         camera: CameraChoice::First,
         width: side,
         height: side,

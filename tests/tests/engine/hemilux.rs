@@ -20,6 +20,7 @@ use std::sync::Arc;
 fn request(scene: &Arc<Scene>, method: &str, iterations: u64) -> RenderRequest {
     RenderRequest {
         scene: scene.clone(),
+        environment: None,
         camera: CameraChoice::First,
         width: 96,
         height: 96,

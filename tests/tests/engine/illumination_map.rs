@@ -21,6 +21,7 @@ const MAP: &str = "illumination-map";
 fn request(scene: &Arc<Scene>, method: &str, size: u32, iterations: u64) -> RenderRequest {
     RenderRequest {
         scene: scene.clone(),
+        environment: None,
         camera: CameraChoice::First,
         width: size,
         height: size,

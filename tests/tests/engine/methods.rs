@@ -18,6 +18,7 @@ fn request(scene: &Arc<Scene>, method: &str, limits: Limits) -> RenderRequest {
     let options = [("patches", "1500"), ("hemicube_resolution", "128"), ("pixel_samples", "4")];
     RenderRequest {
         scene: scene.clone(),
+        environment: None,
         camera: CameraChoice::First,
         width: 64,
         height: 64,

@@ -8,7 +8,7 @@ use hemilux_engine::render::{
     CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest, Rendered, StopReason,
     Unobserved,
 };
-use hemilux_engine::scene::{Material, Scene, made};
+use hemilux_engine::scene::{Environment, Material, Scene, made};
 use hemilux_engine::transport::render;
 use hemilux_tests::comparison::{mean_ratio, relative_rmse};
 use hemilux_tests::scenes::{Builder, imported};
@@ -18,6 +18,7 @@ use std::sync::Arc;
 fn request(scene: Arc<Scene>, side: u32, iterations: u64) -> RenderRequest {
     RenderRequest {
         scene,
+        environment: None,
         camera: CameraChoice::First,
         width: side,
         height: side,
@@ -166,16 +167,20 @@ fn a_scene_without_light_is_black_and_says_so() {
     let mut builder = Builder::default();
     let wall = builder.lambertian(Rgb::ONE * 0.5);
     builder.cuboid(Vec3::ZERO, Vec3::ONE, true, wall);
-    let rendered = run(None, &request(builder.build(), 8, 10));
+    let environment = Some(Arc::new(Environment::none()));
+    let request = RenderRequest { environment, ..request(builder.build(), 8, 10) };
+    let rendered = run(None, &request);
     assert_eq!(rendered.picture, Picture::black(8, 8));
     assert_eq!(rendered.stats.stopped, StopReason::NoLight);
-    assert!(rendered.stats.warnings.iter().any(|w| w.what.contains("nothing emits")));
+    assert!(rendered.stats.warnings.iter().any(|w| w.what.contains("nothing gives light")));
     assert!(rendered.stats.warnings.iter().any(|w| w.at == "camera"));
 }
 
 #[test]
 fn an_empty_scene_is_black_and_says_so() {
-    let rendered = run(None, &request(Arc::new(Scene::default()), 8, 10));
+    let environment = Some(Arc::new(Environment::none()));
+    let empty = request(Arc::new(Scene::default()), 8, 10);
+    let rendered = run(None, &RenderRequest { environment, ..empty });
     assert_eq!(rendered.picture, Picture::black(8, 8));
     assert!(rendered.stats.warnings.iter().any(|w| w.what.contains("no surface")));
 }
@@ -220,12 +225,7 @@ fn a_fan_of_many_triangles_is_no_burden() {
     let light = builder.light(Rgb::splat(0.5), Rgb::ONE);
     let mut scene = (*builder.build()).clone();
     let count = 30_000u32;
-    let vertex = |position| hemilux_engine::scene::Vertex {
-        position,
-        normal: Vec3::Y,
-        uv: Default::default(),
-        color: Rgb::ONE,
-    };
+    let vertex = |position| hemilux_engine::scene::Vertex::new(position, Vec3::Y);
     scene.vertices.push(vertex(Vec3::ZERO));
     for i in 0..count {
         let (sin, cos) = (i as f32 / count as f32 * std::f32::consts::TAU).sin_cos();

@@ -25,6 +25,7 @@ use std::time::Instant;
 fn request(scene: &Arc<Scene>, side: u32, passes: u64) -> RenderRequest {
     RenderRequest {
         scene: scene.clone(),
+        environment: None,
         camera: CameraChoice::First,
         width: side,
         height: side,
@@ -252,7 +253,8 @@ fn furnaces_reach_emission_over_one_minus_albedo() {
 }
 
 /// A Phong surface under radiance 1 from everywhere shows kd + ks·I_n(θ) to a viewer at θ; where
-/// its shading normal leans, what the lobe reflects of the hemisphere above both horizons.
+/// its shading normal leans by φ, kd (1 + cosφ)/2 and what the lobe reflects of the hemisphere above
+/// both horizons, with the shading normal's cosine.
 #[test]
 fn phong_surfaces_under_uniform_light_show_their_albedo() {
     let (kd, ks) = (0.2f32, 0.5f32);
@@ -288,7 +290,8 @@ fn phong_surfaces_under_uniform_light_show_their_albedo() {
         } else {
             leaning_lobe(f64::from(exponent), turned(degrees).as_dvec3(), turned(lean).as_dvec3())
         };
-        let expected = f64::from(kd) + f64::from(ks) * lobe;
+        let above_both = 0.5 * (1.0 + f64::from(lean.to_radians().cos()));
+        let expected = f64::from(kd) * above_both + f64::from(ks) * lobe;
         let mean = traced.mean(everywhere);
         println!(
             "n {exponent} at {degrees}°, leaning {lean}°: {:.4} ± {:.4}, exact {expected:.4}",
@@ -300,8 +303,8 @@ fn phong_surfaces_under_uniform_light_show_their_albedo() {
     }
 }
 
-/// (n+2)/(2π) ∫ cosⁿα cosθ dω about +Y, α from the mirror direction about `shading`, over what is
-/// above both horizons; midpoint rule.
+/// (n+2)/(2π) ∫ cosⁿα cosθ dω, θ from `shading` and α from the mirror direction about it, over what
+/// is above its horizon and that of +Y; midpoint rule.
 fn leaning_lobe(exponent: f64, viewer: DVec3, shading: DVec3) -> f64 {
     const STEPS: usize = 1000;
     if shading.dot(viewer) <= 0.0 {
@@ -310,18 +313,17 @@ fn leaning_lobe(exponent: f64, viewer: DVec3, shading: DVec3) -> f64 {
     let mirror = 2.0 * shading.dot(viewer) * shading - viewer;
     let mut sum = 0.0;
     for i in 0..STEPS {
-        // Equal steps of cos²θ: cosθ dω = ½ d(cos²θ) dφ.
-        let square = (i as f64 + 0.5) / STEPS as f64;
-        let (cosine, sine) = (square.sqrt(), (1.0 - square).sqrt());
+        // Equal steps of the height: dω = d(height) dφ.
+        let height = (i as f64 + 0.5) / STEPS as f64;
+        let sine = (1.0 - height * height).sqrt();
         for j in 0..STEPS {
             let (sin, cos) = ((j as f64 + 0.5) / STEPS as f64 * TAU).sin_cos();
-            let direction = DVec3::new(sine * cos, cosine, sine * sin);
-            if direction.dot(shading) > 0.0 {
-                sum += direction.dot(mirror).max(0.0).powf(exponent);
-            }
+            let direction = DVec3::new(sine * cos, height, sine * sin);
+            let cosine = direction.dot(shading).max(0.0);
+            sum += cosine * direction.dot(mirror).max(0.0).powf(exponent);
         }
     }
-    (exponent + 2.0) / TAU * sum * 0.5 * TAU / (STEPS * STEPS) as f64
+    (exponent + 2.0) / TAU * sum * TAU / (STEPS * STEPS) as f64
 }
 
 /// Irradiance under a disk of radiance 1 at the distance `aside` from the point below its centre.

@@ -15,6 +15,7 @@ pub fn cornell_halves() -> &'static Halves {
     HALVES.get_or_init(|| {
         let request = RenderRequest {
             scene: imported(&made::cornell()),
+            environment: None,
             camera: CameraChoice::First,
             width: CORNELL_SIDE,
             height: CORNELL_SIDE,

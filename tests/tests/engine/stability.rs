@@ -6,7 +6,7 @@ use hemilux_engine::device::{Selection, ShootingSettings};
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::{Reflectance, Rgb};
 use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, StopReason};
-use hemilux_engine::scene::{Material, Scene, made};
+use hemilux_engine::scene::{Environment, Material, Scene, made};
 use hemilux_tests::comparison::largest_relative_deviation;
 use hemilux_tests::devices::{Effort, means};
 use hemilux_tests::oracle::paths::Walks;
@@ -20,6 +20,7 @@ use std::sync::Arc;
 fn request(scene: Arc<Scene>, iterations: u64, options: &[(&str, &str)]) -> RenderRequest {
     RenderRequest {
         scene,
+        environment: None,
         camera: CameraChoice::First,
         width: 24,
         height: 24,
@@ -125,7 +126,8 @@ fn diffuse_and_specular_above_one() {
                         specular_color: Rgb::new(tint, 1.0, 0.0),
                         ..Material::default()
                     };
-                    let Reflectance { diffuse, specular, .. } = material.reflectance(Rgb::ONE);
+                    let Reflectance { diffuse, specular, .. } =
+                        material.reflectance(&material.appearance(Rgb::ONE));
                     largest = largest.max((diffuse + specular).max_element());
                     assert!(diffuse.min_element() >= 0.0 && specular.min_element() >= 0.0);
                 }
@@ -140,7 +142,7 @@ fn diffuse_and_specular_above_one() {
     let mut builder = Builder::default();
     let mut wall = Material::phong("too much", Rgb::splat(0.7), 0.8, 20.0);
     wall.emission = Rgb::ONE;
-    let reflectance = wall.reflectance(wall.base_color);
+    let reflectance = wall.reflectance(&wall.appearance(wall.base_color));
     let wall = builder.material(wall);
     builder.cuboid(Vec3::ZERO, Vec3::ONE, true, wall);
     let scene = Arc::new(PatchedScene::new(builder.build(), 600));
@@ -187,10 +189,13 @@ fn no_lights() {
     on_every_device("no lights", |device| {
         let estimate = solved(device, &patched, &settings(32, 4, 1), SHORT);
         assert_eq!((checked_largest(&estimate.sum), estimate.tally.shots), (0.0, 0));
-        let rendered = rendered(device, &request(scene.clone(), 5, &[]));
+        let environment = Some(Arc::new(Environment::none()));
+        let dark = RenderRequest { environment, ..request(scene.clone(), 5, &[]) };
+        let rendered = rendered(device, &dark);
         assert_eq!(rendered.stats.stopped, StopReason::NoLight);
         assert!(rendered.picture.pixels.iter().all(|pixel| *pixel == Rgb::ZERO));
-        let warned = rendered.stats.warnings.iter().any(|warning| warning.what.contains("emits"));
+        let warned =
+            rendered.stats.warnings.iter().any(|warning| warning.what.contains("gives light"));
         assert!(warned, "{:?}", rendered.stats.warnings);
         "0 shots, black picture, stops at once with a warning".into()
     });

@@ -9,7 +9,7 @@ use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, StopReason};
 use hemilux_engine::scene::made;
-use hemilux_engine::transport::known::{ConstantRadiance, known_light};
+use hemilux_engine::transport::known::{Beforehand, ConstantRadiance, known_light};
 use hemilux_tests::comparison::largest_relative_deviation;
 use hemilux_tests::devices::{Effort, Estimate, estimate_until, means};
 use hemilux_tests::oracle::radiosity::Radiosity;
@@ -69,6 +69,10 @@ fn switches() -> Vec<Switch> {
     ]
 }
 
+fn before(constant: ConstantRadiance, first_shot: bool) -> Beforehand {
+    Beforehand { constant, first_shot, patchless: None }
+}
+
 fn with_known(
     device: &mut dyn Device,
     scene: &Arc<PatchedScene>,
@@ -76,7 +80,8 @@ fn with_known(
     constant: ConstantRadiance,
     first_shot: bool,
 ) -> ShootingSettings {
-    let known = known_light(device, scene, settings, constant, first_shot).expect("is found");
+    let known =
+        known_light(device, scene, settings, before(constant, first_shot)).expect("is found");
     if let Some(KnownLight { radiance, irradiance }) = &known {
         assert!(radiance.iter().chain(irradiance).all(|value| value.is_finite()));
     }
@@ -206,7 +211,7 @@ fn open_box_with_the_constant_term() {
     // As printed: E_K = π L̄ whatever is seen, source L^e + (a − 1) L̄.
     let mut cpu = hemilux_engine::device::cpu::CpuDevice::new(None).expect("threads");
     let base = settings(32, 8, 9);
-    let known = known_light(&mut cpu, &scene, &base, ConstantRadiance::Printed, false)
+    let known = known_light(&mut cpu, &scene, &base, before(ConstantRadiance::Printed, false))
         .expect("is found")
         .expect("is asked for");
     let emitted = system.emitted.clone();
@@ -276,6 +281,7 @@ fn a_picture_of_nothing_but_the_constant_term() {
     let option = |name: &str, value: &str| (name.to_string(), value.to_string());
     let request = RenderRequest {
         scene,
+        environment: None,
         camera: CameraChoice::First,
         width: 16,
         height: 16,

@@ -13,6 +13,7 @@ use std::sync::Arc;
 fn request(scene: &Arc<hemilux_engine::scene::Scene>, method: &str, target: f64) -> RenderRequest {
     RenderRequest {
         scene: scene.clone(),
+        environment: None,
         camera: CameraChoice::First,
         width: CORNELL_SIDE,
         height: CORNELL_SIDE,

@@ -44,6 +44,7 @@ impl View {
     ) -> RenderRequest {
         RenderRequest {
             scene: self.scene.clone(),
+            environment: None,
             camera: self.camera.clone(),
             width: self.size.0,
             height: self.size.1,
