@@ -16,6 +16,38 @@ use std::sync::Arc;
 /// Aim of one step of a solver, seconds: short enough to cancel, long enough not to matter.
 pub const STEP_SECONDS: f64 = 0.04;
 
+/// After how many iterations a job with a target error looks at its estimate: after numbers that
+/// grow by an eighth, whatever the clock says, so that a fast machine neither passes the target by
+/// far before a report is due, nor stops elsewhere than a slow one.
+pub struct TargetChecks {
+    next: u64,
+}
+
+impl TargetChecks {
+    /// The checks after so many iterations.
+    pub fn after(iterations: u64) -> Self {
+        let mut next = 1;
+        while next <= iterations {
+            next += u64::div_ceil(next, 8);
+        }
+        Self { next }
+    }
+
+    /// Whether a check is due after so many iterations; if so, the next one is a later one.
+    pub fn are_due(&mut self, iterations: u64) -> bool {
+        let due = iterations >= self.next;
+        if due {
+            *self = Self::after(iterations);
+        }
+        due
+    }
+
+    /// Iterations from so many to the next check, at least 1.
+    pub fn iterations_to_next(&self, iterations: u64) -> u64 {
+        self.next.saturating_sub(iterations).max(1)
+    }
+}
+
 /// What the memory of a job depends on.
 #[derive(Clone, Copy)]
 pub struct Extent<'a> {
@@ -168,5 +200,34 @@ pub trait Solver {
     /// Figures of the method's own by name, at the end.
     fn diagnostics(&self, _run: &Run<'_>) -> BTreeMap<String, f64> {
         BTreeMap::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn checks_are_the_same_however_many_iterations_a_step_has_and_after_a_pause() {
+        let by_ones = |from: u64| {
+            let mut checks = TargetChecks::after(from);
+            (from + 1..=200).filter(|n| checks.are_due(*n)).collect::<Vec<_>>()
+        };
+        let all = by_ones(0);
+        assert_eq!(all[..9], [1, 2, 3, 4, 5, 6, 7, 8, 9]);
+        assert!(all.windows(2).all(|pair| pair[1] - pair[0] <= pair[0].div_ceil(8)));
+        for from in [1, 7, 50, 123] {
+            let rest: Vec<u64> = all.iter().copied().filter(|n| *n > from).collect();
+            assert_eq!(by_ones(from), rest, "after {from}");
+        }
+        // Steps that end at checks meet each of them.
+        let (mut checks, mut at, mut met) = (TargetChecks::after(0), 0, Vec::new());
+        while at < 200 {
+            at += checks.iterations_to_next(at).min(200 - at);
+            if checks.are_due(at) {
+                met.push(at);
+            }
+        }
+        assert_eq!(met, all);
     }
 }

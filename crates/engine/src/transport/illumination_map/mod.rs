@@ -21,7 +21,7 @@ use super::checkpoints::Parts;
 use super::job::{Announcement, Job};
 use super::options::{AnySetting, Preset};
 use super::run::Run;
-use super::solver::{Estimate, Extent, Method, Solver};
+use super::solver::{Estimate, Extent, Method, Solver, TargetChecks};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceError, Tally};
 use crate::emitters::SceneLights;
@@ -116,7 +116,8 @@ impl Method for IlluminationMap {
             }
         }
         let steps = Steps::new(film.height());
-        Ok(Some(Box::new(Showers { view, maker, film, steps })))
+        let checks = TargetChecks::after(film.passes());
+        Ok(Some(Box::new(Showers { view, maker, film, steps, checks })))
     }
 }
 
@@ -127,6 +128,7 @@ struct Showers {
     maker: Option<Maker>,
     film: Film,
     steps: Steps,
+    checks: TargetChecks,
 }
 
 impl Solver for Showers {
@@ -151,6 +153,10 @@ impl Solver for Showers {
 
     fn is_visible(&self) -> bool {
         self.film.passes() > 0
+    }
+
+    fn checks_target(&mut self, passes: u64) -> bool {
+        self.checks.are_due(passes)
     }
 
     fn estimate(&mut self) -> Estimate {

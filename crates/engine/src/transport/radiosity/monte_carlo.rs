@@ -16,7 +16,7 @@ use crate::transport::checkpoints::{Parts, Past};
 use crate::transport::job::Job;
 use crate::transport::options::{AnySetting, MESH};
 use crate::transport::run::Run;
-use crate::transport::solver::{Estimate, Extent, Method, Solver, patched_bytes};
+use crate::transport::solver::{Estimate, Extent, Method, Solver, TargetChecks, patched_bytes};
 use std::f32::consts::PI;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -70,6 +70,7 @@ impl Method for MonteCarlo {
             pass: Pass { lit, settings, tally: Tally::default() },
             earlier: Tally::default(),
             whole: Tally::default(),
+            checks: TargetChecks::after(job.run.standing.tally.iterations),
         };
         if let Some(past) = job.past.take() {
             solver.restore(past)?;
@@ -91,6 +92,7 @@ struct Passes<'a> {
     /// What the whole passes took. One that is given up leaves its shots in the count of
     /// [`Pass`], and is begun again from here.
     whole: Tally,
+    checks: TargetChecks,
 }
 
 impl Passes<'_> {
@@ -141,6 +143,10 @@ impl Solver for Passes<'_> {
 
     fn is_visible(&self) -> bool {
         self.batches.any()
+    }
+
+    fn checks_target(&mut self, passes: u64) -> bool {
+        self.checks.are_due(passes)
     }
 
     fn estimate(&mut self) -> Estimate {

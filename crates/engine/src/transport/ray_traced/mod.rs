@@ -16,7 +16,7 @@ use super::checkpoints::Parts;
 use super::job::{Announcement, Job};
 use super::options::{AnySetting, Preset};
 use super::run::Run;
-use super::solver::{Estimate, Extent, Method, Solver};
+use super::solver::{Estimate, Extent, Method, Solver, TargetChecks};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceDescription, DeviceError, Tally};
 use crate::emitters::SceneLights;
@@ -86,7 +86,8 @@ impl Method for RayTraced {
             bound.end()?;
         }
         let steps = Steps::new(film.height());
-        Ok(Some(Box::new(Passes { view, film, steps })))
+        let checks = TargetChecks::after(film.passes());
+        Ok(Some(Box::new(Passes { view, film, steps, checks })))
     }
 }
 
@@ -130,12 +131,14 @@ struct Passes {
     view: View,
     film: Film,
     steps: Steps,
+    checks: TargetChecks,
 }
 
 impl Solver for Passes {
     fn advance(&mut self, run: &mut Run<'_>) -> Result<Option<StopReason>, RenderError> {
         let pixels = self.view.pixels(None);
-        self.steps.advance(&mut self.film, &pixels, run.iterations_left());
+        let to_check = self.checks.iterations_to_next(self.film.passes());
+        self.steps.advance(&mut self.film, &pixels, run.iterations_left().min(to_check));
         run.standing.tally = Tally {
             iterations: self.film.passes(),
             shots: self.film.rays(),
@@ -146,6 +149,10 @@ impl Solver for Passes {
 
     fn is_visible(&self) -> bool {
         self.film.passes() > 0
+    }
+
+    fn checks_target(&mut self, passes: u64) -> bool {
+        self.checks.are_due(passes)
     }
 
     fn estimate(&mut self) -> Estimate {

@@ -11,7 +11,7 @@ use super::options::{AnySetting, MESH, MeshSettings, Preset};
 use super::patchless;
 use super::run::Run;
 use super::settled;
-use super::solver::{Estimate, Extent, Method, STEP_SECONDS, Solver, patched_bytes};
+use super::solver::{Estimate, Extent, Method, STEP_SECONDS, Solver, TargetChecks, patched_bytes};
 use crate::checkpoint::{CheckpointError, Writer};
 use crate::device::{
     Device, DeviceError, KnownLight, Shooting, ShootingSettings, VarianceReduction,
@@ -117,6 +117,7 @@ impl Method for Stochastic {
             step: 1,
             undrained: 0,
             news: false,
+            checks: TargetChecks::after(job.run.standing.tally.iterations),
         };
         if let Some(past) = job.past.take() {
             solver.restore(past)?;
@@ -219,6 +220,7 @@ struct Iteration<'a> {
     undrained: u64,
     /// Whether a batch was completed since the last estimate.
     news: bool,
+    checks: TargetChecks,
 }
 
 impl Iteration<'_> {
@@ -272,6 +274,10 @@ impl Solver for Iteration<'_> {
 
     fn has_news(&self) -> bool {
         self.news
+    }
+
+    fn checks_target(&mut self, iterations: u64) -> bool {
+        self.news && self.checks.are_due(iterations)
     }
 
     fn estimate(&mut self) -> Estimate {
