@@ -8,7 +8,7 @@ use super::sky::SkyLight;
 use super::sun::SunLight;
 use super::unoccluded::{LobeAxis, Unoccluded};
 use crate::radiometry::{Rgb, importance};
-use crate::rays::{Hit, Rays};
+use crate::rays::Hit;
 use crate::surface::World;
 use glam::Vec3;
 
@@ -262,7 +262,7 @@ impl DirectLights {
     /// Samples the direct light on a surface by one shadow ray.
     pub fn sample_by_shadow_ray(
         &self,
-        rays: &Rays,
+        world: &World,
         point: Vec3,
         normal: Vec3,
         xi: Vec3,
@@ -271,8 +271,8 @@ impl DirectLights {
             let Some((end, irradiance)) = self.one_of_many(point, normal, xi) else {
                 return ShadowSample::default();
             };
-            let seen = !rays.blocked(point, end, |_| false);
-            return ShadowSample { unoccluded: irradiance, cast: irradiance, seen };
+            let visibility = world.visibility(point, end);
+            return ShadowSample { unoccluded: irradiance, cast: irradiance, visibility };
         }
         let all = self.unoccluded(point, normal);
         let light = match all.irradiance {
@@ -280,8 +280,8 @@ impl DirectLights {
             _ => self.sample(&all, point, normal, xi),
         };
         let cast = light.as_ref().map_or(Rgb::ZERO, |light| light.irradiance);
-        let seen = light.is_some_and(|light| !rays.blocked(point, light.end, |_| false));
-        ShadowSample { unoccluded: all.irradiance, cast, seen }
+        let visibility = light.map_or(Rgb::ZERO, |light| world.visibility(point, light.end));
+        ShadowSample { unoccluded: all.irradiance, cast, visibility }
     }
 
     /// Density per solid angle at which [`DirectLights::sample`] picks the place of a light that a

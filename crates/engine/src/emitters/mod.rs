@@ -15,7 +15,7 @@ mod sun;
 mod triangles;
 mod unoccluded;
 
-pub use direct_lights::DirectLights;
+pub use direct_lights::{AllUnoccluded, DirectLights};
 pub use disks::{DiskPoints, Disks};
 pub use light_tree::{LightBounds, LightTree};
 pub use polygons::{ShadowSample, TRIES};

@@ -49,8 +49,8 @@ pub struct ShadowSample {
     pub unoccluded: Rgb,
     /// Irradiance that the ray's light point stands for: its mean is `unoccluded`.
     pub cast: Rgb,
-    /// Whether nothing was in between.
-    pub seen: bool,
+    /// What arrives of it: 1 where nothing is in between, less behind panes.
+    pub visibility: Rgb,
 }
 
 impl ShadowSample {
@@ -58,8 +58,7 @@ impl ShadowSample {
     /// that arrives. Where the guess is right and all or nothing is occluded, there is no noise
     /// (docs/decisions/0017).
     pub fn irradiance(&self, share: f32) -> Rgb {
-        let seen = if self.seen { 1.0 } else { 0.0 };
-        self.unoccluded * share + self.cast * (seen - share)
+        self.unoccluded * share + self.cast * (self.visibility - share)
     }
 }
 

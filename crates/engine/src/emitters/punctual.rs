@@ -67,6 +67,11 @@ impl PunctualLights {
         self.lights.len()
     }
 
+    /// The light of one of them, by its number, at a point; `None` where it does not shine.
+    pub fn nth(&self, number: usize, point: Vec3) -> Option<PunctualSample> {
+        self.light(self.lights.get(number)?, point)
+    }
+
     /// The light of one at a point; `None` where it does not shine.
     fn light(&self, light: &Placed, point: Vec3) -> Option<PunctualSample> {
         if let LightKind::Directional = light.kind {

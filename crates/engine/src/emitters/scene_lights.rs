@@ -2,7 +2,7 @@
 //! lights without extent. Each is sampled by itself, and what a path meets by chance is weighed
 //! against that.
 
-use super::punctual::PunctualLights;
+use super::punctual::{PunctualLights, PunctualSample};
 use super::sky::SkyLight;
 use super::sun::SunLight;
 use super::triangles::{LightSample, TriangleLights};
@@ -75,6 +75,26 @@ impl SceneLights {
             density: f32::INFINITY,
         };
         is_above(surface, light.direction).then_some(sample)
+    }
+
+    /// A direction to the sun, by two uniform numbers, and its irradiance on a plane that faces it.
+    pub fn from_sun(&self, xi: [f32; 2]) -> Option<(Vec3, Rgb)> {
+        self.sun.as_ref().map(|sun| (sun.sample(xi), sun.irradiance()))
+    }
+
+    /// Number of lights without extent.
+    pub fn punctual_count(&self) -> usize {
+        self.punctual.as_ref().map_or(0, PunctualLights::count)
+    }
+
+    /// The light of one of those at a point; `None` where it does not shine.
+    pub fn punctual_at(&self, number: usize, point: Vec3) -> Option<PunctualSample> {
+        self.punctual.as_ref()?.nth(number, point)
+    }
+
+    /// Whether the sun shines.
+    pub fn has_sun(&self) -> bool {
+        self.sun.is_some()
     }
 
     fn far(&self, surface: &Surface, direction: Vec3) -> Vec3 {

@@ -68,6 +68,13 @@ pub struct Hit {
     lane: u32,
 }
 
+impl Hit {
+    /// The same at the end of a way of that length, ray units.
+    pub fn after(self, distance: f32) -> Self {
+        Self { distance, ..self }
+    }
+}
+
 /// A point of a surface.
 #[derive(Clone, Copy, Debug)]
 pub struct Spot {

@@ -33,6 +33,21 @@ pub fn density_of_visible(alpha: f32, viewer: f32, distribution: f32) -> f32 {
     distribution / (2.0 * (viewer + slant(alpha, viewer)))
 }
 
+/// What masking leaves of light that facets which the viewer sees send out at a cosine on the same
+/// side: height-correlated masking of both ways over that of the viewer's, G₂/G₁.
+#[inline]
+pub fn masked_further(alpha: f32, [viewer, beyond]: [f32; 2]) -> f32 {
+    let both = beyond * slant(alpha, viewer) + viewer * slant(alpha, beyond);
+    beyond * (viewer + slant(alpha, viewer)) / both.max(f32::MIN_POSITIVE)
+}
+
+/// The same of light that goes on on the other side, where masking knows nothing of the heights
+/// before: G₁.
+#[inline]
+pub fn masked_beyond(alpha: f32, beyond: f32) -> f32 {
+    2.0 * beyond / (beyond + slant(alpha, beyond))
+}
+
 /// The normal of a microfacet that a viewer sees, in coordinates in which the surface's normal is
 /// +Z, for two uniform numbers (Dupuy and Benyoub 2023, by spherical caps).
 #[inline]

@@ -20,11 +20,14 @@ mod point;
 
 mod world;
 
+mod passage;
+
 #[cfg(test)]
 mod laws;
 
-pub use dielectric::Inside;
+pub use dielectric::{ExitDirection, Inside};
 pub use model::Parameters;
+pub use passage::{Passage, PassageEnd};
 pub use point::Surface;
 pub use reflection::{Parts, Reflection};
 pub use world::World;

@@ -5,9 +5,10 @@ use super::dielectric::Clear;
 use super::model::Parameters;
 use super::point::Surface;
 use crate::radiometry::Rgb;
-use crate::rays::{Eye, Hit, Rays, Spot, unit_normal};
+use crate::rays::{Eye, Hit, Rays, Segment, Spot, unit_normal};
 use crate::scene::{Environment, Material, Scene, Triangle};
 use glam::{Vec2, Vec3};
+use std::cell::Cell;
 use std::sync::Arc;
 
 /// Vertex normals within this cosine of the geometric one, .08°, are taken to be that one with
@@ -23,6 +24,9 @@ pub struct World {
     /// What surrounds it: sky and sun.
     pub environment: Arc<Environment>,
     finishes: Vec<Finish>,
+    /// Whether light passes anything as clear, and whether it does so along a straight line.
+    has_clear: bool,
+    has_panes: bool,
 }
 
 /// What a triangle reflects and emits.
@@ -53,8 +57,13 @@ impl World {
     pub fn surrounded(scene: Arc<Scene>, environment: Arc<Environment>) -> Self {
         let rays = Rays::of(&scene);
         let finish = |triangle| Finish::new(&scene, triangle, rays.scale());
-        let finishes = scene.triangles.iter().map(finish).collect();
-        Self { rays, environment, finishes, scene }
+        let finishes: Vec<Finish> = scene.triangles.iter().map(finish).collect();
+        let mut this =
+            Self { rays, environment, finishes, scene, has_clear: false, has_panes: false };
+        this.has_clear = this.finishes.iter().any(|finish| finish.clear.is_some());
+        this.has_panes = this.has_clear
+            && (0..this.finishes.len() as u32).any(|triangle| this.is_pane(triangle));
+        this
     }
 
     /// Square metres of a square ray unit.
@@ -153,9 +162,77 @@ impl World {
     /// nothing or a black back.
     pub fn meet(&self, eye: Eye, origin: Vec3, direction: Vec3) -> Option<(Surface, f32)> {
         let hit = self.rays.closest(eye, origin, direction)?;
+        Some((self.met(&hit)?, hit.distance))
+    }
+
+    /// Whether a hit is of a black back.
+    pub fn is_black(&self, hit: &Hit) -> bool {
         let finish = &self.finishes[hit.triangle as usize];
-        let black = hit.back && !finish.two_sided && finish.clear.is_none();
-        (!black).then(|| (self.surface_of(&hit), hit.distance))
+        hit.back && !finish.two_sided && finish.clear.is_none()
+    }
+
+    /// Whether light passes a triangle as clear, anywhere on it.
+    #[inline]
+    pub fn is_clear(&self, triangle: u32) -> bool {
+        self.has_clear && self.finishes[triangle as usize].clear.is_some()
+    }
+
+    /// Whether anything is clear.
+    pub fn has_clear(&self) -> bool {
+        self.has_clear
+    }
+
+    /// Whether light that a triangle lets through goes on along the same line; what has holes, too,
+    /// does not count.
+    pub fn is_pane(&self, triangle: u32) -> bool {
+        let clear = &self.finishes[triangle as usize].clear;
+        clear.is_some_and(|clear| clear.is_straight()) && !self.rays.has_holes(triangle)
+    }
+
+    /// What arrives of light between two points (ray units), through panes that it passes on a
+    /// straight line: 0 where something else is in between, 1 where nothing is.
+    pub fn visibility(&self, from: Vec3, to: Vec3) -> Rgb {
+        if !self.has_panes {
+            return if self.rays.blocked(from, to, |_| false) { Rgb::ZERO } else { Rgb::ONE };
+        }
+        let passed = Cell::new(Rgb::ONE);
+        let direction = (to - from).normalize_or_zero();
+        let skip = |triangle: u32| {
+            let is_pane = self.is_pane(triangle);
+            if is_pane {
+                passed.set(passed.get() * self.through_pane(triangle, from, direction));
+            }
+            is_pane
+        };
+        if self.rays.blocked(from, to, skip) { Rgb::ZERO } else { passed.get() }
+    }
+
+    /// The same between the ends of many segments, in their order; what `visible` held before goes.
+    pub fn visibility_many(&self, segments: &[Segment], visible: &mut Vec<Rgb>) {
+        visible.clear();
+        visible.extend(segments.iter().map(|segment| self.visibility(segment.from, segment.to)));
+    }
+
+    /// What a pane lets through of a ray that crosses it.
+    fn through_pane(&self, index: u32, from: Vec3, direction: Vec3) -> Rgb {
+        let finish = &self.finishes[index as usize];
+        let (corners, _) = self.rays.corners(&self.scene, index);
+        let normal = unit_normal(corners);
+        let cosine = normal.dot(direction);
+        let Some(mut clear) = finish.clear else { return Rgb::ZERO };
+        if finish.varies {
+            let [a, b, c] = corners;
+            let crossed = from + direction * (normal.dot(a - from) / cosine);
+            let twice = normal.dot((b - a).cross(c - a));
+            let u = normal.dot((crossed - a).cross(c - a)) / twice;
+            let v = normal.dot((b - a).cross(crossed - a)) / twice;
+            let triangle = &self.scene.triangles[index as usize];
+            let Some(looking) = clear.looking(&self.scene.appearance(triangle, u, v)) else {
+                return Rgb::ZERO;
+            };
+            clear = looking;
+        }
+        clear.straight(cosine)
     }
 
     /// The surface of a side of a triangle at barycentric (u, v).
@@ -165,7 +242,13 @@ impl World {
         self.surface_at(triangle, Vec2::new(u, v), spot, if back { -1.0 } else { 1.0 })
     }
 
-    fn surface_of(&self, hit: &Hit) -> Surface {
+    /// The surface at a hit; `None` at a black back that lets nothing through.
+    pub fn met(&self, hit: &Hit) -> Option<Surface> {
+        (!self.is_black(hit)).then(|| self.surface_of(hit))
+    }
+
+    /// The surface at a hit, black or not.
+    pub(super) fn surface_of(&self, hit: &Hit) -> Surface {
         let side = if hit.back { -1.0 } else { 1.0 };
         self.surface_at(hit.triangle, Vec2::new(hit.u, hit.v), self.rays.spot(hit), side)
     }
@@ -218,17 +301,21 @@ impl Finish {
         let is_off = |v: &u32| {
             scene.vertices[*v as usize].normal.normalize_or(normal).dot(normal) < FLAT_COSINE
         };
+        let varies = material.has_textured_reflection()
+            || (material.emits() && material.emission_texture.is_some())
+            || a != b
+            || b != c;
+        let clear = Clear::new(material, metre);
+        // A texture may leave the first corner opaque and others clear.
+        let clear = if varies { clear } else { clear.and_then(|clear| clear.looking(&appearance)) };
         Self {
             parameters: Parameters::new(material, &appearance),
             emission: scene.emission(triangle, 0.0, 0.0),
             two_sided: material.double_sided,
-            varies: material.has_textured_reflection()
-                || (material.emits() && material.emission_texture.is_some())
-                || a != b
-                || b != c,
+            varies,
             is_bent: material.normal_map.is_some() || triangle.vertices.iter().any(is_off),
             is_unlit: material.unlit,
-            clear: Clear::new(material, metre).and_then(|clear| clear.looking(&appearance)),
+            clear,
         }
     }
 }

@@ -136,13 +136,28 @@ impl<'a> Job<'a> {
         device: String,
         more_warnings: impl FnOnce(&PatchedScene) -> Vec<Warning>,
     ) -> Arc<PatchedScene> {
-        self.cut_with(scene, (patches, device), |_| false, more_warnings)
+        let given = self.request.scene.clone();
+        let warnings = |scene: &PatchedScene| {
+            let mut warnings = unseen::by_patches(&given);
+            warnings.extend(more_warnings(scene));
+            warnings
+        };
+        self.cut_with(scene, (patches, device), |_| false, warnings)
     }
 
-    /// The same for a method that shows what is unlit, too.
-    pub fn cut_with_unlit(&mut self, patches: usize, device: String) -> Arc<PatchedScene> {
+    /// The same for a method that shows what is unlit, too, and clear bodies, whose caustics it maps
+    /// in scenes of at most so many triangles.
+    pub fn cut_with_all(
+        &mut self,
+        patches: usize,
+        device: String,
+        most_triangles: usize,
+    ) -> Arc<PatchedScene> {
         let scene = self.request.scene.clone();
-        self.cut_with(scene, (patches, device), Scene::has_unlit, |_| Vec::new())
+        let has_sun = self.environment.sun.is_some();
+        let warnings =
+            |cut: &PatchedScene| unseen::by_gathering(&cut.scene, has_sun, most_triangles);
+        self.cut_with(scene, (patches, device), Scene::has_unlit, warnings)
     }
 
     /// Cuts a scene and announces it; `shows` is whether a scene that nothing lights is not black.
@@ -157,9 +172,7 @@ impl<'a> Job<'a> {
         let shines = scene.patches.any_light()
             || patchless::shines(&scene.scene, &self.environment)
             || shows(&scene.scene);
-        let warnings = (scene.warnings.iter().cloned())
-            .chain(unseen::by_patches(&self.request.scene))
-            .chain(more_warnings(&scene));
+        let warnings = (scene.warnings.iter().cloned()).chain(more_warnings(&scene));
         self.announce(Announcement {
             device,
             patches: scene.patches.len(),

@@ -22,9 +22,7 @@ impl LightSums {
         self.count += 1;
         self.unoccluded += sample.unoccluded;
         self.cast += sample.cast;
-        if sample.seen {
-            self.seen += sample.cast;
-        }
+        self.seen += sample.cast * sample.visibility;
     }
 
     /// Number of shadow rays.

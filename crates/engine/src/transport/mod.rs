@@ -4,6 +4,7 @@
 mod bake;
 mod batches;
 mod budget;
+mod caustics;
 mod checkpoints;
 mod driver;
 mod hemilux;
@@ -49,10 +50,6 @@ pub fn check(request: &RenderRequest) -> Result<(), RenderError> {
 
 /// The method that `auto` stands for, and why.
 fn pick(request: &RenderRequest) -> Result<(&'static str, Vec<String>), RenderError> {
-    if unseen::lets_light_through(&request.scene) {
-        let why = "illumination-map, because something lets light through, which only rays show";
-        return Ok(("illumination-map", vec![why.into()]));
-    }
     let triangles = request.scene.triangles.len() as u64;
     let size = [request.width, request.height];
     let (settings, _) = registry::in_force(&hemilux::Hemilux, "auto", &request.options)?;

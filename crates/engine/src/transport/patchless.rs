@@ -46,7 +46,7 @@ pub fn irradiance(
         let mut sums = LightSums::default();
         for _ in 0..rays {
             let (start, normal) = points.point(sequence.next_pair());
-            sums.add(lights.sample_by_shadow_ray(&world.rays, start, normal, sequence.triple()));
+            sums.add(lights.sample_by_shadow_ray(&world, start, normal, sequence.triple()));
         }
         sums.irradiance()
     };

@@ -29,7 +29,7 @@ pub const METHODS: &[&str] = &[
 ];
 
 /// The methods that `auto` may stand for.
-const AUTO: [&str; 3] = ["hemilux", "stochastic", "illumination-map"];
+const AUTO: [&str; 2] = ["hemilux", "stochastic"];
 
 /// Settings as they are given: values by `NAME` or `METHOD.NAME`.
 pub type Given = BTreeMap<String, String>;
@@ -304,6 +304,6 @@ mod tests {
         assert_eq!(relevant("hemilux", &old), given(&[("gather_rays", "8")]));
         assert_eq!(relevant("stochastic", &old), given(&[("patches", "60")]));
         assert_eq!(relevant("ray-traced", &old), given(&[("ray_preset", "default")]));
-        assert_eq!(relevant("auto", &old), old);
+        assert_eq!(relevant("auto", &old), given(&[("patches", "60"), ("gather_rays", "8")]));
     }
 }

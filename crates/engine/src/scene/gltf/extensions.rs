@@ -77,12 +77,7 @@ pub const EXTENSIONS: &[Extension] = &[
     ),
     extension("KHR_materials_sheen", Support::Ignored("the sheen is ignored")),
     extension("KHR_materials_specular", Support::Implemented),
-    extension(
-        "KHR_materials_transmission",
-        Support::Approximated(
-            "a rough surface lets light through as a polished one, without scattering it",
-        ),
-    ),
+    extension("KHR_materials_transmission", Support::Implemented),
     extension("KHR_materials_unlit", Support::Implemented),
     extension("KHR_materials_variants", Support::Implemented),
     extension(

@@ -11,10 +11,6 @@ use gltf::json::Value;
 use gltf::json::extensions::material::{Material as Extensions, PbrSpecularGlossiness, Specular};
 
 const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
-const TRANSMISSION: &str = "KHR_materials_transmission";
-
-/// Up to this roughness a clear surface counts as polished without a warning.
-const POLISHED: f32 = 0.05;
 
 /// Least attenuation distance, metres.
 const MIN_ATTENUATION: f32 = 1e-9;
@@ -147,10 +143,6 @@ fn clear(
         let reference = Reference::new(info, of("transmissionTexture"));
         let slot = textures.slot(&reference, Encoding::Linear, warnings)?;
         material.transmission_texture = Some(slot);
-    }
-    let roughness = material.typical(material.base_color).roughness;
-    if material.transmission > 0.0 && roughness > POLISHED {
-        warnings.push(format!("{at}.{TRANSMISSION}"), loss(TRANSMISSION));
     }
     if let Some(extension) = &extensions.volume {
         let of = |member: &str| format!("{at}.KHR_materials_volume.{member}");

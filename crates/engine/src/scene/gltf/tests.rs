@@ -301,7 +301,6 @@ fn clear_materials_say_what_is_behind_them() {
         [
             "materials[1].extensions.KHR_materials_transmission.transmissionFactor",
             "materials[1].extensions.KHR_materials_volume.attenuationDistance",
-            "materials[2].extensions.KHR_materials_transmission",
             "materials[3].extensions.KHR_materials_volume",
         ]
     );

@@ -2,19 +2,22 @@
 
 use super::coarse::CoarseSolution;
 use super::direct::DirectLighting;
-use super::fragments::VisibleSurfaces;
+use super::fragments::{Fragment, VisibleSurfaces};
 use super::gather::IndirectLight;
 use super::gloss::Gloss;
 use super::settings::HemiluxSettings;
 use crate::emitters::DirectLights;
 use crate::image::Picture;
 use crate::radiometry::Rgb;
+use crate::transport::ray_traced::Mapped;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
 /// Variance of a surface's share of a pixel is this times (number of samples)^−1.5, for samples
 /// that are well spread.
 const COVERAGE_VARIANCE: f32 = 0.04;
+/// Most places of a fragment at which the map of caustics is read.
+const MOST_MAP_READS: u32 = 8;
 /// Relative error assumed of indirect light where a fragment shows the coarse mesh itself.
 const COARSE_ERROR: f32 = 0.2;
 /// Relative error allowed for what no cause covers: the coarse mesh behind the gather rays.
@@ -133,13 +136,15 @@ impl PictureInputs<'_> {
             let irradiance = coarse.bounced(visible.place_on_facet(fragment));
             IndirectLight { irradiance, noise: irradiance * COARSE_ERROR, bent: Rgb::ZERO }
         });
+        let caustics = self.caustics(fragment);
         let factor = fragment.diffuse / PI;
-        let mut radiance = factor * (direct + bounced.irradiance).max(Rgb::ZERO);
+        let arriving = direct + bounced.irradiance + caustics.irradiance;
+        let mut radiance = factor * arriving.max(Rgb::ZERO);
         let square = factor * factor;
         let mut variance = [
             square * bounced.noise * bounced.noise,
             square * bounced.bent,
-            square * direct_variance,
+            square * (direct_variance + caustics.scatter * caustics.scatter),
             Rgb::ZERO,
         ];
         if let Some((mean, own)) = gloss.get(index) {
@@ -147,6 +152,25 @@ impl PictureInputs<'_> {
             variance[3] = *own * fragment.lobe_factor * fragment.lobe_factor;
         }
         (radiance, variance)
+    }
+}
+
+impl PictureInputs<'_> {
+    /// Mean of what the map of caustics says of a fragment's samples.
+    fn caustics(&self, fragment: &Fragment) -> Mapped {
+        let Some(caustics) = self.coarse.caustics().filter(|_| fragment.diffuse != Rgb::ZERO)
+        else {
+            return Mapped::default();
+        };
+        let count = fragment.mask.count_ones().clamp(1, MOST_MAP_READS);
+        let mut sum = Mapped::default();
+        for sample in 0..count {
+            // Spread over all of them, where there are more.
+            let sample = sample * fragment.mask.count_ones() / count;
+            let (triangle, back, at) = self.visible.place_on_triangle(fragment, sample);
+            sum = sum + caustics.map().at(triangle, back, at);
+        }
+        sum * (1.0 / count as f32)
     }
 }
 

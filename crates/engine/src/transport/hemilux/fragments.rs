@@ -201,6 +201,14 @@ impl VisibleSurfaces {
         FacetPlace { facet: FacetIndex(facet), back, at }
     }
 
+    /// Triangle, side and barycentric (u, v) of a fragment's n-th sample.
+    pub fn place_on_triangle(&self, fragment: &Fragment, n: u32) -> (u32, bool, [f32; 2]) {
+        let (facet, back) = item::decode(fragment.code).unwrap_or((0, false));
+        let at = self.barycentric(facet, fragment.pixel, self.sample(fragment.mask, n));
+        let piece = &self.scene.facets[facet as usize];
+        (piece.source, back, piece.to_source(at.x, at.y).to_array())
+    }
+
     /// Unit normal of the facet of a fragment, on the side that is seen.
     pub fn flat_normal(&self, fragment: &Fragment) -> Vec3 {
         let Some((facet, back)) = item::decode(fragment.code) else { return fragment.normal };
@@ -254,6 +262,12 @@ impl VisibleSurfaces {
         let at = piece.to_source(at.x, at.y);
         let side = if back { -1.0 } else { 1.0 };
         world.surface_at(piece.source, at, spot, side)
+    }
+
+    /// Origin and unit direction of the camera's ray through a lobe's n-th sample.
+    pub fn lobe_ray(&self, lobe: &Lobe, n: u32) -> (Vec3, Vec3) {
+        let (SampleGroup { mask, .. }, n) = self.group_of(lobe, n);
+        self.ray(self.fragments[lobe.fragment as usize].pixel, self.sample(mask, n))
     }
 
     fn sample(&self, mut mask: u64, n: u32) -> Vec2 {
@@ -452,7 +466,11 @@ impl VisibleSurfaces {
                 finish.parameters.diffuse_and_lobe_factor(normal.dot(viewer));
             (diffuse, lobe_factor, world.shine(piece.source, source_at) * share, normal)
         };
-        let glossy = finish.parameters.is_glossy();
+        // What is clear is seen by rays, with all that it reflects.
+        let is_clear = world.is_clear(piece.source);
+        let (diffuse, lobe_factor) =
+            if is_clear { (Rgb::ZERO, Rgb::ONE) } else { (diffuse, lobe_factor) };
+        let glossy = is_clear || finish.parameters.is_glossy();
         let fragment = Fragment {
             pixel,
             code,

@@ -34,7 +34,7 @@ use crate::render::RenderError;
 use crate::sampling::Seed;
 use crate::surface::World;
 use clock::Clock;
-use coarse::{CoarseMesh, CoarseSolution, Elements, SampledLight};
+use coarse::{CoarseMesh, CoarseSolution, Elements, MOST_TRIANGLES, SampledLight};
 use effort::Effort;
 use fragments::VisibleSurfaces;
 use settings::HemiluxSettings;
@@ -58,7 +58,7 @@ impl Method for Hemilux {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        2
+        3
     }
 
     fn summary(&self) -> &'static str {
@@ -72,9 +72,13 @@ impl Method for Hemilux {
     fn needed_bytes(&self, extent: &Extent<'_>) -> u64 {
         const PER_PIXEL: u64 = 440;
         const PER_TRIANGLE: u64 = 1500;
+        // If all of it receives caustics on both sides.
+        const PER_MAPPED_TRIANGLE: u64 = 1600;
         let [width, height] = extent.size.map(u64::from);
         let triangles = extent.triangles;
-        Rays::needed_bytes(triangles) + triangles * PER_TRIANGLE + width * height * PER_PIXEL
+        let caustics = triangles.min(MOST_TRIANGLES as u64) * PER_MAPPED_TRIANGLE;
+        let scene = Rays::needed_bytes(triangles) + triangles * PER_TRIANGLE + caustics;
+        scene + width * height * PER_PIXEL
     }
 
     fn begin<'a>(
@@ -90,7 +94,7 @@ impl Method for Hemilux {
         let patches = options.coarse_patches.unwrap_or(effort.patches);
         // All of it is work for the processor, whatever the device.
         let computes = CpuDevice::describe_here().to_string();
-        let scene = job.cut_with_unlit(patches, computes);
+        let scene = job.cut_with_all(patches, computes, MOST_TRIANGLES);
         let mut clock = Clock::default();
         let world = Arc::new(World::surrounded(job.request.scene.clone(), job.environment.clone()));
         let Some(lights) = DirectLights::new(&world) else { return Ok(None) };

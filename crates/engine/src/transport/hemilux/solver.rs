@@ -198,6 +198,10 @@ impl Tiers {
         // Another camera's iterations have done links and records up to that number.
         let scene_is_known = number < self.reused_iterations;
         self.clock.start();
+        if !scene_is_known {
+            self.coarse.shed_caustics();
+        }
+        self.clock.lap("seconds_caustics");
         if (number + 1).is_power_of_two() && !scene_is_known {
             self.link(number);
         }
@@ -222,8 +226,9 @@ impl Tiers {
         self.clock.lap("seconds_gloss");
         let tally = &mut run.standing.tally;
         tally.iterations += 1;
-        tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays;
-        tally.light_shots = self.direct.rays;
+        let by_light = self.coarse.caustics().map_or(0, |caustics| caustics.rays());
+        tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays + by_light;
+        tally.light_shots = self.direct.rays + by_light;
         self.done = tally.iterations;
     }
 

@@ -2,19 +2,13 @@
 //! clear bodies onto diffuse surfaces, are collected in maps on those; then a picture is traced
 //! from the camera that reads them. It shows the caustics that patches miss.
 //!
-//! What is in the map is light that came from an emitter by one or more sharp lobes
-//! ([`crate::surface::Reflection::is_sharp`]) or clear surfaces, and nothing else; walks from
-//! the camera leave out exactly that after a diffuse reflection, and bring all other light
-//! themselves. So nothing counts twice, and nothing is missing.
+//! What is in the map ([`crate::transport::caustics`]), walks from the camera leave out after a
+//! diffuse reflection, and bring all other light themselves. So nothing counts twice, and nothing is missing.
 //!
 //! Light rays come in showers, and camera passes in between; a pass reads the light of all showers
 //! before it. The scatter of the passes says how far off the camera's walks are, and the difference
 //! of two halves of the showers how far off the map is.
 
-mod charts;
-mod light_rays;
-mod maker;
-mod map;
 mod settings;
 
 use super::checkpoints::Parts;
@@ -29,12 +23,10 @@ use crate::image::Picture;
 use crate::render::{RenderError, StopReason};
 use crate::scene::Warning;
 use crate::surface::World;
+use crate::transport::caustics::{BLOCK, Casters, Charts, Lit, Maker};
 use crate::transport::ray_traced::{
     self, Caustics, Film, RayTracedSettings, Steps, View, ray_figures, warnings,
 };
-use charts::Charts;
-use light_rays::Casters;
-use maker::{BLOCK, Maker};
 use settings::{MOST_RAYS, MapSettings};
 use std::collections::BTreeMap;
 
@@ -50,7 +42,7 @@ impl Method for IlluminationMap {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        1
+        2
     }
 
     fn summary(&self) -> &'static str {
@@ -79,14 +71,14 @@ impl Method for IlluminationMap {
         let own = MapSettings::new(&job.settings);
         let world = World::surrounded(job.request.scene.clone(), job.environment.clone());
         let lights = SceneLights::new(&world);
-        // Light rays start on what emits.
-        let emits = lights.as_ref().is_some_and(|lights| lights.triangles.is_some());
-        let casters = Casters::new(&world).filter(|_| emits);
+        let casts = |lights: &SceneLights| Lit { world: &world, lights }.casts();
+        let casts = lights.as_ref().is_some_and(casts);
+        let casters = Casters::new(&world).filter(|_| casts);
         let mut warnings = warnings(&world, &options, &device.description());
         if casters.is_none() {
             warnings.push(Warning::new(
                 "scene",
-                "nothing that emits shines on what mirrors sharply or lets light through, so there are no caustics to map; ray-traced shows the same",
+                "no light but the sky shines on what mirrors sharply or lets light through, so there are no caustics to map; ray-traced shows the same",
             ));
         }
         job.announce(Announcement {
@@ -103,7 +95,8 @@ impl Method for IlluminationMap {
         // Showers of another length than before would shoot some rays twice.
         let count = job.decide(LIGHT_RAYS, count)?.clamp(2, MOST_RAYS);
         let seed = job.request.seed;
-        let mut maker = casters.map(|casters| Maker::new(&view, casters, count, own.cells, seed));
+        let mut maker =
+            casters.map(|casters| Maker::new(lit(&view), casters, count, own.cells, seed));
         let mut film = view.film();
         if let Some(mut past) = job.past.take() {
             if let Some(maker) = &mut maker {
@@ -121,6 +114,11 @@ impl Method for IlluminationMap {
     }
 }
 
+/// The scene of a view and its lights.
+fn lit(view: &View) -> Lit<'_> {
+    Lit { world: &view.world, lights: &view.lights }
+}
+
 /// Showers and passes at work.
 struct Showers {
     view: View,
@@ -136,7 +134,9 @@ impl Solver for Showers {
     fn advance(&mut self, run: &mut Run<'_>) -> Result<Option<StopReason>, RenderError> {
         let pass = self.film.passes();
         match self.maker.as_mut().filter(|maker| maker.is_behind(pass)) {
-            Some(maker) => maker.advance(&self.view),
+            Some(maker) => {
+                maker.advance(lit(&self.view));
+            }
             None => {
                 let map = self.maker.as_ref().map(|maker| &maker.map as &dyn Caustics);
                 self.steps.advance(&mut self.film, &self.view.pixels(map), 1);

@@ -9,7 +9,7 @@ use crate::radiometry::Rgb;
 use crate::random::Numbers;
 use crate::rays::Eye;
 use crate::sampling::{CHOICES, Turn, power_heuristic};
-use crate::surface::{Inside, Parts, Reflection, Surface, World};
+use crate::surface::{ExitDirection, Inside, Parts, Reflection, Surface, World};
 use glam::Vec3;
 use std::f32::consts::PI;
 
@@ -20,8 +20,9 @@ const MOST_SURVIVAL: f32 = 0.97;
 /// Clear surfaces in a row before a walk may be ended by chance.
 const SURE_CROSSINGS: u32 = 8;
 
-/// Caustics that were found from the lights: the irradiance that came from emitters by one or
-/// more sharp lobes ([`Reflection::is_sharp`]) or clear surfaces, and nothing else.
+/// Caustics that were found from the lights: the irradiance that came from emitters, the sun or
+/// points by one or more sharp lobes ([`Reflection::is_sharp`]) or clear surfaces that mirrored or
+/// bent it, and nothing else.
 pub trait Caustics: Sync {
     /// At a point of a surface.
     fn irradiance(&self, surface: &Surface) -> Mapped;
@@ -171,6 +172,27 @@ struct Flight {
     carried: Carried,
     /// What it is in.
     inside: Option<Inside>,
+    /// Length of its way through panes that do not bend it, ray units.
+    way: f32,
+}
+
+impl Flight {
+    /// Leaves a clear surface. What goes straight through could have been found from where the
+    /// flight began, by sampling lights; what is mirrored or bent could not.
+    fn leave(&mut self, surface: &Surface, passed: &ExitDirection, is_straight: bool) {
+        if passed.through {
+            (self.origin, self.inside) = (surface.start_behind(), passed.inside);
+        } else {
+            (self.origin, self.eye) = (surface.start(), Eye::Light);
+        }
+        self.direction = passed.direction;
+        if is_straight && passed.through {
+            self.carried = self.carried.times(passed.tint);
+        } else {
+            self.carried = self.carried.passed(passed.tint);
+            (self.density, self.way) = (f32::INFINITY, 0.0);
+        }
+    }
 }
 
 /// Where a walk met a surface that reflects it.
@@ -193,6 +215,7 @@ impl Tracer<'_> {
             normal: None,
             carried: Carried::START,
             inside: None,
+            way: 0.0,
         };
         let (radiance, stop) = self.follow(flight, walk);
         match stop {
@@ -207,69 +230,73 @@ impl Tracer<'_> {
         let (mut radiance, mut crossings) = (Rgb::ZERO, 0);
         loop {
             walk.rays += 1;
-            let met = self.world.meet(flight.eye, flight.origin, flight.direction);
-            let Some((surface, distance)) = met else {
-                return (radiance + self.escaped(&flight), None);
-            };
-            let Flight { eye, origin, direction, density, normal: _, carried, inside } =
-                &mut flight;
-            if let Some(inside) = inside {
-                *carried = carried.times(inside.left_after(distance));
+            let hit = self.world.rays.closest(flight.eye, flight.origin, flight.direction);
+            let Some(hit) = hit else { return (radiance + self.escaped(&flight), None) };
+            let Some(surface) = self.world.met(&hit) else { return (radiance, None) };
+            flight.way += hit.distance;
+            if let Some(inside) = &flight.inside {
+                flight.carried = flight.carried.times(inside.left_after(hit.distance));
             }
-            let is_sampled = density.is_finite();
-            if crossings == 0 && *eye == Eye::Camera {
+            if crossings == 0 && flight.eye == Eye::Camera {
                 walk.saw_emitter |= surface.emission != Rgb::ZERO;
                 if self.world.finish(surface.triangle).is_unlit {
                     let shine = self.world.shine(surface.triangle, surface.at.into());
                     return (radiance + shine, None);
                 }
             }
-            if surface.emission != Rgb::ZERO && (self.disks.is_none() || !is_sampled) {
-                let other = self.lights.density(&surface, *direction, distance);
-                radiance +=
-                    carried.unmapped() * surface.emission * power_heuristic(*density, other);
-            }
-            let viewer = -*direction;
+            radiance += self.emitted(&flight, &surface);
+            let viewer = -flight.direction;
             let clear = surface
                 .clear
                 .filter(|clear| clear.share >= 1.0 || walk.numbers.uniform() < clear.share);
             let Some(clear) = clear else {
-                let stop = Stop { surface, viewer, carried: *carried, inside: *inside };
-                return (radiance, Some(stop));
+                let Flight { carried, inside, .. } = flight;
+                return (radiance, Some(Stop { surface, viewer, carried, inside }));
             };
             crossings += 1;
             if crossings > SURE_CROSSINGS {
-                let survival = carried.all.max_element().min(MOST_SURVIVAL);
+                let survival = flight.carried.all.max_element().min(MOST_SURVIVAL);
                 if walk.numbers.uniform() >= survival {
                     return (radiance, None);
                 }
-                *carried = carried.times(Rgb::splat(1.0 / survival));
+                flight.carried = flight.carried.times(Rgb::splat(1.0 / survival));
             }
-            let Some(passed) = clear.pass(surface.side(), viewer, walk.numbers.uniform()) else {
+            let xi = [(); 3].map(|()| walk.numbers.uniform());
+            let Some(passed) = clear.pass(surface.side(), viewer, xi) else {
                 return (radiance, None);
             };
-            *carried = carried.passed(passed.tint);
-            *direction = passed.direction;
-            *density = f32::INFINITY;
-            if passed.through {
-                (*origin, *inside) = (surface.start_behind(), passed.inside);
-            } else {
-                (*origin, *eye) = (surface.start(), Eye::Light);
-            }
+            flight.leave(&surface, &passed, self.is_pane(&surface, clear.is_straight()));
         }
+    }
+
+    /// Whether light samples see through a surface; disks are not sampled through panes.
+    fn is_pane(&self, surface: &Surface, is_straight: bool) -> bool {
+        is_straight && self.world.is_pane(surface.triangle)
+    }
+
+    /// What a surface that a ray meets brings by its own light, as far as it was not sampled.
+    fn emitted(&self, flight: &Flight, surface: &Surface) -> Rgb {
+        let is_sampled = flight.density.is_finite();
+        if surface.emission == Rgb::ZERO || (self.disks.is_some() && is_sampled) {
+            return Rgb::ZERO;
+        }
+        let other = self.lights.density(surface, flight.direction, flight.way);
+        flight.carried.unmapped() * surface.emission * power_heuristic(flight.density, other)
     }
 
     /// What a ray brings that leaves the scene: sky and sun, as far as they were not sampled.
     fn escaped(&self, flight: &Flight) -> Rgb {
         let Flight { direction, density, normal, carried, .. } = flight;
-        let of = |(radiance, other): (Rgb, f32)| {
+        let of = |((radiance, other), carried): ((Rgb, f32), Rgb)| {
             if radiance == Rgb::ZERO {
                 Rgb::ZERO
             } else {
-                radiance * power_heuristic(*density, other)
+                carried * radiance * power_heuristic(*density, other)
             }
         };
-        carried.all * self.lights.escaping(*normal, *direction).into_iter().map(of).sum::<Rgb>()
+        // Maps have light of the sun, and none of the sky.
+        let carried = [carried.all, carried.unmapped()];
+        self.lights.escaping(*normal, *direction).into_iter().zip(carried).map(of).sum()
     }
 
     /// Radiance that the first surface reflects, by N rays: in proportion to what the diffuse
@@ -328,6 +355,7 @@ impl Tracer<'_> {
                 normal: Some(stop.surface.shading_normal),
                 carried,
                 inside: stop.inside,
+                way: 0.0,
             };
             let (met, next) = self.follow(flight, walk);
             radiance += met;
@@ -387,8 +415,10 @@ impl Tracer<'_> {
             self.lights.sample_sun(surface, sun),
             self.lights.sample_punctual(surface, walk.numbers.uniform()),
         ];
-        let sampled = samples.into_iter().flatten();
-        sampled.map(|light| self.arriving(stop, light, share, (false, walk))).sum()
+        // Maps have light of the sun and of points, and none of the sky.
+        let sampled = samples.into_iter().zip([false, true, true]);
+        let sampled = sampled.filter_map(|(light, is_mapped)| Some((light?, is_mapped)));
+        sampled.map(|(light, is_mapped)| self.arriving(stop, light, share, (is_mapped, walk))).sum()
     }
 
     /// What a surface reflects of a light sample that nothing hides; a map of caustics may have a
@@ -420,8 +450,7 @@ impl Tracer<'_> {
         }
         walk.rays += 1;
         walk.light_rays += 1;
-        let blocked = self.world.rays.blocked(surface.start(), end, |_| false);
-        if blocked { Rgb::ZERO } else { arriving }
+        arriving * self.world.visibility(surface.start(), end)
     }
 
     fn direct_by_area(

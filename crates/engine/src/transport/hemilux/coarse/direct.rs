@@ -74,12 +74,12 @@ impl SampledLight {
                 None => self.escaped = 1,
                 // Seeing a black back: inside a body, or behind a one-sided wall; light never
                 // comes here.
-                Some(hit) if hit.back && !world.is_two_sided(hit.triangle) => continue,
+                Some(hit) if world.is_black(&hit) => continue,
                 Some(hit) => hidden = hit.distance < crevice,
             }
             self.open += 1;
             let sums = if hidden { &mut self.hidden } else { &mut self.visible };
-            sums.add(lights.sample_by_shadow_ray(&world.rays, start, normal, sequence.triple()));
+            sums.add(lights.sample_by_shadow_ray(world, start, normal, sequence.triple()));
         }
     }
 

@@ -11,12 +11,14 @@ use super::direct::DirectLight;
 use super::elements::ElementIndex;
 use super::mesh::CoarseMesh;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
-use crate::radiometry::Rgb;
+use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
-use crate::rays::{Eye, Ray};
+use crate::rays::{Eye, Hit, Ray};
 use crate::sampling::{Seed, Shifted, cosine_direction};
 use crate::surface::World;
+use glam::Vec3;
 use rayon::prelude::*;
+use std::f32::consts::PI;
 
 /// Link of a ray that met nothing that reflects: it counts, and brings no light.
 const DARK: u32 = u32::MAX;
@@ -50,6 +52,20 @@ pub struct Links {
 struct Round {
     start: Vec<u32>,
     links: Vec<u32>,
+    /// Σ π × radiance that each element's rays found of sky and emitters by way of what bends light;
+    /// empty where nothing does.
+    bent: Vec<Rgb>,
+}
+
+/// Where links are traced.
+#[derive(Clone, Copy)]
+pub struct Linking<'a> {
+    /// The scene as rays meet it.
+    pub world: &'a World,
+    /// The coarse mesh.
+    pub mesh: &'a CoarseMesh,
+    /// Whether a map has what emitters bring by way of what bends light.
+    pub is_mapped: bool,
 }
 
 impl Round {
@@ -65,26 +81,17 @@ impl Links {
         self.rounds.iter().map(|round| round.links.len()).sum()
     }
 
-    /// Traces `rays` more rays from each element of ordinary size, fewer from smaller ones, which
-    /// fewer rays meet; as long as there is room for them.
-    pub fn trace(&mut self, world: &World, mesh: &CoarseMesh, seed: Seed, rays: u32) {
-        let area = &mesh.elements.area;
-        let elements = area.len();
-        // Meshes of very many triangles have very many elements; the picture must not wait.
-        let rays = (rays as f32).min(MOST_AT_ONCE as f32 / elements.max(1) as f32);
-        let all: f32 = area.iter().sum();
-        let ordinary = area.iter().map(|area| area * (area / all)).sum::<f32>();
-        let mut start = Vec::with_capacity(elements + 1);
-        let mut end = 0;
-        for area in area {
-            start.push(end);
-            end += (rays * (area / ordinary).min(1.0)).max(LEAST_ROUND_RAYS).round() as u32;
-        }
-        start.push(end);
+    /// Traces `rays` more rays from each element of ordinary size, as long as there is room for
+    /// them.
+    pub fn trace(&mut self, linking: Linking<'_>, seed: Seed, rays: u32) {
+        let Linking { world, mesh, .. } = linking;
+        let elements = mesh.elements.area.len();
+        let start = starts(&mesh.elements.area, rays);
+        let end = start[elements];
         if self.count() + end as usize > MOST_LINKS && !self.rounds.is_empty() {
             return;
         }
-        let links = (0..elements).into_par_iter().with_max_len(64).flat_map_iter(|index| {
+        let of_element = |index: usize| {
             let element = ElementIndex(index as u32);
             let done = self.rounds.iter().map(|round| round.of(element).len() as u32).sum();
             let sequence = Shifted::new(seed, Stream::PatchLight, index as u64).at(done);
@@ -92,14 +99,20 @@ impl Links {
             let batch = link_rays(world, mesh, element, count, sequence);
             let mut hits = Vec::with_capacity(batch.len());
             world.rays.closest_many(Eye::Light, &batch, &mut hits);
-            hits.into_iter().map(|hit| match hit {
-                None => DARK,
-                Some(hit) if hit.back && !world.is_two_sided(hit.triangle) => COVERED,
-                Some(hit) => mesh.element_at(&hit).map_or(DARK, |element| element.0),
-            })
-        });
-        let links = links.collect();
-        self.rounds.push(Round { start, links });
+            let mut bent = Rgb::ZERO;
+            let links = hits.into_iter().zip(&batch);
+            let links = links.map(|(hit, ray)| linking.link(hit, ray.direction, &mut bent));
+            (links.collect::<Vec<u32>>(), bent)
+        };
+        let found: Vec<(Vec<u32>, Rgb)> =
+            (0..elements).into_par_iter().with_max_len(64).map(of_element).collect();
+        let mut links = Vec::with_capacity(end as usize);
+        found.iter().for_each(|(own, _)| links.extend_from_slice(own));
+        let mut bent = Vec::new();
+        if world.has_clear() {
+            bent = found.iter().map(|(_, bent)| *bent).collect();
+        }
+        self.rounds.push(Round { start, links, bent });
     }
 
     /// Solves the radiosity equation E_bounced = Σ ρ_link (E_direct + E_bounced)_link / N over the
@@ -128,7 +141,8 @@ impl Links {
                 .map(|element| {
                     let links = self.of(ElementIndex(element));
                     let met = links.filter_map(|link| radiosity.get(link.at()));
-                    met.sum::<Rgb>() / rows[element as usize].max(1) as f32
+                    let sum = met.sum::<Rgb>() + self.bent(ElementIndex(element));
+                    sum / rows[element as usize].max(1) as f32
                 })
                 .collect();
             let change = next.iter().zip(&self.bounced).map(|(a, b)| (*a - *b).abs().element_sum());
@@ -148,12 +162,18 @@ impl Links {
         all.map(|link| ElementIndex(*link))
     }
 
+    /// Σ π × radiance of sky and emitters that an element's rays found by way of what bends light.
+    fn bent(&self, element: ElementIndex) -> Rgb {
+        self.rounds.iter().filter_map(|round| round.bent.get(element.at())).sum()
+    }
+
     /// Writes the links. They take most of the bytes of a checkpoint: two each where that suffices.
     pub fn save(&self, elements: usize, to: &mut Writer) {
         to.slice(&self.bounced);
         to.value(self.rounds.len() as u64);
-        for Round { start, links } in &self.rounds {
+        for Round { start, links, bent } in &self.rounds {
             to.slice(start);
+            to.slice(bent);
             if fits_two_bytes(elements) {
                 // The two marks are the largest numbers, in two bytes as in four.
                 to.slice(&links.iter().map(|link| *link as u16).collect::<Vec<_>>());
@@ -171,6 +191,10 @@ impl Links {
         for _ in 0..from.count(MOST_LINKS as u64)? {
             let start: Vec<u32> = from.exactly(elements + 1)?;
             let count = start[elements] as usize;
+            let bent: Vec<Rgb> = from.slice()?;
+            if !bent.is_empty() && bent.len() != elements {
+                return damaged("its bent light is not of these elements");
+            }
             if start[0] != 0 || !start.is_sorted() {
                 return damaged("its links are not in order");
             }
@@ -186,12 +210,56 @@ impl Links {
             if links.iter().any(|link| *link as usize >= elements && *link < COVERED) {
                 return damaged("a link leads nowhere");
             }
-            rounds.push(Round { start, links });
+            rounds.push(Round { start, links, bent });
         }
         if bounced.len() != if rounds.is_empty() { 0 } else { elements } {
             return damaged("its links are not of these elements");
         }
         Ok(Self { rounds, bounced })
+    }
+}
+
+/// Where the links of each element begin, and where the last ones end: `rays` of one of ordinary
+/// size, fewer of smaller ones, which fewer rays meet.
+fn starts(area: &[f32], rays: u32) -> Vec<u32> {
+    // Meshes of very many triangles have very many elements; the picture must not wait.
+    let rays = (rays as f32).min(MOST_AT_ONCE as f32 / area.len().max(1) as f32);
+    let all: f32 = area.iter().sum();
+    let ordinary = area.iter().map(|area| area * (area / all)).sum::<f32>();
+    let mut start = Vec::with_capacity(area.len() + 1);
+    let mut end = 0;
+    for area in area {
+        start.push(end);
+        end += (rays * (area / ordinary).min(1.0)).max(LEAST_ROUND_RAYS).round() as u32;
+    }
+    start.push(end);
+    start
+}
+
+impl Linking<'_> {
+    /// The link of a ray along the unit `direction` that met this; what the ray found by way of what
+    /// bends light goes to `bent`.
+    fn link(&self, hit: Option<Hit>, direction: Vec3, bent: &mut Rgb) -> u32 {
+        let Self { world, mesh, .. } = self;
+        let element = |hit: &Hit| mesh.element_at(hit).map_or(DARK, |element| element.0);
+        let Some(hit) = hit else { return DARK };
+        if world.is_black(&hit) {
+            return COVERED;
+        }
+        if !world.is_clear(hit.triangle) {
+            return element(&hit);
+        }
+        let passage = world.pass(hit, direction);
+        if passage.is_bent {
+            *bent += PI * passage.bent_light(world, !self.is_mapped);
+        }
+        // Links carry no colour, so what glass takes ends some of them.
+        match passage.met() {
+            Some(met) if !world.is_black(&met) && passage.chance < importance(passage.left) => {
+                element(&met)
+            }
+            _ => DARK,
+        }
     }
 }
 
@@ -237,7 +305,7 @@ mod tests {
     /// Element 0 sees element 1 by half of its rays and nothing else, element 1 sees only element
     /// 0: E_0 = ½ a_1 (D_1 + E_1), E_1 = a_0 (D_0 + E_0).
     fn two_elements() -> Links {
-        let round = Round { start: vec![0, 2, 3], links: vec![1, DARK, 0] };
+        let round = Round { start: vec![0, 2, 3], links: vec![1, DARK, 0], bent: Vec::new() };
         Links { rounds: vec![round], bounced: Vec::new() }
     }
 
@@ -269,7 +337,8 @@ mod tests {
         for elements in [3, 70_000] {
             let start: Vec<u32> = (0..=elements as u32).collect();
             let links = (0..elements as u32).map(|e| [e, DARK, COVERED][e as usize % 3]);
-            let round = Round { start, links: links.collect() };
+            let bent = vec![Rgb::Y; elements];
+            let round = Round { start, links: links.collect(), bent };
             let bounced = vec![Rgb::splat(2.0); elements];
             let links = Links { rounds: vec![round], bounced };
             let mut to = Writer::new(u64::MAX);
@@ -277,6 +346,7 @@ mod tests {
             let bytes = to.finish().expect("there is room");
             let again = Links::restore(elements, &mut Reader::new(&bytes)).expect("sound");
             assert_eq!(again.rounds[0].links, links.rounds[0].links);
+            assert_eq!(again.rounds[0].bent, links.rounds[0].bent);
             assert_eq!(again.bounced, links.bounced);
             // Of fewer elements than the links lead to.
             assert!(Links::restore(elements - 1, &mut Reader::new(&bytes)).is_err());

@@ -1,5 +1,6 @@
 //! Tier 1: the light of the whole scene on a coarse mesh.
 
+mod caustic_light;
 mod direct;
 mod elements;
 mod guide;
@@ -7,6 +8,7 @@ mod links;
 mod mesh;
 mod solution;
 
+pub use caustic_light::MOST_TRIANGLES;
 pub use direct::SampledLight;
 pub use elements::Elements;
 pub use mesh::CoarseMesh;

@@ -2,10 +2,11 @@
 //! from the closed form and shadow rays at points of every element, bounced light from the links
 //! between elements. The camera sees it only through gather rays.
 
+use super::caustic_light::CausticLight;
 use super::direct::{DirectLight, Lighting, SampledLight};
 use super::elements::ElementIndex;
 use super::guide::Guide;
-use super::links::Links;
+use super::links::{Linking, Links};
 use super::mesh::{CoarseMesh, PatchValues};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::DirectLights;
@@ -40,6 +41,8 @@ pub struct CoarseSolution {
     sampled: Vec<SampledLight>,
     direct: Vec<DirectLight>,
     links: Links,
+    /// Light by way of clear bodies, where there are some.
+    caustics: Option<CausticLight>,
     /// Bright patches that gather rays are aimed at, if any.
     pub guide: Option<Guide>,
     /// Irradiance of the patches, direct and indirect.
@@ -66,10 +69,12 @@ impl CoarseSolution {
             sampled: sampled.unwrap_or_default(),
             direct: Vec::new(),
             links: Links::default(),
+            caustics: None,
             guide: None,
             total: PatchValues::default(),
             indirect: PatchValues::default(),
         };
+        this.caustics = CausticLight::new(&this.world, count, seed.number);
         if this.sampled.is_empty() {
             this.sampled = vec![SampledLight::default(); count];
             this.sample_direct(seed, PATCH_POINTS.min(most_points(count)));
@@ -100,21 +105,50 @@ impl CoarseSolution {
             self.sample_direct(seed, points.min(most_points(self.mesh.elements.len())));
             self.update_direct();
         }
-        self.links.trace(&self.world, &self.mesh, seed, rays);
-        self.links.solve(&self.mesh.elements.albedo, &self.direct);
+        let linking = Linking { world: &self.world, mesh: &self.mesh, is_mapped: self.is_mapped() };
+        self.links.trace(linking, seed, rays);
+        match &self.caustics {
+            None => self.links.solve(&self.mesh.elements.albedo, &self.direct),
+            Some(caustics) => {
+                let elements = self.mesh.elements.all();
+                let lit = elements.zip(&self.direct).map(|(element, direct)| {
+                    let by_caustics = caustics.of_element(&self.mesh, element);
+                    DirectLight { irradiance: direct.irradiance + by_caustics, ..*direct }
+                });
+                self.links.solve(&self.mesh.elements.albedo, &lit.collect::<Vec<_>>());
+            }
+        }
         self.update_irradiance();
     }
 
-    /// Writes the points' direct light and the links.
+    /// Finds more of the light that comes by way of clear bodies.
+    pub fn shed_caustics(&mut self) {
+        if let Some(caustics) = &mut self.caustics {
+            caustics.advance(&self.world, &self.mesh);
+        }
+    }
+
+    /// Light by way of clear bodies, where there are some.
+    pub fn caustics(&self) -> Option<&CausticLight> {
+        self.caustics.as_ref()
+    }
+
+    /// Writes the points' direct light, the links and the caustics.
     pub fn save(&self, to: &mut Writer) {
         to.slice(&self.sampled);
         self.links.save(self.sampled.len(), to);
+        if let Some(caustics) = &self.caustics {
+            caustics.save(to);
+        }
     }
 
-    /// Reads the links that [`CoarseSolution::save`] wrote behind the points' direct light, with
+    /// Reads the links and caustics that [`CoarseSolution::save`] wrote behind the points' direct light, with
     /// which it was made ([`CoarseSolution::new`]).
     pub fn restore_links(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
         self.links = Links::restore(self.sampled.len(), from)?;
+        if let Some(caustics) = &mut self.caustics {
+            caustics.restore(from)?;
+        }
         self.update_irradiance();
         Ok(())
     }
@@ -122,6 +156,12 @@ impl CoarseSolution {
     /// Irradiance of each patch, direct and indirect.
     pub fn irradiances(&self) -> &[Rgb] {
         &self.total.patches
+    }
+
+    /// Whether a map has what emitters bring to diffuse surfaces by way of what bends light or
+    /// mirrors it sharply.
+    pub fn is_mapped(&self) -> bool {
+        self.caustics.is_some()
     }
 
     /// Links so far.
@@ -142,7 +182,10 @@ impl CoarseSolution {
                 continue;
             }
             let bounced = self.links.bounced.get(element.at()).copied().unwrap_or_default();
-            (indirect[patch], total[patch]) = (bounced, bounced + lit.irradiance);
+            let caustics = self.caustics.as_ref();
+            let by_caustics =
+                caustics.map_or(Rgb::ZERO, |caustics| caustics.of_element(&self.mesh, element));
+            (indirect[patch], total[patch]) = (bounced, bounced + lit.irradiance + by_caustics);
         }
         (self.total, self.indirect) = (self.mesh.smooth(total), self.mesh.smooth(indirect));
         let radiosity = elements.all().zip(&elements.albedo).map(|(element, albedo)| {
@@ -199,8 +242,7 @@ impl CoarseSolution {
             return albedo * self.mesh.value(&self.total, place) / PI;
         };
         let (start, normal) = (surface.start(), surface.shading_normal);
-        let direct =
-            self.lights.sample_by_shadow_ray(&self.world.rays, start, normal, afresh.light);
+        let direct = self.lights.sample_by_shadow_ray(&self.world, start, normal, afresh.light);
         let direct = direct.irradiance(self.share(place));
         let bounced = match afresh.next {
             Some(next) if self.mesh.is_near(place.facet, hit.distance) => {
@@ -208,7 +250,9 @@ impl CoarseSolution {
             }
             _ => self.mesh.value(&self.indirect, place),
         };
-        albedo * (bounced + direct) / PI
+        let caustics = self.caustics.as_ref();
+        let by_caustics = caustics.map_or(Rgb::ZERO, |caustics| caustics.irradiance(surface));
+        albedo * (bounced + direct + by_caustics) / PI
     }
 
     /// Irradiance that has bounced, by one ray: some of them are aimed at bright patches (balance
@@ -245,7 +289,22 @@ impl CoarseSolution {
             let height = normal.dot(direction).max(f32::MIN_POSITIVE);
             weight = height / (height * (1.0 - aimed_share) + aimed_share * PI * density);
         }
-        weight * PI * self.reflected_as_diffuse(&hit, Some(next.afresh()))
+        weight * PI * self.arriving_as_diffuse(hit, direction, next)
+    }
+
+    /// Radiance that arrives along a ray that met this, if need be through clear surfaces.
+    fn arriving_as_diffuse(&self, hit: Hit, direction: Vec3, next: Next) -> Rgb {
+        if !self.world.is_clear(hit.triangle) {
+            return self.reflected_as_diffuse(&hit, Some(next.afresh()));
+        }
+        let passage = self.world.pass(hit, direction);
+        let reflected = passage.met().map_or(Rgb::ZERO, |met| {
+            passage.left * self.reflected_as_diffuse(&met, Some(next.afresh()))
+        });
+        match passage.is_bent {
+            true => reflected + passage.bent_light(&self.world, !self.is_mapped()),
+            false => reflected,
+        }
     }
 }
 

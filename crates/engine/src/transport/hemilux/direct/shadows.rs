@@ -50,6 +50,9 @@ const ALIKE_VARIANCES: f32 = 6.0;
 /// The same from which it does not count, since a shadow's edge is in between: 4.9 standard
 /// deviations.
 const UNLIKE_VARIANCES: f32 = 24.0;
+/// Shares of blocked light of two rays that differ by less count as the same: panes take a little
+/// more of light that crosses them at another angle.
+const SAME_SHARE: f32 = 0.02;
 
 /// Bound on rays of a fragment read from a checkpoint: more than any run casts, so a larger number
 /// means damage.
@@ -64,7 +67,8 @@ struct StoredShadowSums {
     cast: Rgb,
     squares: f32,
     rays: u32,
-    blocked: u32,
+    blocked: f32,
+    first: f32,
     disputed: u32,
 }
 
@@ -83,8 +87,12 @@ pub struct ShadowSums {
     squares: f32,
     /// Rays so far.
     rays: u32,
-    /// Rays that were blocked.
-    blocked: u32,
+    /// Σ share of the light of each ray that something kept from arriving.
+    blocked: f32,
+    /// That share of the first ray; negative before that.
+    first: f32,
+    /// Whether that of another ray was another.
+    mixed: bool,
     /// Whether rays here or in the neighbourhood disagreed when they were last compared.
     disputed: bool,
 }
@@ -111,6 +119,7 @@ impl DirectLighting {
     ) -> Self {
         let unoccluded = |fragment: &Fragment| ShadowSums {
             unoccluded: lights.unoccluded(fragment.point, fragment.shading_normal).irradiance,
+            first: -1.0,
             ..ShadowSums::default()
         };
         let sums = visible.fragments.par_iter().with_min_len(CHUNK).map(unoccluded).collect();
@@ -129,7 +138,8 @@ impl DirectLighting {
             squares: sums.squares,
             rays: sums.rays,
             blocked: sums.blocked,
-            disputed: u32::from(sums.disputed),
+            first: sums.first,
+            disputed: u32::from(sums.disputed) | u32::from(sums.mixed) << 1,
         });
         to.value(self.passes);
         to.value(self.rays);
@@ -141,16 +151,14 @@ impl DirectLighting {
         self.passes = from.value()?;
         self.rays = from.value()?;
         let stored: Vec<StoredShadowSums> = from.exactly(self.sums.len())?;
-        if stored
-            .iter()
-            .any(|stored| stored.rays > MOST_RAYS_OF_ALL || stored.blocked > stored.rays)
+        if stored.iter().any(|stored| stored.rays > MOST_RAYS_OF_ALL || !stored.blocked.is_finite())
         {
             return Err(CheckpointError::damaged("there can't be that many rays"));
         }
         for (sums, stored) in self.sums.iter_mut().zip(stored) {
             (sums.seen, sums.cast, sums.squares) = (stored.seen, stored.cast, stored.squares);
-            (sums.rays, sums.blocked) = (stored.rays, stored.blocked);
-            sums.disputed = stored.disputed != 0;
+            (sums.rays, sums.blocked, sums.first) = (stored.rays, stored.blocked, stored.first);
+            (sums.disputed, sums.mixed) = (stored.disputed & 1 != 0, stored.disputed & 2 != 0);
         }
         Ok(())
     }
@@ -226,8 +234,8 @@ impl DirectLighting {
                 let mut disagrees = false;
                 around(visible, index, NEIGHBOUR_REACH, |other, _, _| {
                     let other = &sums[other];
-                    disagrees |=
-                        other.rays > 0 && (other.blocked * mine.rays != mine.blocked * other.rays);
+                    let off = other.blocked_share() - mine.blocked_share();
+                    disagrees |= other.rays > 0 && off.abs() > SAME_SHARE;
                 });
                 disagrees
             })
@@ -284,10 +292,10 @@ impl DirectLighting {
             let scatter = sums.squares * sums.rays as f32 / (all * all) - 1.0;
             return mean * mean * (scatter.max(0.0) / (sums.rays - 1) as f32 * WELL_SPREAD_FACTOR);
         }
-        if sums.rays == 0 || sums.blocked == 0 || sums.blocked == sums.rays {
+        if !sums.mixed {
             return Rgb::ZERO;
         }
-        let share = sums.blocked as f32 / sums.rays as f32;
+        let share = sums.blocked_share();
         // Well-spread points do better than random ones: the variance falls by about n^−1.5.
         let variance = share * (1.0 - share) / (sums.rays as f32).powf(1.5);
         sums.unoccluded * sums.unoccluded * variance
@@ -306,7 +314,7 @@ impl ShadowSums {
 
     /// Whether rays here or around disagreed when they were last compared, or do so here since.
     fn is_disputed(&self) -> bool {
-        self.disputed || (self.blocked > 0 && self.blocked < self.rays)
+        self.disputed || self.mixed
     }
 
     /// Weight of a neighbour, 0 to 1, by how likely chance alone explains the difference between
@@ -319,24 +327,26 @@ impl ShadowSums {
     }
 
     fn blocked_share(&self) -> f32 {
-        self.blocked as f32 / self.rays.max(1) as f32
+        self.blocked / self.rays.max(1) as f32
     }
 
     /// Variance of the share of blocked rays; where all agree, as if one half of a ray did not.
     fn chance(&self) -> f32 {
-        let share = (self.blocked as f32 + 0.5) / (self.rays + 1) as f32;
+        let share = (self.blocked + 0.5) / (self.rays + 1) as f32;
         share * (1.0 - share) / self.rays.max(1) as f32
     }
 
     /// Adds what a shadow ray found; `irradiance` is what its light point stands for.
-    fn add_ray(&mut self, irradiance: Rgb, blocked: bool, exact: bool) {
-        if blocked {
-            self.blocked += 1;
-            return;
+    fn add_ray(&mut self, irradiance: Rgb, visibility: Rgb, exact: bool) {
+        let blocked = 1.0 - importance(visibility);
+        if self.first < 0.0 {
+            self.first = blocked;
         }
-        self.seen += irradiance;
+        self.mixed |= (blocked - self.first).abs() > SAME_SHARE;
+        self.blocked += blocked;
+        self.seen += irradiance * visibility;
         if !exact {
-            self.squares += importance(irradiance).powi(2);
+            self.squares += importance(irradiance * visibility).powi(2);
         }
     }
 }
@@ -356,7 +366,7 @@ struct Batch {
     /// Of each ray, its fragment's index in the chunk, and the irradiance that its light point
     /// stands for.
     ends: Vec<(usize, Rgb)>,
-    blocked: Vec<bool>,
+    visible: Vec<Rgb>,
 }
 
 impl Caster<'_> {
@@ -411,9 +421,9 @@ impl Batch {
 
     /// Traces the rays, adds what they found to the fragments' sums and empties the batch.
     fn trace(&mut self, caster: &Caster<'_>, sums: &mut [ShadowSums]) {
-        caster.world.rays.blocked_many(&self.segments, |_, _| false, &mut self.blocked);
-        for ((index, irradiance), blocked) in self.ends.iter().zip(&self.blocked) {
-            sums[*index].add_ray(*irradiance, *blocked, caster.lights.is_exact());
+        caster.world.visibility_many(&self.segments, &mut self.visible);
+        for ((index, irradiance), visibility) in self.ends.iter().zip(&self.visible) {
+            sums[*index].add_ray(*irradiance, *visibility, caster.lights.is_exact());
         }
         self.segments.clear();
         self.ends.clear();

@@ -9,7 +9,7 @@ use crate::sampling::{Afresh, Seed, Shifted, cosine_local, frame};
 use crate::surface::World;
 use crate::transport::hemilux::coarse::CoarseSolution;
 use crate::transport::hemilux::fragments::VisibleSurfaces;
-use crate::transport::hemilux::gloss::reflected_at;
+use crate::transport::hemilux::gloss::arriving;
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 
@@ -173,7 +173,7 @@ impl Record {
             }
             self.update_horizon(world, *direction, hit);
             let numbers = afresh.then_some(ray.numbers);
-            let radiance = weight * reflected_at(coarse, hit, *direction, numbers);
+            let radiance = weight * arriving(coarse, hit, *direction, numbers);
             self.sum += radiance;
             self.split += if 2 * ray.number < rays { radiance } else { -radiance };
         }

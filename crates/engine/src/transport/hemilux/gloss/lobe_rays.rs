@@ -3,11 +3,11 @@
 //! ends on a diffuse surface, direct light is found afresh, and bounced light is the coarse
 //! solution's.
 
-use crate::emitters::LobeAxis;
+use crate::emitters::{AllUnoccluded, LobeAxis};
 use crate::radiometry::Rgb;
-use crate::rays::{Eye, Hit};
+use crate::rays::Hit;
 use crate::sampling::{Afresh, power_heuristic};
-use crate::surface::{Reflection, Surface};
+use crate::surface::{Passage, PassageEnd, Reflection, Surface};
 use crate::transport::hemilux::coarse::CoarseSolution;
 use glam::Vec3;
 
@@ -31,6 +31,82 @@ pub struct LobePathNumbers {
     pub numbers: Afresh,
     /// Most lobes that it follows.
     pub most_lobes: u32,
+    /// Whether a map has what emitters bring along it, as long as its lobes are sharp: then it began
+    /// at a diffuse reflection.
+    pub is_mapped: bool,
+}
+
+/// A lobe of a path: where light leaves it, and what lights are picked by there.
+struct LobeAt<'a> {
+    coarse: &'a CoarseSolution,
+    surface: Surface,
+    viewer: Vec3,
+    unoccluded: AllUnoccluded,
+    /// Whether a map has what emitters bring to it.
+    is_mapped: bool,
+}
+
+impl<'a> LobeAt<'a> {
+    fn new(coarse: &'a CoarseSolution, surface: Surface, viewer: Vec3, is_mapped: bool) -> Self {
+        let reflection = surface.reflection();
+        let axis =
+            LobeAxis { direction: surface.mirrored(viewer), exponent: reflection.exponent() };
+        let unoccluded = coarse.lights.for_lobe(surface.start(), surface.shading_normal, axis);
+        let is_mapped = is_mapped && reflection.is_sharp();
+        Self { coarse, surface, viewer, unoccluded, is_mapped }
+    }
+
+    /// What the lobe reflects of a light that is sampled.
+    fn by_lights(&self, xi: Vec3) -> Rgb {
+        if self.is_mapped {
+            return Rgb::ZERO;
+        }
+        let (start, normal) = (self.surface.start(), self.surface.shading_normal);
+        let Some(light) = self.coarse.lights.sample(&self.unoccluded, start, normal, xi) else {
+            return Rgb::ZERO;
+        };
+        let direction = (light.end - start).normalize_or_zero();
+        let (parts, density) =
+            self.surface.reflection().evaluate_with_pdf(self.viewer, direction, 0.0);
+        let value = parts.both();
+        if value == Rgb::ZERO || self.surface.normal.dot(direction) <= 0.0 {
+            return Rgb::ZERO;
+        }
+        let seen = self.coarse.world.visibility(start, light.end);
+        value * light.irradiance * seen * power_heuristic(light.density, density)
+    }
+
+    /// What a ray of that density brings from where it left the scene. The sun is found by rays that
+    /// were bent only where the lobe is sharp; others meet it too seldom.
+    fn escaping(&self, sight: &Passage, density: f32) -> Rgb {
+        let normal = self.surface.shading_normal;
+        let far = self.coarse.lights.escaping(&self.unoccluded, normal, sight.direction);
+        let finds_sun = !self.is_mapped && (!sight.is_bent || self.surface.reflection().is_sharp());
+        let weighed = |(group, (radiance, other)): (usize, (Rgb, f32))| {
+            let is_found = group == 0 || finds_sun;
+            match radiance != Rgb::ZERO && is_found {
+                true if sight.is_bent || self.is_mapped => radiance,
+                true => radiance * power_heuristic(density, other),
+                false => Rgb::ZERO,
+            }
+        };
+        sight.left * far.into_iter().enumerate().map(weighed).sum::<Rgb>()
+    }
+
+    /// What such a ray brings of the emission of what it met.
+    fn emitted(&self, sight: &Passage, hit: &Hit, met: &Surface, density: f32) -> Rgb {
+        if met.emission == Rgb::ZERO || self.is_mapped {
+            return Rgb::ZERO;
+        }
+        if sight.is_bent {
+            return sight.left * met.emission;
+        }
+        let place = (self.surface.start(), self.surface.shading_normal);
+        let hit = hit.after(sight.way);
+        let lights = &self.coarse.lights;
+        let other = lights.density(&self.unoccluded, place, &hit, met.normal, sight.direction);
+        sight.left * met.emission * power_heuristic(density, other)
+    }
 }
 
 /// Radiance that a surface's lobe reflects towards the unit vector `viewer`, by one ray, and by one
@@ -42,69 +118,80 @@ pub fn radiance_by_lobe(
     mut viewer: Vec3,
     path_numbers: LobePathNumbers,
 ) -> (Rgb, f32) {
-    let LobePathNumbers { mut xi, mut numbers, most_lobes } = path_numbers;
-    let (world, lights) = (&*coarse.world, &*coarse.lights);
+    let LobePathNumbers { mut xi, mut numbers, most_lobes, mut is_mapped } = path_numbers;
+    let world = &*coarse.world;
     let mut surface = surface.lobe_only();
     let (mut sum, mut carried, mut nearness) = (Rgb::ZERO, Rgb::ONE, 0.0);
     for lobe in 1.. {
-        let start = surface.start();
-        let reflection = surface.reflection();
-        let axis =
-            LobeAxis { direction: surface.mirrored(viewer), exponent: reflection.exponent() };
-        let normal = surface.shading_normal;
-        let unoccluded = lights.for_lobe(start, normal, axis);
-        if let Some(light) = lights.sample(&unoccluded, start, normal, numbers.light) {
-            let direction = (light.end - start).normalize_or_zero();
-            let (parts, density) = reflection.evaluate_with_pdf(viewer, direction, 0.0);
-            let value = parts.both();
-            let above = surface.normal.dot(direction) > 0.0;
-            if value != Rgb::ZERO && above && !world.rays.blocked(start, light.end, |_| false) {
-                sum += carried * value * light.irradiance * power_heuristic(light.density, density);
-            }
+        let at = LobeAt::new(coarse, surface, viewer, is_mapped);
+        is_mapped = at.is_mapped;
+        sum += carried * at.by_lights(numbers.light);
+        let scattered = surface.reflection().sample(viewer, 0.0, false, xi);
+        let Some(scattered) = scattered else { break };
+        let sight = world.look(surface.start(), scattered.direction);
+        carried *= scattered.factor.both();
+        if !at.is_mapped {
+            sum += carried * sight.shine;
         }
-        let Some(scattered) = reflection.sample(viewer, 0.0, false, xi) else { break };
-        let direction = scattered.direction;
-        let Some(hit) = world.rays.closest(Eye::Light, start, direction) else {
-            carried *= scattered.factor.both();
-            for (radiance, other) in lights.escaping(&unoccluded, normal, direction) {
-                if radiance != Rgb::ZERO {
-                    sum += carried * radiance * power_heuristic(scattered.pdf, other);
-                }
+        let hit = match sight.end {
+            PassageEnd::Met(hit) => hit,
+            PassageEnd::Escaped => {
+                sum += carried * at.escaping(&sight, scattered.pdf);
+                break;
             }
-            break;
+            PassageEnd::Lost => break,
         };
         if lobe == 1 {
-            nearness = 1.0 / hit.distance.max(1e-3);
+            nearness = 1.0 / sight.way.max(1e-3);
         }
         let Some(met) = world.surface(&hit) else { break };
-        let place = (start, normal);
-        carried *= scattered.factor.both();
-        if met.emission != Rgb::ZERO {
-            let other = lights.density(&unoccluded, place, &hit, met.normal, direction);
-            sum += carried * met.emission * power_heuristic(scattered.pdf, other);
-        }
+        sum += carried * at.emitted(&sight, &hit, &met, scattered.pdf);
+        carried *= sight.left;
         let next_carried = (carried * met.reflection().specular()).max_element();
         let Some(next) = numbers.next.filter(|_| next_carried > LEAST_CARRIED && lobe < most_lobes)
         else {
             sum += carried * coarse.reflected_as_diffuse(&hit, Some(numbers));
             break;
         };
-        sum += carried * coarse.reflected_diffusely(&hit, -direction, numbers);
-        (surface, viewer) = (met.lobe_only(), -direction);
+        sum += carried * coarse.reflected_diffusely(&hit, -sight.direction, numbers);
+        (surface, viewer) = (met.lobe_only(), -sight.direction);
         numbers = Afresh { next: Some(next.after()), ..next.afresh() };
         xi = numbers.bounce;
     }
     (sum, nearness)
 }
 
-/// Radiance that a hit reflects against the `direction` of the ray. With random numbers the
-/// light there is found out afresh: the emitters' by a shadow ray, what a lobe reflects, at
-/// times, by another ray, and, where the patch is so near that its mean will not do, what has
-/// bounced by one more.
-pub fn reflected_at(
+/// Radiance that arrives at a diffuse surface along a ray in `direction` that met this, beside
+/// what is found as direct light. With random numbers the light at its end is found out afresh.
+pub fn arriving(
     coarse: &CoarseSolution,
     hit: &Hit,
     direction: Vec3,
+    afresh: Option<Afresh>,
+) -> Rgb {
+    let is_mapped = coarse.is_mapped();
+    if !coarse.world.is_clear(hit.triangle) {
+        return reflected_at(coarse, hit, (direction, is_mapped), afresh);
+    }
+    let passage = coarse.world.pass(*hit, direction);
+    let reflected = passage.met().map_or(Rgb::ZERO, |met| {
+        passage.left * reflected_at(coarse, &met, (passage.direction, is_mapped), afresh)
+    });
+    match passage.is_bent {
+        true => reflected + passage.bent_light(&coarse.world, !is_mapped),
+        false => reflected,
+    }
+}
+
+/// Radiance that a hit reflects against the `direction` of the ray. With random numbers the
+/// light there is found out afresh: the emitters' by a shadow ray, what a lobe reflects, at
+/// times, by another ray, and, where the patch is so near that its mean will not do, what has
+/// bounced by one more. With `is_mapped` the ray is from a diffuse surface, and a map has what
+/// emitters bring there by sharp lobes.
+pub fn reflected_at(
+    coarse: &CoarseSolution,
+    hit: &Hit,
+    (direction, is_mapped): (Vec3, bool),
     afresh: Option<Afresh>,
 ) -> Rgb {
     let Some(surface) = coarse.world.surface(hit) else { return Rgb::ZERO };
@@ -120,6 +207,7 @@ pub fn reflected_at(
         return diffuse;
     }
     let numbers = Afresh { next: Some(next.after()), ..next.afresh() };
-    let path_numbers = LobePathNumbers { xi: numbers.bounce, numbers, most_lobes: MOST_LOBES };
+    let path_numbers =
+        LobePathNumbers { xi: numbers.bounce, numbers, most_lobes: MOST_LOBES, is_mapped };
     diffuse + radiance_by_lobe(coarse, surface, -direction, path_numbers).0 / probability
 }

@@ -3,6 +3,7 @@
 //! share is radiance over the lobe's albedo, so that textures of colour and metal stay sharp.
 
 use super::lobe_rays::{LobePathNumbers, radiance_by_lobe};
+use super::seen_through::seen_through;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::filter::Plane;
 use crate::radiometry::Rgb;
@@ -108,11 +109,10 @@ impl Gloss {
         let placed = |lobe: &Lobe| {
             let surface = visible.surface(world, lobe, 0);
             let viewer = visible.frame.towards_eye(surface.spot.point);
-            PlacedLobe {
-                point: surface.spot.point,
-                direction: surface.mirrored(viewer),
-                exponent: surface.reflection().exponent(),
-            }
+            let exponent = surface
+                .clear
+                .map_or_else(|| surface.reflection().exponent(), |clear| clear.exponent());
+            PlacedLobe { point: surface.spot.point, direction: surface.mirrored(viewer), exponent }
         };
         let lobes: Vec<PlacedLobe> =
             visible.lobes.par_iter().with_min_len(1024).map(placed).collect();
@@ -182,19 +182,8 @@ impl Gloss {
             let place = BAYER[(y % 4 * 4 + x % 4) as usize];
             for ray in sums.rays..sums.rays + rays {
                 let at = sequence.at(ray.wrapping_mul(16).wrapping_add(place));
-                let surface = visible.surface(&coarse.world, lobe, ray);
-                let viewer = visible.frame.towards_eye(surface.spot.point);
-                let path_numbers =
-                    LobePathNumbers { xi: at.pair(), numbers: at.afresh(), most_lobes: MOST_LOBES };
-                let (radiance, nearness) = radiance_by_lobe(coarse, surface, viewer, path_numbers);
-                let albedo = surface.lobe_only().reflection().albedo(viewer);
-                let seen = radiance / albedo.max(Rgb::splat(LEAST_ALBEDO));
-                sums.radiance += seen;
-                sums.squares += seen * seen;
-                sums.albedo += albedo;
-                sums.nearness += nearness;
+                sums.add(trace(coarse, visible, (lobe, ray), &at));
             }
-            sums.rays += rays;
         });
         self.passes += 1;
     }
@@ -322,7 +311,50 @@ impl Gloss {
     }
 }
 
+/// What a ray of a lobe found.
+struct Found {
+    /// Radiance over the lobe's albedo.
+    radiance: Rgb,
+    /// Albedo of the lobe towards the camera; 1 of what is clear.
+    albedo: Rgb,
+    /// 1/distance to what it met.
+    nearness: f32,
+}
+
+/// Traces a ray of a lobe, by its number.
+fn trace(
+    coarse: &CoarseSolution,
+    visible: &VisibleSurfaces,
+    (lobe, ray): (&Lobe, u32),
+    at: &Shifted,
+) -> Found {
+    let surface = visible.surface(&coarse.world, lobe, ray);
+    if coarse.world.is_clear(surface.triangle) {
+        let (origin, direction) = visible.lobe_ray(lobe, ray);
+        let (radiance, nearness) = seen_through(coarse, origin, direction, at.afresh());
+        return Found { radiance, albedo: Rgb::ONE, nearness };
+    }
+    let viewer = visible.frame.towards_eye(surface.spot.point);
+    let path_numbers = LobePathNumbers {
+        xi: at.pair(),
+        numbers: at.afresh(),
+        most_lobes: MOST_LOBES,
+        is_mapped: false,
+    };
+    let (radiance, nearness) = radiance_by_lobe(coarse, surface, viewer, path_numbers);
+    let albedo = surface.lobe_only().reflection().albedo(viewer);
+    Found { radiance: radiance / albedo.max(Rgb::splat(LEAST_ALBEDO)), albedo, nearness }
+}
+
 impl LobeSums {
+    fn add(&mut self, found: Found) {
+        self.radiance += found.radiance;
+        self.squares += found.radiance * found.radiance;
+        self.albedo += found.albedo;
+        self.nearness += found.nearness;
+        self.rays += 1;
+    }
+
     fn mean(&self) -> Rgb {
         self.radiance / self.rays.max(1) as f32
     }

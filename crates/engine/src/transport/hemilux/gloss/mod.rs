@@ -3,6 +3,7 @@
 
 mod lobe_rays;
 mod lobes;
+mod seen_through;
 
-pub use lobe_rays::reflected_at;
+pub use lobe_rays::arriving;
 pub use lobes::Gloss;

@@ -1,13 +1,11 @@
 //! What makes maps: showers of light rays, block by block, onto the surfaces that caustics fall on.
 
 use super::charts::{Charts, Receiver};
-use super::light_rays::{Casters, LightRays};
-use super::map::Map;
+use super::light_rays::{Casters, LightRays, Lit};
+use super::map::{Map, PowerDeposit};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
-use crate::emitters::TriangleLights;
 use crate::radiometry::{IMPORTANCE_WEIGHTS, Rgb, importance};
 use crate::surface::World;
-use crate::transport::ray_traced::View;
 use std::collections::BTreeMap;
 
 /// Rays that are shot between looks at the clock, and the least of a pass.
@@ -43,13 +41,11 @@ pub struct Maker {
 
 impl Maker {
     /// Charts the surfaces for `cells` cells; `count` rays are shot for a pass.
-    pub fn new(view: &View, casters: Casters, count: u64, cells: u64, seed: u64) -> Self {
-        let mut receivers = receivers(&view.world);
-        if let Some(lights) = &view.lights.triangles {
-            let pilot = light_rays((view, lights), &casters, PILOT, seed);
-            weigh(&mut receivers, &view.world, &pilot);
-        }
-        let map = Map::new(Charts::new(&view.world.scene, &receivers, cells));
+    pub fn new(lit: Lit<'_>, casters: Casters, count: u64, cells: u64, seed: u64) -> Self {
+        let mut receivers = receivers(lit.world);
+        let pilot = LightRays { lit, casters: &casters, count: PILOT, seed };
+        weigh(&mut receivers, lit.world, &pilot);
+        let map = Map::new(Charts::new(&lit.world.scene, &receivers, cells));
         let interval = (map.len() as u64).div_ceil(VALUES_PER_RAY * count).clamp(1, MOST_PASSES);
         let count = (count * interval).next_multiple_of(2);
         Self { casters, seed, map, interval, count, shot: 0, deposits: 0, rays: 0 }
@@ -60,10 +56,10 @@ impl Maker {
         self.map.showers() <= pass / self.interval
     }
 
-    /// Shoots the next block of a shower.
-    pub fn advance(&mut self, view: &View) {
-        let Some(lights) = &view.lights.triangles else { return };
-        let light_rays = light_rays((view, lights), &self.casters, self.count, self.seed);
+    /// Shoots the next block of a shower; what it brought.
+    pub fn advance(&mut self, lit: Lit<'_>) -> Vec<PowerDeposit> {
+        let light_rays =
+            LightRays { lit, casters: &self.casters, count: self.count, seed: self.seed };
         let block = self.shot..(self.shot + BLOCK).min(self.count);
         let shower = light_rays.shoot(self.map.showers(), block);
         self.map.deposit(&shower.deposits);
@@ -74,6 +70,16 @@ impl Maker {
             self.shot = 0;
             self.map.finish_shower();
         }
+        shower.deposits
+    }
+
+    /// Shoots a whole shower, or the rest of one; what it brought.
+    pub fn shower(&mut self, lit: Lit<'_>) -> Vec<PowerDeposit> {
+        let (mut all, showers) = (Vec::new(), self.map.showers());
+        while self.map.showers() == showers {
+            all.extend(self.advance(lit));
+        }
+        all
     }
 
     /// Writes the map and how it was made.
@@ -109,15 +115,6 @@ impl Maker {
             diagnostics.insert(name.into(), value);
         }
     }
-}
-
-fn light_rays<'a>(
-    (view, lights): (&'a View, &'a TriangleLights),
-    casters: &'a Casters,
-    count: u64,
-    seed: u64,
-) -> LightRays<'a> {
-    LightRays { world: &view.world, lights, casters, count, seed }
 }
 
 /// The sides of triangles that reflect diffusely anywhere, all with the same weight for their

@@ -6,9 +6,13 @@
 //! Φ = L_e G(y, s) / (p(y) (½ p_a(s|y) + ½ p_b(s))) / N, with p_a = cosθ_y cosθ_s/(π r²) and
 //! p_b = 1/(their area). Since G = π p_a, no ray carries more than twice what it would by the cosine
 //! alone, and none is wasted where what makes the caustic is small.
+//!
+//! Light of the sun and of points has one direction at a point s: all of its rays go to points picked
+//! on what makes caustics, with Φ = E cosθ_s/p_b(s)/N. Each kind of light gets the same number of
+//! rays.
 
 use super::map::PowerDeposit;
-use crate::emitters::{EmissionSample, TriangleLights};
+use crate::emitters::{EmissionSample, SceneLights};
 use crate::radiometry::Rgb;
 use crate::random::{Numbers, Stream};
 use crate::rays::Eye;
@@ -54,14 +58,54 @@ impl Casters {
             density: (1.0 / total) as f32,
         })
     }
+
+    /// A point of one of them, uniform in area: triangle and barycentric (u, v).
+    fn point(&self, xi: [f64; 3]) -> (u32, [f32; 2]) {
+        let triangle = self.triangles[self.choice.pick(xi[0])];
+        let root = xi[1].sqrt() as f32;
+        (triangle, [root * (1.0 - xi[2] as f32), root * xi[2] as f32])
+    }
+}
+
+/// A scene and its lights.
+#[derive(Clone, Copy)]
+pub struct Lit<'a> {
+    /// The scene.
+    pub world: &'a World,
+    /// Its lights.
+    pub lights: &'a SceneLights,
+}
+
+/// Kinds of light that make caustics.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Triangles,
+    Sun,
+    Points,
+}
+
+impl Lit<'_> {
+    /// The kinds of light that there are.
+    fn kinds(&self) -> Vec<Kind> {
+        let lights = self.lights;
+        let all = [
+            (Kind::Triangles, lights.triangles.is_some()),
+            (Kind::Sun, lights.has_sun()),
+            (Kind::Points, lights.punctual_count() > 0),
+        ];
+        all.into_iter().filter(|(_, shines)| *shines).map(|(kind, _)| kind).collect()
+    }
+
+    /// Whether anything shines that maps have light of.
+    pub fn casts(&self) -> bool {
+        !self.kinds().is_empty()
+    }
 }
 
 /// What shoots light.
 pub struct LightRays<'a> {
-    /// The scene.
-    pub world: &'a World,
-    /// Its lights.
-    pub lights: &'a TriangleLights,
+    /// The scene and its lights.
+    pub lit: Lit<'a>,
     /// What makes caustics in it.
     pub casters: &'a Casters,
     /// Rays of a pass, even.
@@ -106,20 +150,83 @@ impl LightRays<'_> {
 
     /// One ray of a pass.
     fn trace(&self, pass: u64, ray: u64, shifts: &[f64; DIMENSIONS], shower: &mut Shower) {
+        let kinds = self.lit.kinds();
+        if kinds.is_empty() {
+            return;
+        }
         let numbers = Numbers::new(self.seed, Stream::LightRay, pass * self.count + ray);
-        let mut walk = Walk { numbers, power: Rgb::ZERO, rays: 0 };
-        // Each way to the first surface has the sequence to itself.
-        let xi = spread(ray / 2, shifts);
-        let light = self.lights.emit(self.world, xi[0], [xi[1] as f32, xi[2] as f32]);
-        let first = if ray.is_multiple_of(2) {
-            self.by_cosine(&light, [xi[3] as f32, xi[4] as f32], &mut walk)
-        } else {
-            self.by_area(&light, [xi[3], xi[4], xi[5]], &mut walk)
+        // Pairs of rays go to the kinds of light in turn.
+        let (pair, of_kinds) = (ray / 2, kinds.len() as u64);
+        let pairs = self.count / 2;
+        let kind = (pair % of_kinds) as usize;
+        let own = pairs / of_kinds + u64::from((kind as u64) < pairs % of_kinds);
+        let mut walk = Walk { numbers, power: Rgb::ZERO, rays: 0, count: (2 * own) as f32 };
+        let (number, is_first) = (pair / of_kinds, ray.is_multiple_of(2));
+        let first = match (kinds[kind], &self.lit.lights.triangles) {
+            (Kind::Triangles, Some(lights)) => {
+                // Each way to the first surface has the sequence to itself.
+                let xi = spread(number, shifts);
+                let light = lights.emit(self.lit.world, xi[0], [xi[1] as f32, xi[2] as f32]);
+                if is_first {
+                    self.by_cosine(&light, [xi[3] as f32, xi[4] as f32], &mut walk)
+                } else {
+                    self.by_area(&light, [xi[3], xi[4], xi[5]], &mut walk)
+                }
+            }
+            (kind, _) => {
+                let xi = spread(2 * number + u64::from(!is_first), shifts);
+                self.from_afar(kind, &xi, &mut walk)
+            }
         };
         if let Some((surface, source)) = first {
             self.go_on(surface, source, &mut walk, &mut shower.deposits);
         }
         shower.rays += walk.rays;
+    }
+
+    /// A point of what makes caustics that the sun, or a light without extent, shines on, and the
+    /// direction to the light.
+    fn from_afar(
+        &self,
+        kind: Kind,
+        xi: &[f64; DIMENSIONS],
+        walk: &mut Walk,
+    ) -> Option<(Surface, Vec3)> {
+        let Lit { world, lights } = self.lit;
+        let (triangle, at) = self.casters.point([xi[3], xi[4], xi[5]]);
+        let front = world.at(triangle, at, false);
+        let (source, end, irradiance) = match kind {
+            Kind::Sun => {
+                let (direction, irradiance) = lights.from_sun([xi[1] as f32, xi[2] as f32])?;
+                (direction, front.spot.point + direction * world.rays.beyond(), irradiance)
+            }
+            _ => {
+                let count = lights.punctual_count();
+                let number = ((xi[0] * count as f64) as usize).min(count - 1);
+                let light = lights.punctual_at(number, front.spot.point)?;
+                (light.direction, light.end, light.irradiance * count as f32)
+            }
+        };
+        let surface = self.facing(front, source)?;
+        let arriving = surface.normal.dot(source);
+        let casts = surface.clear.is_some() || surface.reflection().is_sharp();
+        walk.rays += 1;
+        if !casts || world.rays.blocked(surface.start(), end, |_| false) {
+            return None;
+        }
+        let area = world.square_metre() / self.casters.density;
+        walk.power = irradiance * (arriving * area / walk.count);
+        (walk.power != Rgb::ZERO).then_some((surface, source))
+    }
+
+    /// The side of a surface that faces a direction; `None` where that is black.
+    fn facing(&self, front: Surface, to_light: Vec3) -> Option<Surface> {
+        if front.normal.dot(to_light) > 0.0 {
+            return Some(front);
+        }
+        let world = self.lit.world;
+        let has_back = front.clear.is_some() || world.is_two_sided(front.triangle);
+        has_back.then(|| world.at(front.triangle, front.at, true))
     }
 
     /// The first surface, where it makes caustics, and the direction to the light.
@@ -137,7 +244,7 @@ impl LightRays<'_> {
         let direction = normal * cosine + tangent * sine;
         walk.rays += 1;
         let origin = light.spot.off_surface(normal);
-        let (surface, _) = self.world.meet(Eye::Light, origin, direction)?;
+        let (surface, _) = self.lit.world.meet(Eye::Light, origin, direction)?;
         self.join(light, surface, walk)
     }
 
@@ -148,23 +255,14 @@ impl LightRays<'_> {
         xi: [f64; 3],
         walk: &mut Walk,
     ) -> Option<(Surface, Vec3)> {
-        let triangle = self.casters.triangles[self.casters.choice.pick(xi[0])];
-        let root = xi[1].sqrt() as f32;
-        let at = [root * (1.0 - xi[2] as f32), root * xi[2] as f32];
-        let front = self.world.at(triangle, at, false);
-        let to_light = light.spot.point - front.spot.point;
-        let surface = if front.normal.dot(to_light) > 0.0 {
-            front
-        } else if front.clear.is_some() || self.world.is_two_sided(triangle) {
-            self.world.at(triangle, at, true)
-        } else {
-            return None;
-        };
+        let (triangle, at) = self.casters.point(xi);
+        let front = self.lit.world.at(triangle, at, false);
+        let surface = self.facing(front, light.spot.point - front.spot.point)?;
         let joined = self.join(light, surface, walk)?;
         let side = -light.spot.normal.dot(joined.1).signum();
         walk.rays += 1;
         let origin = light.spot.off_surface(light.spot.normal * side);
-        (!self.world.rays.blocked(origin, surface.start(), |_| false)).then_some(joined)
+        (!self.lit.world.rays.blocked(origin, surface.start(), |_| false)).then_some(joined)
     }
 
     /// What light brings to a surface that it is joined with, if that makes caustics.
@@ -193,8 +291,8 @@ impl LightRays<'_> {
         let geometry = leaving * arriving / square;
         let by_cosine = geometry / if light.two_sided { TAU } else { PI };
         let both = 0.5 * (by_cosine + self.casters.density);
-        let share = (geometry / both / self.count as f32) / light.density;
-        walk.power = light.radiance * (share * self.world.square_metre());
+        let share = (geometry / both / walk.count) / light.density;
+        walk.power = light.radiance * (share * self.lit.world.square_metre());
         (walk.power != Rgb::ZERO).then_some((surface, source))
     }
 
@@ -208,11 +306,13 @@ impl LightRays<'_> {
     ) {
         let start_power = walk.power.max_element();
         let mut inside = None;
+        // What only passed panes is found as direct light.
+        let mut is_bent = false;
         for bounce in 0.. {
             if !walk.power.is_finite() {
                 return;
             }
-            if bounce > 0 && surface.reflection().mean_diffuse() != Rgb::ZERO {
+            if is_bent && surface.reflection().mean_diffuse() != Rgb::ZERO {
                 let Surface { triangle, back, at, .. } = surface;
                 let power = walk.power * surface.side().irradiance_factor(source);
                 deposits.push(PowerDeposit { triangle, back, at, power });
@@ -222,10 +322,9 @@ impl LightRays<'_> {
                 .filter(|clear| clear.share >= 1.0 || walk.numbers.uniform() < clear.share);
             let (origin, direction);
             if let Some(clear) = clear {
-                let Some(passed) = clear.pass(surface.side(), source, walk.numbers.uniform())
-                else {
-                    return;
-                };
+                let xi = [(); 3].map(|()| walk.numbers.uniform());
+                let Some(passed) = clear.pass(surface.side(), source, xi) else { return };
+                is_bent |= !(passed.through && self.lit.world.is_pane(surface.triangle));
                 walk.power *= passed.tint * passed.power_factor(surface.side(), source);
                 direction = passed.direction;
                 if passed.through {
@@ -237,6 +336,7 @@ impl LightRays<'_> {
                 let xi = [walk.numbers.uniform(), walk.numbers.uniform()];
                 let lobe = surface.lobe_only().reflection();
                 let Some(scattered) = lobe.sample(source, 0.0, false, xi) else { return };
+                is_bent = true;
                 let factor = surface.side().power_factor(scattered.direction, source);
                 walk.power *= scattered.factor.lobe * factor;
                 (origin, direction) = (surface.start(), scattered.direction);
@@ -251,7 +351,7 @@ impl LightRays<'_> {
                 walk.power /= survival;
             }
             walk.rays += 1;
-            let Some((met, distance)) = self.world.meet(Eye::Light, origin, direction) else {
+            let Some((met, distance)) = self.lit.world.meet(Eye::Light, origin, direction) else {
                 return;
             };
             if let Some(inside) = &inside {
@@ -267,6 +367,8 @@ struct Walk {
     numbers: Numbers,
     power: Rgb,
     rays: u64,
+    /// Rays of its kind of light in a pass.
+    count: f32,
 }
 
 /// Place of a ray in a well-spread sequence in the unit cube: additive recurrence by the powers of
@@ -293,15 +395,15 @@ mod tests {
         for bytes in [made::ring(), made::glass()] {
             let scene = import(&bytes, &Resources::new(), &ImportLimits::default());
             let world = World::new(Arc::new(scene.expect("a valid scene")));
-            let lights = TriangleLights::new(&world).expect("it has a lamp");
+            let lights = SceneLights::new(&world).expect("it has a lamp");
+            let lit = Lit { world: &world, lights: &lights };
             let mut casters = Casters::new(&world).expect("it makes caustics");
             let mut landed = |alone: bool| {
                 if alone {
                     casters.density = 0.0;
                 }
                 let (count, seed) = (300_000, 1);
-                let rays =
-                    LightRays { world: &world, lights: &lights, casters: &casters, count, seed };
+                let rays = LightRays { lit, casters: &casters, count, seed };
                 let mut shower = Shower::default();
                 for ray in (0..count).step_by(if alone { 2 } else { 1 }) {
                     rays.trace(0, ray, &[0.1, 0.7, 0.3, 0.9, 0.5, 0.2], &mut shower);
@@ -318,10 +420,10 @@ mod tests {
     fn rays_do_not_depend_on_the_number_of_threads() {
         let scene = import(&made::ring(), &Resources::new(), &ImportLimits::default());
         let world = World::new(Arc::new(scene.expect("a valid scene")));
-        let lights = TriangleLights::new(&world).expect("it has a lamp");
+        let lights = SceneLights::new(&world).expect("it has a lamp");
+        let lit = Lit { world: &world, lights: &lights };
         let casters = Casters::new(&world).expect("it makes caustics");
-        let rays =
-            LightRays { world: &world, lights: &lights, casters: &casters, count: 5000, seed: 9 };
+        let rays = LightRays { lit, casters: &casters, count: 5000, seed: 9 };
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let shower = pool.install(|| rays.shoot(3, 1000..4001));

@@ -163,7 +163,14 @@ impl Map {
 
 impl Caustics for Map {
     fn irradiance(&self, surface: &Surface) -> Mapped {
-        let Some(shares) = self.charts.shares(surface.triangle, surface.back, surface.at) else {
+        self.at(surface.triangle, surface.back, surface.at)
+    }
+}
+
+impl Map {
+    /// What it says of a side of a triangle at barycentric (u, v).
+    pub fn at(&self, triangle: u32, back: bool, at: [f32; 2]) -> Mapped {
+        let Some(shares) = self.charts.shares(triangle, back, at) else {
             return Mapped::default();
         };
         let mut sum = Mapped::default();

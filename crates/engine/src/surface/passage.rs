@@ -1,0 +1,227 @@
+//! The way of a ray through clear surfaces: from the first one that it meets to what is opaque, or
+//! out of the scene. At each, chance says whether light was mirrored or let through, or whether the
+//! surface is opaque there; the numbers follow from the ray itself, so that the same ray always goes
+//! the same way.
+
+use super::dielectric::{Clear, ExitDirection, Inside};
+use super::point::Surface;
+use super::world::World;
+use crate::radiometry::Rgb;
+use crate::random::pcg;
+use crate::rays::{Eye, Hit};
+use glam::Vec3;
+
+/// Clear surfaces in a row before a ray may be ended by chance.
+const SURE_CROSSINGS: u32 = 8;
+/// Most that it goes on with by chance, so that it ends even in white glass.
+const MOST_SURVIVAL: f32 = 0.97;
+
+/// A ray that clear surfaces were in the way of.
+#[derive(Clone, Copy, Debug)]
+pub struct Passage {
+    /// What is left of each channel of light that comes along it.
+    pub left: Rgb,
+    /// Radiance that clear surfaces on the way emit, as it arrives.
+    pub shine: Rgb,
+    /// Whether it was mirrored or bent anywhere; else it went on along its line.
+    pub is_bent: bool,
+    /// Unit direction at its end.
+    pub direction: Vec3,
+    /// Length of all its way, ray units.
+    pub way: f32,
+    /// What it came to.
+    pub end: PassageEnd,
+    /// A uniform number that nothing was decided by yet.
+    pub chance: f32,
+}
+
+/// What a ray through clear surfaces came to.
+#[derive(Clone, Copy, Debug)]
+pub enum PassageEnd {
+    /// A surface that is opaque there.
+    Met(Hit),
+    /// It left the scene.
+    Escaped,
+    /// Nothing: all was absorbed.
+    Lost,
+}
+
+/// Uniform numbers of a ray.
+struct HashedNumbers(u32);
+
+impl HashedNumbers {
+    fn new(direction: Vec3, hit: &Hit, number: u32) -> Self {
+        let values = [direction.x, direction.y, direction.z, hit.u, hit.v];
+        let start = pcg(hit.triangle ^ pcg(number));
+        Self(values.iter().fold(start, |state, value| pcg(state ^ value.to_bits())))
+    }
+
+    fn next(&mut self) -> f32 {
+        self.0 = pcg(self.0);
+        (self.0 >> 8) as f32 * (1.0 / 16_777_216.0)
+    }
+}
+
+impl World {
+    /// What a ray from `origin` (ray units) along the unit `direction` meets, if need be behind clear
+    /// surfaces.
+    #[inline]
+    pub fn look(&self, origin: Vec3, direction: Vec3) -> Passage {
+        match self.rays.closest(Eye::Light, origin, direction) {
+            Some(hit) if self.is_clear(hit.triangle) => self.pass(hit, direction),
+            Some(hit) => Passage::straight(direction, hit.distance, PassageEnd::Met(hit)),
+            None => Passage::straight(direction, f32::INFINITY, PassageEnd::Escaped),
+        }
+    }
+
+    /// Follows a ray along the unit `direction`, which has met `hit`, through clear surfaces; where
+    /// that is opaque it ends there.
+    pub fn pass(&self, hit: Hit, direction: Vec3) -> Passage {
+        let mut numbers = HashedNumbers::new(direction, &hit, 0);
+        let flight = Flight::new(hit, direction, &mut numbers);
+        self.pass_from(flight, &mut numbers)
+    }
+
+    fn pass_from(&self, mut flight: Flight, numbers: &mut HashedNumbers) -> Passage {
+        loop {
+            let Some((surface, clear)) = self.arrive(&mut flight, numbers) else {
+                return flight.passage;
+            };
+            let xi = [numbers.next(), numbers.next(), numbers.next()];
+            let passed = clear.pass(surface.side(), -flight.passage.direction, xi);
+            if !self.leave(&mut flight, &surface, passed) {
+                return flight.passage;
+            }
+        }
+    }
+
+    /// Follows a camera's ray, which has met `hit`, both ways that it goes from there, mirrored and
+    /// let through; each has its share in [`Passage::left`]. A ray that is traced several times goes
+    /// other ways for another `number`.
+    pub fn pass_both(&self, hit: Hit, direction: Vec3, number: u32) -> [Option<Passage>; 2] {
+        let mut numbers = HashedNumbers::new(direction, &hit, number);
+        let mut flight = Flight::new(hit, direction, &mut numbers);
+        let Some((surface, clear)) = self.arrive(&mut flight, &mut numbers) else {
+            return [Some(flight.passage), None];
+        };
+        let xi = [numbers.next(), numbers.next()];
+        let both = clear.pass_both(surface.side(), -direction, xi);
+        let mut way = |(share, passed): (f32, Option<ExitDirection>)| {
+            let mut flight = flight;
+            flight.passage.left *= share;
+            if share <= 0.0 {
+                return None;
+            }
+            if self.leave(&mut flight, &surface, passed) {
+                let next = self.pass_from(flight, &mut numbers);
+                return Some(next);
+            }
+            Some(flight.passage)
+        };
+        both.map(&mut way)
+    }
+
+    /// Where a ray has arrived: a surface that it goes on at as clear; `None` where it is opaque, or
+    /// where chance ends it.
+    fn arrive(&self, flight: &mut Flight, numbers: &mut HashedNumbers) -> Option<(Surface, Clear)> {
+        let Flight { passage, hit, inside, crossings } = flight;
+        passage.end = PassageEnd::Met(*hit);
+        let surface = self.surface_of(hit);
+        // What it was in: a surface at the end of the way that bounds that knows it, too.
+        let within = surface.clear.and_then(|clear| clear.inside()).filter(|_| hit.back);
+        if let Some(inside) = within.or(*inside) {
+            passage.left *= inside.left_after(hit.distance);
+        }
+        let clear = surface.clear.filter(|clear| numbers.next() < clear.share)?;
+        if *crossings > 0 {
+            passage.shine += passage.left * surface.emission;
+        }
+        *crossings += 1;
+        passage.survives(*crossings, numbers).then_some((surface, clear))
+    }
+
+    /// Goes on from a clear surface to the next one, or out of the scene; whether there is a next one.
+    fn leave(&self, flight: &mut Flight, surface: &Surface, passed: Option<ExitDirection>) -> bool {
+        let Flight { passage, hit, inside, .. } = flight;
+        let Some(passed) = passed else {
+            passage.end = PassageEnd::Lost;
+            return false;
+        };
+        passage.left *= passed.tint;
+        passage.is_bent |= !(passed.through && self.is_pane(hit.triangle));
+        passage.direction = passed.direction;
+        let mut start = surface.start();
+        if passed.through {
+            (start, *inside) = (surface.start_behind(), passed.inside);
+        }
+        let Some(next) = self.rays.closest(Eye::Light, start, passed.direction) else {
+            passage.end = PassageEnd::Escaped;
+            return false;
+        };
+        passage.way += next.distance;
+        *hit = next;
+        true
+    }
+}
+
+/// A ray on its way.
+#[derive(Clone, Copy)]
+struct Flight {
+    passage: Passage,
+    /// What it came to last.
+    hit: Hit,
+    inside: Option<Inside>,
+    crossings: u32,
+}
+
+impl Flight {
+    fn new(hit: Hit, direction: Vec3, numbers: &mut HashedNumbers) -> Self {
+        let passage = Passage::straight(direction, hit.distance, PassageEnd::Met(hit));
+        let passage = Passage { chance: numbers.next(), ..passage };
+        Self { passage, hit, inside: None, crossings: 0 }
+    }
+}
+
+impl Passage {
+    /// A ray that nothing clear was in the way of.
+    fn straight(direction: Vec3, way: f32, end: PassageEnd) -> Self {
+        let (left, shine) = (Rgb::ONE, Rgb::ZERO);
+        Self { left, shine, is_bent: false, direction, way, end, chance: 0.0 }
+    }
+
+    /// Ends it by chance after many crossings; whether it goes on.
+    fn survives(&mut self, crossings: u32, numbers: &mut HashedNumbers) -> bool {
+        if crossings <= SURE_CROSSINGS {
+            return true;
+        }
+        let survival = self.left.max_element().min(MOST_SURVIVAL);
+        if numbers.next() >= survival {
+            self.end = PassageEnd::Lost;
+            return false;
+        }
+        self.left /= survival;
+        true
+    }
+
+    /// Radiance that a bent ray brings of what is not reflected: of the sky, and `with_emission` of
+    /// emitters. Of the sun, which such rays meet too seldom, it brings nothing.
+    pub fn bent_light(&self, world: &World, with_emission: bool) -> Rgb {
+        let shine = if with_emission { self.shine } else { Rgb::ZERO };
+        match self.end {
+            PassageEnd::Escaped => shine + self.left * world.environment.radiance(self.direction),
+            PassageEnd::Met(hit) if with_emission => {
+                let surface = world.surface(&hit);
+                shine + surface.map_or(Rgb::ZERO, |surface| self.left * surface.emission)
+            }
+            _ => shine,
+        }
+    }
+
+    /// What it met; `None` where that is nothing.
+    pub fn met(&self) -> Option<Hit> {
+        match self.end {
+            PassageEnd::Met(hit) => Some(hit),
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! What a camera sees in clear surfaces: behind glass, and mirrored by it.
+
+use super::lobe_rays::reflected_at;
+use crate::radiometry::Rgb;
+use crate::rays::{Eye, Hit};
+use crate::sampling::Afresh;
+use crate::surface::{Passage, PassageEnd};
+use crate::transport::hemilux::coarse::CoarseSolution;
+use glam::Vec3;
+
+/// Radiance that arrives along a camera's ray that meets something clear, and 1 over the length of
+/// its way, 0 where that leads out of the scene. The clear surface's own emission is not in it.
+///
+/// From the first surface the ray goes both ways, so that a lamp mirrored by one part in
+/// twenty-five is not found by chance.
+pub fn seen_through(
+    coarse: &CoarseSolution,
+    origin: Vec3,
+    direction: Vec3,
+    numbers: Afresh,
+) -> (Rgb, f32) {
+    let world = &*coarse.world;
+    let Some(first) = world.rays.closest(Eye::Camera, origin, direction) else {
+        return (world.environment.background(direction), 0.0);
+    };
+    // Rays through the same place of a pixel are to go different ways.
+    let number = numbers.light.x.to_bits() ^ numbers.light.y.to_bits().rotate_left(16);
+    let (mut sum, mut nearness) = (Rgb::ZERO, 0.0f32);
+    for passage in world.pass_both(first, direction, number).into_iter().flatten() {
+        let radiance = match passage.end {
+            PassageEnd::Lost => Rgb::ZERO,
+            PassageEnd::Escaped => world.environment.background(passage.direction),
+            PassageEnd::Met(hit) => {
+                nearness = nearness.max(1.0 / passage.way.max(1e-3));
+                at_the_end(coarse, &first, (&hit, &passage), numbers)
+            }
+        };
+        sum += passage.shine + passage.left * radiance;
+    }
+    (sum, nearness)
+}
+
+/// Radiance of what a way through clear surfaces leads to; of the first surface itself, where that
+/// is opaque, without its emission.
+fn at_the_end(
+    coarse: &CoarseSolution,
+    first: &Hit,
+    (hit, passage): (&Hit, &Passage),
+    numbers: Afresh,
+) -> Rgb {
+    let reflected = reflected_at(coarse, hit, (passage.direction, false), Some(numbers));
+    if passage.way <= first.distance {
+        return reflected;
+    }
+    let emission = coarse.world.surface(hit).map_or(Rgb::ZERO, |surface| surface.emission);
+    reflected + emission
+}
