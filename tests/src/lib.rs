@@ -1,5 +1,6 @@
 //! Helpers of the tests across the whole product.
 
+pub mod blocks;
 pub mod bombs;
 pub mod comparison;
 pub mod devices;

@@ -6,6 +6,7 @@ mod comparators;
 mod convergence;
 mod expectation;
 mod furnace;
+mod glass;
 mod glossy;
 mod hemilux;
 mod illumination_map;

@@ -78,7 +78,7 @@ impl SceneLights {
     }
 
     /// A direction to the sun, by two uniform numbers, and its irradiance on a plane that faces it.
-    pub fn from_sun(&self, xi: [f32; 2]) -> Option<(Vec3, Rgb)> {
+    pub fn sun_ray(&self, xi: [f32; 2]) -> Option<(Vec3, Rgb)> {
         self.sun.as_ref().map(|sun| (sun.sample(xi), sun.irradiance()))
     }
 

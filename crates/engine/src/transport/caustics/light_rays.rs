@@ -175,7 +175,7 @@ impl LightRays<'_> {
             }
             (kind, _) => {
                 let xi = spread(2 * number + u64::from(!is_first), shifts);
-                self.from_afar(kind, &xi, &mut walk)
+                self.by_direction(kind, &xi, &mut walk)
             }
         };
         if let Some((surface, source)) = first {
@@ -186,7 +186,7 @@ impl LightRays<'_> {
 
     /// A point of what makes caustics that the sun, or a light without extent, shines on, and the
     /// direction to the light.
-    fn from_afar(
+    fn by_direction(
         &self,
         kind: Kind,
         xi: &[f64; DIMENSIONS],
@@ -197,7 +197,7 @@ impl LightRays<'_> {
         let front = world.at(triangle, at, false);
         let (source, end, irradiance) = match kind {
             Kind::Sun => {
-                let (direction, irradiance) = lights.from_sun([xi[1] as f32, xi[2] as f32])?;
+                let (direction, irradiance) = lights.sun_ray([xi[1] as f32, xi[2] as f32])?;
                 (direction, front.spot.point + direction * world.rays.beyond(), irradiance)
             }
             _ => {

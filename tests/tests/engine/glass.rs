@@ -1,0 +1,240 @@
+//! Glass: what `hemilux` shows behind, in and by way of it, against closed forms and path tracing.
+
+use glam::Vec3;
+use hemilux_engine::device::cpu::CpuDevice;
+use hemilux_engine::image::Picture;
+use hemilux_engine::radiometry::Rgb;
+use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest, Unobserved};
+use hemilux_engine::scene::{
+    Environment, LightKind, Material, PunctualLight, Scene, Sky, Sun, Triangle, Vertex, Volume,
+};
+use hemilux_engine::transport::render;
+use hemilux_tests::blocks::{block_means, largest_deviation};
+use hemilux_tests::scenes::Builder;
+use std::f32::consts::PI;
+use std::sync::Arc;
+
+/// What a test renders.
+struct Shot {
+    scene: Arc<Scene>,
+    environment: Environment,
+    camera: ExplicitCamera,
+    side: u32,
+    seed: u64,
+}
+
+impl Shot {
+    fn by(&self, method: &str, iterations: u64) -> Picture {
+        let request = RenderRequest {
+            scene: self.scene.clone(),
+            environment: Some(Arc::new(self.environment.clone())),
+            camera: CameraChoice::Explicit(self.camera),
+            width: self.side,
+            height: self.side,
+            method: method.into(),
+            limits: Limits { iterations: Some(iterations), ..Limits::default() },
+            seed: self.seed,
+            options: Default::default(),
+            begin: Default::default(),
+        };
+        let mut device = CpuDevice::new(Some(2)).expect("threads");
+        render(&mut device, &request, &mut Unobserved).expect("it renders").picture
+    }
+}
+
+fn mean(picture: &Picture) -> Rgb {
+    picture.pixels.iter().sum::<Rgb>() / picture.pixels.len() as f32
+}
+
+/// A sheet of glass that takes some colour.
+fn pane(tint: Rgb, roughness: f32) -> Material {
+    let clear = Material::glass("pane", 1.5);
+    Material { base_color: tint, volume: None, roughness, ..clear }
+}
+
+/// Unpolarised reflectance of glass by Fresnel's equations, in double precision.
+fn fresnel(cosine: f64) -> f64 {
+    let below = (1.0 - (1.0 - cosine * cosine) / 2.25).sqrt();
+    let across = (cosine - 1.5 * below) / (cosine + 1.5 * below);
+    let along = (1.5 * cosine - below) / (1.5 * cosine + below);
+    0.5 * (across * across + along * along)
+}
+
+/// A dark floor, of albedo .01, that light comes to through a tinted pane half a metre above.
+fn under_a_pane() -> (Arc<Scene>, ExplicitCamera) {
+    let mut builder = Builder::default();
+    let floor = builder.lambertian(Rgb::splat(0.01));
+    builder.quad(Vec3::new(-400.0, 0.0, 400.0), 800.0 * Vec3::X, -800.0 * Vec3::Z, floor);
+    let glass = builder.material(pane(TINT, 0.0));
+    builder.quad(Vec3::new(-90.0, 0.5, 90.0), 180.0 * Vec3::X, -180.0 * Vec3::Z, glass);
+    let below = ExplicitCamera {
+        eye: [0.0, 0.3, 0.0],
+        target: [0.0; 3],
+        up: [0.0, 0.0, -1.0],
+        yfov_degrees: 1.0,
+    };
+    (builder.build(), below)
+}
+
+const TINT: Rgb = Rgb::new(0.9, 0.5, 0.7);
+
+/// The sun, a bulb and a uniform sky through a pane: what Fresnel's equations and its colour leave.
+#[test]
+fn light_goes_straight_through_panes() {
+    let (scene, camera) = under_a_pane();
+    let cosine = 0.6f64;
+    let sun = Sun {
+        direction: Vec3::new(0.8, 0.6, 0.0),
+        irradiance: Rgb::splat(1000.0),
+        angular_radius: 0.00465,
+    };
+    let mut with_bulb = Scene::clone(&scene);
+    with_bulb.lights.push(PunctualLight {
+        name: "bulb".into(),
+        kind: LightKind::Point,
+        position: Vec3::new(0.0, 2.0, 0.0),
+        direction: -Vec3::Y,
+        intensity: Rgb::splat(40.0),
+        range: None,
+    });
+    let under_sky = {
+        // ∫ (1 − F) cosθ dω over the hemisphere.
+        let steps = 2000;
+        let of = |k: i32| {
+            let height = (f64::from(k) + 0.5) / f64::from(steps);
+            (1.0 - fresnel(height)) * height
+        };
+        2.0 * std::f64::consts::PI * (0..steps).map(of).sum::<f64>() / f64::from(steps)
+    };
+    let cases = [
+        ("sun", scene.clone(), Environment { sky: Sky::None, sun: Some(sun) }, {
+            1000.0 * cosine * (1.0 - fresnel(cosine))
+        }),
+        ("bulb", Arc::new(with_bulb), Environment::none(), 10.0 * (1.0 - fresnel(1.0))),
+        ("sky", scene, Environment { sky: Sky::Uniform(Rgb::splat(50.0)), sun: None }, {
+            50.0 * under_sky
+        }),
+    ];
+    for (name, scene, environment, irradiance) in cases {
+        let shot = Shot { scene, environment, camera, side: 16, seed: 3 };
+        for (method, iterations) in [("hemilux", 16), ("ray-traced", 256)] {
+            let found = mean(&shot.by(method, iterations)) * (PI / 0.01);
+            let expected = TINT * irradiance as f32;
+            println!("{name}, {method}: {found} of {expected}");
+            let off = (found / expected - Rgb::ONE).abs().max_element();
+            assert!(off < 0.012, "{name}, {method}: {found} {expected}");
+            // Planted: a pane that takes its colour twice.
+            assert!((found / (expected * TINT) - Rgb::ONE).abs().max_element() > 0.05);
+        }
+    }
+}
+
+/// A ball of many smooth triangles about the origin.
+fn ball(material: Material) -> Arc<Scene> {
+    const ROWS: u32 = 40;
+    const COLUMNS: u32 = 80;
+    let mut scene = Scene { materials: vec![material], ..Scene::default() };
+    add_ball(&mut scene, (Vec3::ZERO, 1.0), 0, [ROWS, COLUMNS]);
+    Arc::new(scene)
+}
+
+fn add_ball(
+    scene: &mut Scene,
+    (center, radius): (Vec3, f32),
+    material: u32,
+    [rows, columns]: [u32; 2],
+) {
+    let first = scene.vertices.len() as u32;
+    for row in 0..=rows {
+        for column in 0..columns {
+            let height = PI * row as f32 / rows as f32;
+            let angle = 2.0 * PI * column as f32 / columns as f32;
+            let normal =
+                Vec3::new(height.sin() * angle.cos(), height.cos(), height.sin() * angle.sin());
+            scene.vertices.push(Vertex::new(center + radius * normal, normal));
+        }
+    }
+    for row in 0..rows {
+        for column in 0..columns {
+            let next = (column + 1) % columns;
+            let [a, b] = [column, next].map(|column| first + row * columns + column);
+            let [c, d] = [a + columns, b + columns];
+            for vertices in [[a, b, d], [a, d, c]] {
+                scene.triangles.push(Triangle { vertices, material });
+            }
+        }
+    }
+}
+
+/// In a uniform sky of radiance 1 clear glass can't be seen, and rough glass loses what its
+/// microfacets mask, by either method alike.
+#[test]
+fn glass_in_a_uniform_sky_loses_nothing() {
+    let camera = ExplicitCamera {
+        eye: [0.3, 9.0, 4.0],
+        target: [0.0; 3],
+        up: [0.0, 0.0, -1.0],
+        yfov_degrees: 8.0,
+    };
+    for (roughness, least) in [(0.0, 0.995), (0.3, 0.95), (0.6, 0.7)] {
+        let material = Material { roughness, ..Material::glass("glass", 1.5) };
+        let scene = ball(material);
+        let environment = Environment { sky: Sky::Uniform(Rgb::ONE), sun: None };
+        let shot = Shot { scene, environment, camera, side: 16, seed: 3 };
+        let [ours, traced] = [("hemilux", 32), ("ray-traced", 256)]
+            .map(|(method, iterations)| mean(&shot.by(method, iterations)).y);
+        println!("roughness {roughness}: {ours}, {traced}");
+        assert!((least..1.003).contains(&ours), "{roughness}: {ours}");
+        assert!((ours / traced - 1.0).abs() < 0.01, "{roughness}: {ours} {traced}");
+    }
+}
+
+/// A closed room with a lamp on its ceiling, a pane, a frosted pane, a tinted ball of glass, and a
+/// block behind them.
+fn room() -> Arc<Scene> {
+    let mut builder = Builder::default();
+    let wall = builder.lambertian(Rgb::new(0.6, 0.55, 0.5));
+    let red = builder.lambertian(Rgb::new(0.6, 0.15, 0.1));
+    let lamp = builder.light(Rgb::ZERO, Rgb::splat(20.0));
+    let clear = builder.material(pane(Rgb::new(0.7, 0.9, 0.8), 0.0));
+    let frosted = builder.material(pane(Rgb::splat(0.95), 0.4));
+    let volume = Volume { attenuation_color: Rgb::new(0.3, 0.7, 0.9), attenuation_distance: 0.5 };
+    let solid = builder.material(Material { volume: Some(volume), ..Material::glass("ball", 1.5) });
+    builder.cuboid(Vec3::ZERO, Vec3::new(4.0, 3.0, 4.0), true, wall);
+    builder.quad(Vec3::new(1.5, 2.99, 1.5), Vec3::X, Vec3::Z, lamp);
+    builder.cuboid(Vec3::new(0.4, 0.0, 0.3), Vec3::new(1.2, 1.1, 0.9), false, red);
+    builder.quad(Vec3::new(0.2, 0.05, 1.6), 1.2 * Vec3::X, 1.5 * Vec3::Y, clear);
+    builder.quad(Vec3::new(1.6, 0.05, 1.2), 1.0 * Vec3::X, 1.4 * Vec3::Y, frosted);
+    let mut scene = Scene::clone(&builder.build());
+    add_ball(&mut scene, (Vec3::new(2.9, 0.5, 2.0), 0.4), solid, [32, 64]);
+    Arc::new(scene)
+}
+
+const IN_THE_ROOM: ExplicitCamera = ExplicitCamera {
+    eye: [2.1, 1.6, 3.9],
+    target: [1.9, 0.8, 1.0],
+    up: [0.0, 1.0, 0.0],
+    yfov_degrees: 62.0,
+};
+
+/// Blocks of pixels of a room full of glass are what path tracing says.
+#[test]
+fn a_room_with_glass_is_that_of_path_tracing() {
+    let shot = Shot {
+        scene: room(),
+        environment: Environment::none(),
+        camera: IN_THE_ROOM,
+        side: 48,
+        seed: 5,
+    };
+    let reference = block_means(&shot.by("ray-traced", 2500), 8);
+    let ours = shot.by("hemilux", 48);
+    let deviation = largest_deviation(&block_means(&ours, 8), &reference);
+    println!("largest deviation of a block: {deviation:.4}");
+    assert!(deviation < 0.04, "{deviation}");
+    // Planted: a tenth more light in the lower half.
+    let mut planted = ours.clone();
+    let half = planted.pixels.len() / 2;
+    planted.pixels[half..].iter_mut().for_each(|pixel| *pixel *= 1.1);
+    assert!(largest_deviation(&block_means(&planted, 8), &reference) > 0.04);
+}
