@@ -27,7 +27,7 @@ mod laws;
 
 pub use dielectric::{ExitDirection, Inside};
 pub use model::Parameters;
-pub use passage::{Passage, PassageEnd};
+pub use passage::{Passage, PassageEnd, mirrored_share};
 pub use point::Surface;
 pub use reflection::{Parts, Reflection};
 pub use world::World;

@@ -5,8 +5,9 @@
 
 use super::dielectric::{Clear, ExitDirection, Inside};
 use super::point::Surface;
+use super::reflection::Reflection;
 use super::world::World;
-use crate::radiometry::Rgb;
+use crate::radiometry::{Rgb, importance};
 use crate::random::pcg;
 use crate::rays::{Eye, Hit};
 use glam::Vec3;
@@ -15,6 +16,16 @@ use glam::Vec3;
 const SURE_CROSSINGS: u32 = 8;
 /// Most that it goes on with by chance, so that it ends even in white glass.
 const MOST_SURVIVAL: f32 = 0.97;
+
+/// Most mirrors that a ray follows in a row.
+const MOST_MIRRORS: u32 = 8;
+/// Most that chance lets a mirror mirror.
+const MOST_MIRRORED: f32 = 0.98;
+
+/// Probability at which [`World::follow_mirrors`] follows the lobe of a surface that is sharp.
+pub fn mirrored_share(surface: &Surface, viewer: Vec3) -> f32 {
+    importance(surface.lobe_only().reflection().albedo(viewer)).min(MOST_MIRRORED)
+}
 
 /// A ray that clear surfaces were in the way of.
 #[derive(Clone, Copy, Debug)]
@@ -119,6 +130,42 @@ impl World {
             Some(flight.passage)
         };
         both.map(&mut way)
+    }
+
+    /// Follows a ray that has met a sharp mirror, as often as chance says that it is mirrored, to what
+    /// reflects it diffusely, or out of the scene. At a mirror that it ends at, chance has picked what
+    /// is reflected diffusely.
+    pub fn follow_mirrors(&self, mut passage: Passage) -> Passage {
+        for _ in 0..MOST_MIRRORS {
+            let Some(hit) = passage.met().filter(|hit| self.may_mirror(hit.triangle)) else {
+                break;
+            };
+            let Some(surface) = self.surface(&hit) else { break };
+            if !surface.reflection().is_sharp() {
+                break;
+            }
+            let mut numbers = HashedNumbers::new(passage.direction, &hit, 1);
+            passage.chance = numbers.next();
+            let viewer = -passage.direction;
+            let share = mirrored_share(&surface, viewer);
+            if numbers.next() >= share {
+                break;
+            }
+            passage.is_bent = true;
+            let xi = [numbers.next(), numbers.next()];
+            let lobe = surface.lobe_only().reflection();
+            let Some(scattered) = lobe.sample(viewer, 0.0, false, xi) else {
+                passage.end = PassageEnd::Lost;
+                break;
+            };
+            passage.left *= scattered.factor.lobe / share;
+            let next = self.look(surface.start(), scattered.direction);
+            passage.shine += passage.left * next.shine;
+            passage.left *= next.left;
+            (passage.direction, passage.end) = (next.direction, next.end);
+            passage.way += next.way;
+        }
+        passage
     }
 
     /// Where a ray has arrived: a surface that it goes on at as clear; `None` where it is opaque, or

@@ -27,6 +27,8 @@ pub struct World {
     /// Whether light passes anything as clear, and whether it does so along a straight line.
     has_clear: bool,
     has_panes: bool,
+    /// By material, whether it may mirror sharply.
+    mirrors: Vec<bool>,
 }
 
 /// What a triangle reflects and emits.
@@ -58,8 +60,9 @@ impl World {
         let rays = Rays::of(&scene);
         let finish = |triangle| Finish::new(&scene, triangle, rays.scale());
         let finishes: Vec<Finish> = scene.triangles.iter().map(finish).collect();
-        let mut this =
-            Self { rays, environment, finishes, scene, has_clear: false, has_panes: false };
+        let mirrors = scene.materials.iter().map(Material::casts_caustics).collect();
+        let (has_clear, has_panes) = (false, false);
+        let mut this = Self { rays, environment, finishes, scene, has_clear, has_panes, mirrors };
         this.has_clear = this.finishes.iter().any(|finish| finish.clear.is_some());
         this.has_panes = this.has_clear
             && (0..this.finishes.len() as u32).any(|triangle| this.is_pane(triangle));
@@ -175,6 +178,12 @@ impl World {
     #[inline]
     pub fn is_clear(&self, triangle: u32) -> bool {
         self.has_clear && self.finishes[triangle as usize].clear.is_some()
+    }
+
+    /// Whether a triangle may mirror sharply anywhere.
+    #[inline]
+    pub fn may_mirror(&self, triangle: u32) -> bool {
+        self.mirrors[self.scene.triangles[triangle as usize].material as usize]
     }
 
     /// Whether anything is clear.

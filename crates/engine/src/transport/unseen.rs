@@ -23,33 +23,20 @@ pub fn by_patches(scene: &Scene) -> Vec<Warning> {
     warnings
 }
 
-/// What `hemilux` shows badly of a scene: caustics, which are made by light other than the sky's.
-/// Those of clear bodies it maps, and beside them those of mirrors, up to `most_triangles`; other
-/// ones its rays meet by chance.
-pub fn by_gathering(scene: &Scene, has_sun: bool, most_triangles: usize) -> Vec<Warning> {
+/// A warning where a scene of more than `most_triangles` has clear bodies, or mirrors of metal, and
+/// light other than the sky's: up to there `hemilux` maps their caustics.
+pub fn by_gathering(scene: &Scene, has_sun: bool, most_triangles: usize) -> Option<Warning> {
     let casts =
         has_sun || scene.emissive_triangles() > 0 || scene.lights.iter().any(PunctualLight::shines);
-    if !casts {
-        return Vec::new();
-    }
     let used = used(scene);
-    let is_clear = |material: &usize| scene.materials[*material].clear_share() > 0.0;
-    if used.iter().any(is_clear) {
-        let what = format!(
-            "there are clear bodies and more than {most_triangles} triangles, so caustics of the sun and of lights without extent are missing, and those of lamps are noisy; illumination-map shows them"
-        );
-        let warning = (scene.triangles.len() > most_triangles).then(|| Warning::new("scene", what));
-        return warning.into_iter().collect();
+    let makes_caustics = |material: &usize| scene.materials[*material].casts_caustics();
+    if scene.triangles.len() <= most_triangles || !casts || !used.iter().any(makes_caustics) {
+        return None;
     }
-    let mirrors = used.into_iter().filter(|material| scene.materials[*material].casts_caustics());
-    let warning = |material: usize| {
-        let name = &scene.materials[material].name;
-        let what = format!(
-            "{name:?} mirrors sharply; hemilux finds its caustics by chance, with noise; illumination-map shows them better"
-        );
-        Warning::new(format!("materials[{material}]"), what)
-    };
-    mirrors.map(warning).collect()
+    let what = format!(
+        "there are clear bodies or mirrors and more than {most_triangles} triangles: caustics of lamps are noisy, and those of the sun and of lights without extent behind bent glass are missing; illumination-map shows them"
+    );
+    Some(Warning::new("scene", what))
 }
 
 /// The materials that triangles have, in order.

@@ -1,5 +1,5 @@
-//! Caustics of tier 1: where clear bodies are in a scene, light rays carry what emitters, the sun and
-//! points send by way of them, and of sharp mirrors, into a map on the diffuse surfaces
+//! Caustics of tier 1: where clear bodies or mirrors of metal are in a scene, light rays carry what
+//! emitters, the sun and points send by way of them into a map on the diffuse surfaces
 //! ([`crate::transport::caustics`]). The camera and the ends of rays read the map; elements have the
 //! mean of what landed on them. All other rays of the method leave that light out.
 
@@ -8,10 +8,13 @@ use super::mesh::CoarseMesh;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::SceneLights;
 use crate::patches::FacetPlace;
-use crate::radiometry::Rgb;
+use crate::radiometry::{Rgb, importance};
+use crate::scene::{Material, PunctualLight, Scene};
 use crate::surface::{Surface, World};
 use crate::transport::caustics::{Casters, Lit, Maker, Map, PowerDeposit};
 
+/// What a material must mirror for its caustics to be worth a map.
+const LEAST_MIRRORED: f32 = 0.3;
 /// Cells of the map.
 const CELLS: u64 = 1 << 19;
 /// Light rays of an iteration.
@@ -28,10 +31,10 @@ pub struct CausticLight {
 }
 
 impl CausticLight {
-    /// Nothing yet of the caustics of a scene of so many elements; `None` where it has no clear
-    /// bodies, or no light that makes caustics of them.
+    /// Nothing yet of the caustics of a scene of so many elements; `None` where nothing in it
+    /// makes caustics worth a map.
     pub fn new(world: &World, elements: usize, seed: u64) -> Option<Self> {
-        if !is_mapped(world) {
+        if !is_mapped(world) || !is_cast(world) {
             return None;
         }
         let lights = SceneLights::new(world)?;
@@ -86,10 +89,30 @@ impl CausticLight {
     }
 }
 
-/// Whether caustics of a scene are mapped, if there are any: something in it is clear, and it is not
-/// too large.
-pub fn is_mapped(world: &World) -> bool {
-    world.has_clear() && world.scene.triangles.len() <= MOST_TRIANGLES
+/// Whether caustics of a scene are mapped, if there is light that makes some: something in it is clear
+/// or a mirror of metal, and it is not too large.
+fn is_mapped(world: &World) -> bool {
+    let casts = world.has_clear() || has_mirrors(world);
+    casts && world.scene.triangles.len() <= MOST_TRIANGLES
+}
+
+/// Whether anything mirrors most of the light sharply.
+pub fn has_mirrors(world: &World) -> bool {
+    let Scene { materials, triangles, .. } = &*world.scene;
+    let is_mirror = |material: &Material| {
+        let whole = material.reflectance(&material.typical(material.base_color));
+        whole.is_sharp() && importance(whole.specular) > LEAST_MIRRORED
+    };
+    let mirrors: Vec<bool> = materials.iter().map(is_mirror).collect();
+    triangles.iter().any(|triangle| mirrors[triangle.material as usize])
+}
+
+/// Whether light shines that maps have: of emitters, the sun or points.
+pub fn is_cast(world: &World) -> bool {
+    let scene = &world.scene;
+    world.environment.sun.is_some()
+        || scene.emissive_triangles() > 0
+        || scene.lights.iter().any(PunctualLight::shines)
 }
 
 #[cfg(test)]

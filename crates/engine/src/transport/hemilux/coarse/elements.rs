@@ -3,7 +3,7 @@
 //! and have one material are one element (docs/decisions/0006).
 
 use crate::patches::{NO_PATCH, PatchIndex, PatchedScene};
-use crate::radiometry::Rgb;
+use crate::radiometry::{Rgb, importance};
 use crate::surface::World;
 use crate::transport::known::albedo;
 use crate::transport::patch_points::PatchPoints;
@@ -27,6 +27,9 @@ impl ElementIndex {
 
 /// Patches are grouped where there are more than so many times the wanted ones.
 const CROWDED_FACTOR: usize = 4;
+
+/// Most of the light that a patch is taken to mirror where links follow mirrors.
+const MOST_MIRRORED: f32 = 0.9;
 
 /// The elements of a mesh, each with its patches, area and albedo.
 pub struct Elements {
@@ -102,6 +105,29 @@ impl Elements {
         let albedo =
             reflected.iter().zip(&area).map(|(sum, area)| *sum / area.max(1e-30)).collect();
         Self { of_patch, start, members, running, area, albedo }
+    }
+
+    /// Leaves out of the albedos what patches mirror sharply, for links that follow mirrors: what is
+    /// left is the albedo of the rest, of links that end at such patches by chance.
+    pub fn leave_out_mirrors(&mut self, scene: &PatchedScene) {
+        for element in self.all() {
+            let members = self.members(element);
+            let is_sharp = |patch: &PatchIndex| scene.patches.reflectance(patch.at()).is_sharp();
+            if !members.iter().any(is_sharp) {
+                continue;
+            }
+            let mut sum = Rgb::ZERO;
+            for patch in members {
+                let patch = patch.at();
+                let mut own = albedo(scene, patch);
+                if scene.patches.reflectance(patch).is_sharp() {
+                    let mirrored = importance(scene.patches.specular[patch]).min(MOST_MIRRORED);
+                    own = scene.patches.diffuse[patch] / (1.0 - mirrored);
+                }
+                sum += own * scene.patches.area[patch];
+            }
+            self.albedo[element.at()] = (sum / self.area[element.at()].max(1e-30)).min(Rgb::ONE);
+        }
     }
 
     /// Number of elements.

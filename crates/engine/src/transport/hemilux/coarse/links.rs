@@ -66,6 +66,8 @@ pub struct Linking<'a> {
     pub mesh: &'a CoarseMesh,
     /// Whether a map has what emitters bring by way of what bends light.
     pub is_mapped: bool,
+    /// Whether links follow sharp mirrors to what those show.
+    pub follows_mirrors: bool,
 }
 
 impl Round {
@@ -109,7 +111,7 @@ impl Links {
         let mut links = Vec::with_capacity(end as usize);
         found.iter().for_each(|(own, _)| links.extend_from_slice(own));
         let mut bent = Vec::new();
-        if world.has_clear() {
+        if world.has_clear() || linking.follows_mirrors {
             bent = found.iter().map(|(_, bent)| *bent).collect();
         }
         self.rounds.push(Round { start, links, bent });
@@ -246,10 +248,15 @@ impl Linking<'_> {
         if world.is_black(&hit) {
             return COVERED;
         }
-        if !world.is_clear(hit.triangle) {
+        let (is_clear, is_mirror) =
+            (world.is_clear(hit.triangle), self.follows_mirrors && world.may_mirror(hit.triangle));
+        if !is_clear && !is_mirror {
             return element(&hit);
         }
-        let passage = world.pass(hit, direction);
+        let mut passage = world.pass(hit, direction);
+        if self.follows_mirrors {
+            passage = world.follow_mirrors(passage);
+        }
         if passage.is_bent {
             *bent += PI * passage.bent_light(world, !self.is_mapped);
         }

@@ -2,7 +2,7 @@
 //! from the closed form and shadow rays at points of every element, bounced light from the links
 //! between elements. The camera sees it only through gather rays.
 
-use super::caustic_light::CausticLight;
+use super::caustic_light::{self, CausticLight};
 use super::direct::{DirectLight, Lighting, SampledLight};
 use super::elements::ElementIndex;
 use super::guide::Guide;
@@ -14,7 +14,7 @@ use crate::patches::{FacetPlace, PatchIndex};
 use crate::radiometry::{Rgb, importance};
 use crate::rays::{Eye, Hit};
 use crate::sampling::{Afresh, Next, Seed, cosine_direction};
-use crate::surface::{Reflection, Surface, World};
+use crate::surface::{Reflection, Surface, World, mirrored_share};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;
@@ -43,6 +43,8 @@ pub struct CoarseSolution {
     links: Links,
     /// Light by way of clear bodies, where there are some.
     caustics: Option<CausticLight>,
+    /// Whether links, and rays for bounced light, follow sharp mirrors.
+    follows_mirrors: bool,
     /// Bright patches that gather rays are aimed at, if any.
     pub guide: Option<Guide>,
     /// Irradiance of the patches, direct and indirect.
@@ -70,11 +72,20 @@ impl CoarseSolution {
             direct: Vec::new(),
             links: Links::default(),
             caustics: None,
+            follows_mirrors: false,
             guide: None,
             total: PatchValues::default(),
             indirect: PatchValues::default(),
         };
         this.caustics = CausticLight::new(&this.world, count, seed.number);
+        // What lamps send by way of mirrors is too noisy to be found by chance.
+        if this.caustics.is_some() || !caustic_light::is_cast(&this.world) {
+            this.follows_mirrors = caustic_light::has_mirrors(&this.world);
+            let CoarseMesh { scene, elements, .. } = &mut this.mesh;
+            if this.follows_mirrors {
+                elements.leave_out_mirrors(scene);
+            }
+        }
         if this.sampled.is_empty() {
             this.sampled = vec![SampledLight::default(); count];
             this.sample_direct(seed, PATCH_POINTS.min(most_points(count)));
@@ -105,7 +116,12 @@ impl CoarseSolution {
             self.sample_direct(seed, points.min(most_points(self.mesh.elements.len())));
             self.update_direct();
         }
-        let linking = Linking { world: &self.world, mesh: &self.mesh, is_mapped: self.is_mapped() };
+        let linking = Linking {
+            world: &self.world,
+            mesh: &self.mesh,
+            is_mapped: self.is_mapped(),
+            follows_mirrors: self.follows_mirrors,
+        };
         self.links.trace(linking, seed, rays);
         match &self.caustics {
             None => self.links.solve(&self.mesh.elements.albedo, &self.direct),
@@ -292,14 +308,31 @@ impl CoarseSolution {
         weight * PI * self.arriving_as_diffuse(hit, direction, next)
     }
 
-    /// Radiance that arrives along a ray that met this, if need be through clear surfaces.
+    /// Radiance that a hit reflects, as if all of it were reflected diffusely, but for what is followed
+    /// where it mirrors sharply.
+    fn reflected_beside_mirrors(&self, hit: &Hit, direction: Vec3, next: Next) -> Rgb {
+        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
+        let reflection = surface.reflection();
+        let mut albedo = reflection.mean_albedo();
+        if self.follows_mirrors && reflection.is_sharp() {
+            albedo = reflection.diffuse(-direction) / (1.0 - mirrored_share(&surface, -direction));
+        }
+        self.by_albedo(&surface, albedo, hit, Some(next.afresh()))
+    }
+
+    /// Radiance that arrives along a ray that met this, if need be by way of clear surfaces and
+    /// mirrors.
     fn arriving_as_diffuse(&self, hit: Hit, direction: Vec3, next: Next) -> Rgb {
-        if !self.world.is_clear(hit.triangle) {
+        let is_mirror = self.follows_mirrors && self.world.may_mirror(hit.triangle);
+        if !self.world.is_clear(hit.triangle) && !is_mirror {
             return self.reflected_as_diffuse(&hit, Some(next.afresh()));
         }
-        let passage = self.world.pass(hit, direction);
+        let mut passage = self.world.pass(hit, direction);
+        if self.follows_mirrors {
+            passage = self.world.follow_mirrors(passage);
+        }
         let reflected = passage.met().map_or(Rgb::ZERO, |met| {
-            passage.left * self.reflected_as_diffuse(&met, Some(next.afresh()))
+            passage.left * self.reflected_beside_mirrors(&met, passage.direction, next)
         });
         match passage.is_bent {
             true => reflected + passage.bent_light(&self.world, !self.is_mapped()),
