@@ -127,6 +127,7 @@ pub fn point(arguments: &PointArguments) -> Result<(), Failure> {
     let request = RenderRequest {
         scene: Arc::new(scene),
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: SIDE,
         height: SIDE,

@@ -298,6 +298,7 @@ fn stages() -> Result<Table, Failure> {
         let request = RenderRequest {
             scene: Arc::new(imported(&glb)),
             environment: None,
+            background: Default::default(),
             camera: CameraChoice::First,
             width: 500,
             height: 500,

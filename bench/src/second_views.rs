@@ -185,6 +185,7 @@ fn request(
     RenderRequest {
         scene: scene.clone(),
         environment: None,
+        background: Default::default(),
         camera,
         width: arguments.side,
         height: arguments.side,

@@ -138,6 +138,7 @@ impl Bench {
         RenderRequest {
             scene: scene.clone(),
             environment: None,
+            background: Default::default(),
             camera: CameraChoice::First,
             width: side,
             height: side,

@@ -56,6 +56,7 @@ impl Bench {
         let mut request = RenderRequest {
             scene: scene.clone(),
             environment: None,
+            background: Default::default(),
             camera: CameraChoice::First,
             width: self.size.side,
             height: self.size.side,

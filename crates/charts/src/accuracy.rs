@@ -42,7 +42,11 @@ impl Reference {
     /// Mean of both halves.
     pub fn picture(&self) -> Picture {
         let both = self.first.pixels.iter().zip(&self.second.pixels);
-        Picture { pixels: both.map(|(a, b)| (*a + *b) * 0.5).collect(), ..self.first }
+        Picture::new(
+            self.first.width,
+            self.first.height,
+            both.map(|(a, b)| (*a + *b) * 0.5).collect(),
+        )
     }
 
     /// Mean radiance over the counted pixels.
@@ -205,7 +209,7 @@ mod tests {
             2.0 + bias + noise * 12f32.sqrt() * (uniform(seed, Stream::PointU, at) - 0.5)
         };
         let pixels = (0..SIDE * SIDE).map(|_| Rgb::new(value(), value(), value())).collect();
-        Picture { width: SIDE, height: SIDE, pixels }
+        Picture::new(SIDE, SIDE, pixels)
     }
 
     fn all() -> Vec<bool> {

@@ -125,7 +125,7 @@ impl Window {
             &picture.pixels[begin..][..self.side as usize]
         };
         let pixels = (0..self.side).flat_map(|y| row(y).iter().copied()).collect();
-        Picture { width: self.side, height: self.side, pixels }
+        Picture::new(self.side, self.side, pixels)
     }
 }
 
@@ -172,7 +172,7 @@ mod tests {
 
     fn ramp(width: u32, height: u32) -> Picture {
         let pixels = (0..width * height).map(|i| Rgb::splat(i as f32)).collect();
-        Picture { width, height, pixels }
+        Picture::new(width, height, pixels)
     }
 
     #[test]

@@ -1,7 +1,10 @@
 //! Pictures in linear float radiance, and their files: PNG (exposure, sRGB) and EXR (32-bit
 //! float, linear, untouched).
 
+mod exr_file;
+
 use crate::radiometry::Rgb;
+pub use exr_file::{UNIT_ATTRIBUTE, Units};
 use serde::{Deserialize, Serialize};
 use std::io::Cursor;
 
@@ -12,8 +15,12 @@ pub struct Picture {
     pub width: u32,
     /// Height in pixels, ≥ 1.
     pub height: u32,
-    /// `width × height` radiances in the unit that the scene's emission came in.
+    /// `width × height` radiances in the unit that the scene's emission came in; where there is an
+    /// [`alpha`](Picture::alpha), means over the whole pixel, that is, premultiplied by it.
     pub pixels: Vec<Rgb>,
+    /// Share of each pixel that surfaces cover, in [0, 1]; `None` where the picture has no
+    /// transparent background.
+    pub alpha: Option<Vec<f32>>,
 }
 
 /// How radiance becomes display values.
@@ -33,6 +40,9 @@ pub enum ImageError {
     /// The encoder refused.
     #[error("picture encoding failed: {0}")]
     Encoding(#[from] image::ImageError),
+    /// The encoder of EXR files refused.
+    #[error("EXR encoding failed: {0}")]
+    Exr(#[from] exr::error::Error),
     /// The file name has no ending that names a format.
     #[error("output {0:?} must end in .png or .exr")]
     UnknownFormat(String),
@@ -47,9 +57,14 @@ pub enum ImageError {
 }
 
 impl Picture {
+    /// A picture without alpha, of `width × height` radiances.
+    pub fn new(width: u32, height: u32, pixels: Vec<Rgb>) -> Self {
+        Self { width, height, pixels, alpha: None }
+    }
+
     /// A black picture.
     pub fn black(width: u32, height: u32) -> Self {
-        Self { width, height, pixels: vec![Rgb::ZERO; width as usize * height as usize] }
+        Self::new(width, height, vec![Rgb::ZERO; width as usize * height as usize])
     }
 
     /// Mean radiance over pixels and channels.
@@ -76,55 +91,64 @@ impl Picture {
         }
     }
 
-    /// 8-bit sRGB PNG.
+    /// 8-bit sRGB PNG; where there is an alpha, with that and with colours that it is yet to be
+    /// multiplied into, as PNG has it.
     pub fn to_png(&self, exposure: Exposure) -> Result<Vec<u8>, ImageError> {
         let factor = self.exposure_factor(exposure);
-        let mut bytes = Vec::with_capacity(self.pixels.len() * 3);
-        for pixel in &self.pixels {
-            bytes.extend((*pixel * factor).to_array().map(linear_to_srgb));
-        }
+        let code = |pixel: Rgb| (pixel * factor).to_array().map(linear_to_srgb);
+        let (bytes, kind) = match &self.alpha {
+            None => {
+                let bytes: Vec<u8> = self.pixels.iter().flat_map(|pixel| code(*pixel)).collect();
+                (bytes, image::ExtendedColorType::Rgb8)
+            }
+            Some(alpha) => {
+                let straight = |(pixel, alpha): (&Rgb, &f32)| {
+                    // What shines through no surface would have no colour.
+                    let [r, g, b] = code(if *alpha > 0.0 { *pixel / *alpha } else { Rgb::ZERO });
+                    [r, g, b, (255.0 * alpha.clamp(0.0, 1.0)).round() as u8]
+                };
+                let bytes = self.pixels.iter().zip(alpha).flat_map(straight).collect();
+                (bytes, image::ExtendedColorType::Rgba8)
+            }
+        };
         let mut out = Cursor::new(Vec::new());
-        image::write_buffer_with_format(
-            &mut out,
-            &bytes,
-            self.width,
-            self.height,
-            image::ExtendedColorType::Rgb8,
-            image::ImageFormat::Png,
-        )?;
+        let format = image::ImageFormat::Png;
+        image::write_buffer_with_format(&mut out, &bytes, self.width, self.height, kind, format)?;
         Ok(out.into_inner())
     }
 
-    /// 32-bit float linear EXR, radiance untouched.
+    /// 32-bit float linear EXR, radiance untouched, premultiplied where there is an alpha.
     pub fn to_exr(&self) -> Result<Vec<u8>, ImageError> {
-        let mut out = Cursor::new(Vec::new());
-        let bytes: &[u8] = bytemuck::cast_slice(&self.pixels);
-        image::write_buffer_with_format(
-            &mut out,
-            bytes,
-            self.width,
-            self.height,
-            image::ExtendedColorType::Rgb32F,
-            image::ImageFormat::OpenExr,
-        )?;
-        Ok(out.into_inner())
+        self.encode_exr(None)
     }
 
-    /// Reads an EXR (or any float-decodable picture) as linear radiance.
+    /// The same with a header that says what the numbers are.
+    pub fn to_exr_in(&self, units: Units) -> Result<Vec<u8>, ImageError> {
+        self.encode_exr(Some(units))
+    }
+
+    fn encode_exr(&self, units: Option<Units>) -> Result<Vec<u8>, ImageError> {
+        let size = [self.width, self.height];
+        Ok(exr_file::encode(size, &self.pixels, self.alpha.as_deref(), units)?)
+    }
+
+    /// Reads an EXR as linear radiance, with its alpha if it has any.
     pub fn from_exr(bytes: &[u8]) -> Result<Self, ImageError> {
-        let decoded = image::load_from_memory_with_format(bytes, image::ImageFormat::OpenExr)?;
-        let rgb = decoded.into_rgb32f();
-        let (width, height) = rgb.dimensions();
-        let pixels = rgb.pixels().map(|p| Rgb::from_array(p.0)).collect();
-        Ok(Self { width, height, pixels })
+        let ([width, height], pixels, alpha) = exr_file::decode(bytes)?;
+        Ok(Self { width, height, pixels, alpha })
     }
 
     /// Writes `.png` or `.exr` by the file's ending.
-    pub fn write(&self, path: &std::path::Path, exposure: Exposure) -> Result<(), ImageError> {
+    pub fn write(
+        &self,
+        path: &std::path::Path,
+        exposure: Exposure,
+        units: Units,
+    ) -> Result<(), ImageError> {
         let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         let bytes = match ending.as_deref() {
             Some("png") => self.to_png(exposure)?,
-            Some("exr") => self.to_exr()?,
+            Some("exr") => self.to_exr_in(units)?,
             _ => return Err(ImageError::UnknownFormat(path.display().to_string())),
         };
         std::fs::write(path, bytes)
@@ -146,13 +170,23 @@ mod tests {
 
     fn ramp() -> Picture {
         let pixels = (0..12).map(|i| Rgb::new(i as f32 * 3.7, 1e-5 * i as f32, 17.0)).collect();
-        Picture { width: 4, height: 3, pixels }
+        Picture::new(4, 3, pixels)
     }
 
     #[test]
-    fn exr_keeps_every_bit() {
-        let picture = ramp();
-        assert_eq!(Picture::from_exr(&picture.to_exr().unwrap()).unwrap(), picture);
+    fn png_has_straight_alpha() {
+        let grey = Rgb::splat(0.5);
+        let alpha = vec![1.0, 0.25, 0.0];
+        let pixels = alpha.iter().map(|alpha| grey * *alpha).collect();
+        let picture = Picture { alpha: Some(alpha), ..Picture::new(3, 1, pixels) };
+        let bytes = picture.to_png(Exposure::Stops(0.0)).unwrap();
+        let decoded = image::load_from_memory(&bytes).unwrap();
+        assert!(decoded.color().has_alpha());
+        let code = linear_to_srgb(0.5);
+        let found: Vec<_> = decoded.into_rgba8().pixels().map(|pixel| pixel.0).collect();
+        assert_eq!(found, [[code, code, code, 255], [code, code, code, 64], [0; 4]]);
+        let opaque = image::load_from_memory(&ramp().to_png(Exposure::Auto).unwrap()).unwrap();
+        assert!(!opaque.color().has_alpha());
     }
 
     #[test]

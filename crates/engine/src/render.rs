@@ -5,7 +5,7 @@ use crate::device::DeviceError;
 use crate::image::Picture;
 use crate::scene::environment::Environment;
 use crate::scene::gltf::BakedMesh;
-use crate::scene::{Camera, Scene, SceneError, Warning};
+use crate::scene::{Background, Camera, Scene, SceneError, Warning};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -18,6 +18,8 @@ pub struct RenderRequest {
     pub scene: Arc<Scene>,
     /// What surrounds it; `None` leaves the choice to [`crate::transport::surroundings`].
     pub environment: Option<Arc<Environment>>,
+    /// What the camera sees beside the surfaces; the light is the same with any.
+    pub background: Background,
     /// Which camera.
     pub camera: CameraChoice,
     /// Picture width in pixels, 1 … [`MAX_PICTURE_SIDE`].
@@ -442,10 +444,11 @@ impl RenderRequest {
         if let CameraChoice::Explicit(camera) = &self.camera {
             explicit_camera(camera)?;
         }
+        let refuse = |error: SceneError| {
+            RenderError::parameter(error.at, format!("{}; {}", error.what, error.fix))
+        };
+        self.background.check().map_err(refuse)?;
         if let Some(environment) = &self.environment {
-            let refuse = |error: SceneError| {
-                RenderError::parameter(error.at, format!("{}; {}", error.what, error.fix))
-            };
             environment.check().map_err(refuse)?;
         }
         Ok(())
@@ -460,6 +463,7 @@ mod tests {
         let request = RenderRequest {
             scene: Arc::default(),
             environment: None,
+            background: Default::default(),
             camera: CameraChoice::Explicit(camera),
             width: 8,
             height: 8,

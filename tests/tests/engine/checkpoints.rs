@@ -7,7 +7,7 @@ use hemilux_engine::render::{
     Begin, CameraChoice, ExplicitCamera, Limits, Observer, Progress, RenderError, RenderRequest,
     Rendered, StopReason,
 };
-use hemilux_engine::scene::{Scene, made};
+use hemilux_engine::scene::{Background, Scene, made};
 use hemilux_engine::transport::render;
 use hemilux_tests::comparison::relative_rmse;
 use hemilux_tests::scenes::imported;
@@ -59,6 +59,7 @@ fn request(scene: &Arc<Scene>, method: &str, iterations: u64) -> RenderRequest {
     RenderRequest {
         scene: scene.clone(),
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: 32,
         height: 27,
@@ -81,7 +82,9 @@ fn run(request: &RenderRequest, keeper: &mut Keeper) -> Rendered {
 }
 
 fn bits(rendered: &Rendered) -> Vec<u32> {
-    rendered.picture.pixels.iter().flat_map(|p| p.to_array()).map(f32::to_bits).collect()
+    let alpha = rendered.picture.alpha.iter().flatten().copied();
+    let pixels = rendered.picture.pixels.iter().flat_map(|p| p.to_array());
+    pixels.chain(alpha).map(f32::to_bits).collect()
 }
 
 /// Stops a job after some of its iterations, at its limit or by a cancellation, and in a process
@@ -184,6 +187,8 @@ fn rays_go_on_bit_for_bit() {
     goes_on(&mut processor(), &request, &[1, 4, 8]);
     let adaptive = with(request, &[("pixel_sampling", "adaptive_fresh")]);
     goes_on(&mut processor(), &adaptive, &[2]);
+    let transparent = RenderRequest { background: Background::Transparent, ..adaptive };
+    goes_on(&mut processor(), &transparent, &[2, 5]);
     let map = self::request(&imported(&made::ring()), "illumination-map", 7);
     let map = with(map, &[("map_texels", "20000"), ("light_rays", "3000")]);
     goes_on(&mut processor(), &map, &[1, 3, 6]);
@@ -227,6 +232,7 @@ fn what_does_not_fit_is_refused() {
         (RenderRequest { seed: 2, ..whole.clone() }, "seed 1"),
         (RenderRequest { width: 31, ..whole.clone() }, "size"),
         (RenderRequest { camera: other_camera(&scene), ..whole.clone() }, "camera"),
+        (RenderRequest { background: Background::Transparent, ..whole.clone() }, "background"),
         (RenderRequest { method: "monte-carlo".into(), ..whole.clone() }, "stochastic"),
         (RenderRequest { scene: brighter, ..whole.clone() }, "scene"),
         (with(whole.clone(), &[("patches", "101")]), "patches=100"),

@@ -17,7 +17,7 @@ fn one_patch_off_is_found() {
 
 #[test]
 fn noise_and_a_global_factor_are_found() {
-    let reference = Picture { width: 8, height: 4, pixels: vec![Rgb::new(1.0, 2.0, 3.0); 32] };
+    let reference = Picture::new(8, 4, vec![Rgb::new(1.0, 2.0, 3.0); 32]);
     let all = |_| true;
     assert_eq!(relative_rmse(&reference, &reference, all), 0.0);
     let mut off = reference.clone();
@@ -41,7 +41,7 @@ fn noisy(seed: u64, noise: f64, change: impl Fn(usize) -> f32) -> Replicas {
             || (2.0 * (1.0 + noise * 12f64.sqrt() * (generator.uniform() - 0.5))) as f32;
         let pixels =
             (0..40 * 40).map(|index| Rgb::from_array([0; 3].map(|_| value())) + change(index));
-        Picture { width: 40, height: 40, pixels: pixels.collect() }
+        Picture::new(40, 40, pixels.collect())
     });
     Replicas { pictures: pictures.collect() }
 }

@@ -20,6 +20,7 @@ fn request(scene: &Arc<Scene>, method: &str, side: u32) -> RenderRequest {
     RenderRequest {
         scene: scene.clone(),
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: side,
         height: side,

@@ -21,6 +21,7 @@ fn request(scene: &Arc<Scene>, method: &str, iterations: u64) -> RenderRequest {
     RenderRequest {
         scene: scene.clone(),
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: 96,
         height: 96,

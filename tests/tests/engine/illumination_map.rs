@@ -23,6 +23,7 @@ fn request(scene: &Arc<Scene>, method: &str, size: u32, iterations: u64) -> Rend
     RenderRequest {
         scene: scene.clone(),
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: size,
         height: size,

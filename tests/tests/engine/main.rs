@@ -1,6 +1,7 @@
 //! The engine, called in process: against oracles in f64, other methods, itself on another device, and
 //! on scenes on which it could fail. One program, so that it is linked once and its tests share the cores.
 
+mod backgrounds;
 mod checkpoints;
 mod comparators;
 mod convergence;

@@ -19,6 +19,7 @@ fn request(scene: &Arc<Scene>, method: &str, limits: Limits) -> RenderRequest {
     RenderRequest {
         scene: scene.clone(),
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: 64,
         height: 64,

@@ -30,6 +30,7 @@ fn request(
     let mut request = RenderRequest {
         scene: scene.clone(),
         environment: environment.map(Arc::new),
+        background: Default::default(),
         camera: CameraChoice::Explicit(camera),
         width: SIDE,
         height: SIDE,

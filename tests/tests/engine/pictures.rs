@@ -19,6 +19,7 @@ fn request(scene: Arc<Scene>, side: u32, iterations: u64) -> RenderRequest {
     RenderRequest {
         scene,
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: side,
         height: side,

@@ -26,6 +26,7 @@ fn request(scene: &Arc<Scene>, side: u32, passes: u64) -> RenderRequest {
     RenderRequest {
         scene: scene.clone(),
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: side,
         height: side,

@@ -28,6 +28,7 @@ fn rendered(
     let request = RenderRequest {
         scene: scene.clone(),
         environment: environment.map(Arc::new),
+        background: Default::default(),
         camera: CameraChoice::Explicit(camera),
         width: SIDE,
         height: SIDE,

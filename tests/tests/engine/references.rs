@@ -16,6 +16,7 @@ pub fn cornell_halves() -> &'static Halves {
         let request = RenderRequest {
             scene: imported(&made::cornell()),
             environment: None,
+            background: Default::default(),
             camera: CameraChoice::First,
             width: CORNELL_SIDE,
             height: CORNELL_SIDE,

@@ -21,6 +21,7 @@ fn request(scene: Arc<Scene>, iterations: u64, options: &[(&str, &str)]) -> Rend
     RenderRequest {
         scene,
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: 24,
         height: 24,

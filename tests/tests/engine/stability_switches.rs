@@ -282,6 +282,7 @@ fn a_picture_of_nothing_but_the_constant_term() {
     let request = RenderRequest {
         scene,
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: 16,
         height: 16,

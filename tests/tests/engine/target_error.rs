@@ -14,6 +14,7 @@ fn request(scene: &Arc<hemilux_engine::scene::Scene>, method: &str, target: f64)
     RenderRequest {
         scene: scene.clone(),
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: CORNELL_SIDE,
         height: CORNELL_SIDE,

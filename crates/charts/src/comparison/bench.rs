@@ -45,6 +45,7 @@ impl View {
         RenderRequest {
             scene: self.scene.clone(),
             environment: None,
+            background: Default::default(),
             camera: self.camera.clone(),
             width: self.size.0,
             height: self.size.1,

@@ -56,7 +56,7 @@ fn color(difference: f32, scale: f32) -> Rgb {
 /// The differences as a picture for display at exposure 1.
 pub fn picture(differences: &[f32], width: u32, height: u32, scale: f32) -> Picture {
     let pixels = differences.iter().map(|difference| color(*difference, scale)).collect();
-    Picture { width, height, pixels }
+    Picture::new(width, height, pixels)
 }
 
 /// The colours of the scale, the brightest difference on top, in five steps a side.
@@ -66,7 +66,7 @@ pub fn key(width: u32, height: u32) -> Picture {
         color(1.0 - step / 5.0, 1.0)
     };
     let pixels = (0..height).flat_map(|y| std::iter::repeat_n(row(y), width as usize)).collect();
-    Picture { width, height, pixels }
+    Picture::new(width, height, pixels)
 }
 
 #[cfg(test)]
@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn brighter_is_red_and_darker_is_blue() {
-        let flat = |value: f32| Picture { width: 4, height: 1, pixels: vec![Rgb::splat(value); 4] };
+        let flat = |value: f32| Picture::new(4, 1, vec![Rgb::splat(value); 4]);
         let reference = flat(2.0);
         let mut x = flat(2.0);
         x.pixels[1] = Rgb::splat(2.4);

@@ -11,7 +11,7 @@ mod bytes;
 mod error;
 
 use crate::scene::environment::Environment;
-use crate::scene::{Camera, Projection, Scene};
+use crate::scene::{Background, Camera, Projection, Scene};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -30,7 +30,7 @@ const PREAMBLE: usize = 8 + 4 + 4 + 8 + 8 + 3 * 4 + 4;
 /// A longer header is none of ours.
 const MOST_HEADER: usize = 1 << 20;
 
-/// A camera and the size of its picture, bit for bit.
+/// A camera, the size of its picture and what is behind it, bit for bit.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ViewKey {
     /// Bits of the camera-to-world matrix, the kind of projection, and its parameter.
@@ -39,17 +39,21 @@ pub struct ViewKey {
     pub width: u32,
     /// Pixels.
     pub height: u32,
+    /// [`Background::key`].
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub background: Vec<u32>,
 }
 
 impl ViewKey {
     /// The key of a camera's picture.
-    pub fn new(camera: &Camera, width: u32, height: u32) -> Self {
+    pub fn new(camera: &Camera, [width, height]: [u32; 2], background: Background) -> Self {
         let (kind, size) = match camera.projection {
             Projection::Perspective { yfov } => (0, yfov),
             Projection::Orthographic { ymag } => (1, ymag),
         };
         let matrix = camera.to_world.to_cols_array().map(f32::to_bits);
-        Self { camera: [&matrix[..], &[kind, size.to_bits()]].concat(), width, height }
+        let camera = [&matrix[..], &[kind, size.to_bits()]].concat();
+        Self { camera, width, height, background: background.key() }
     }
 }
 

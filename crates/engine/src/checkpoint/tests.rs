@@ -9,7 +9,7 @@ fn checkpoint() -> Checkpoint {
         settings: BTreeMap::from([("resolution".into(), "256".into())]),
         seed: u64::MAX,
         decided: BTreeMap::new(),
-        view: ViewKey { camera: vec![1, 2, 3], width: 4, height: 5 },
+        view: ViewKey { camera: vec![1, 2, 3], width: 4, height: 5, background: vec![] },
         iterations: 6,
         shots: 7,
         light_shots: 8,

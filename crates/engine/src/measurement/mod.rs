@@ -7,11 +7,12 @@ pub mod reconstruction;
 mod shading;
 
 use crate::device::{Sums, Viewpoint};
+use crate::hemicube::item;
 use crate::image::Picture;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::raster::{Target, fill};
-use crate::scene::{Camera, Environment, Projection};
+use crate::scene::{Background, Camera, Environment, Projection};
 pub use camera::{Frame, View, ViewTriangle};
 use glam::Vec2;
 use rayon::prelude::*;
@@ -53,8 +54,9 @@ pub struct Measurement {
     view: View,
     /// Sub-pixel offsets, one a sample, in [−½, ½)².
     samples: Vec<Vec2>,
-    /// What is seen where there is no surface; `None` for black.
-    environment: Option<Arc<Environment>>,
+    /// What is seen where there is no surface.
+    background: Background,
+    environment: Arc<Environment>,
 }
 
 /// The direction towards a camera, for reflections that depend on it.
@@ -79,13 +81,14 @@ impl Measurement {
         let view = View::new(&scene, camera, width, height);
         let reconstruction = Reconstruction::new(&scene, smoothness);
         let samples = sample_pattern(samples.max(1));
-        Self { reconstruction, view, samples, scene, environment: None }
+        let (background, environment) = Default::default();
+        Self { reconstruction, view, samples, scene, background, environment }
     }
 
-    /// The same where samples that see no surface see `environment`; before, they see black.
-    pub fn surrounded_by(self, environment: &Arc<Environment>) -> Self {
-        let environment = (!environment.is_dark()).then(|| environment.clone());
-        Self { environment, ..self }
+    /// The same where samples that see no surface see `background`, which may be `environment`; with
+    /// [`Measurement::new`] they see black.
+    pub fn before(self, background: Background, environment: &Arc<Environment>) -> Self {
+        Self { background, environment: environment.clone(), ..self }
     }
 
     /// The smooth reconstruction that pictures use.
@@ -105,6 +108,8 @@ impl Measurement {
         let mut picture = Picture::black(width, height);
         let share = 1.0 / self.samples.len() as f32;
         let inputs = self.inputs();
+        let backdrop = (!self.background.is_black(&self.environment))
+            .then(|| (self.background, &*self.environment));
         picture.pixels.par_chunks_mut((BAND * width) as usize).enumerate().for_each(
             |(band, pixels)| {
                 self.visible(band as u32, &self.samples, |offset, items| {
@@ -113,15 +118,35 @@ impl Measurement {
                     shading::shade(inputs, &light, band, |at, radiance| {
                         pixels[at] += radiance * share;
                     });
-                    if let Some(environment) = &self.environment {
-                        shading::add_background(environment, &self.view, band, |at, radiance| {
+                    if let Some(backdrop) = backdrop {
+                        shading::add_background(backdrop, &self.view, band, |at, radiance| {
                             pixels[at] += radiance * share;
                         });
                     }
                 });
             },
         );
+        picture.alpha = self.background.is_transparent().then(|| self.coverage());
         picture
+    }
+
+    /// Share of each pixel's samples that see a surface.
+    fn coverage(&self) -> Vec<f32> {
+        let (width, height) = (self.view.width, self.view.height);
+        let mut coverage = vec![0.0; width as usize * height as usize];
+        let share = 1.0 / self.samples.len() as f32;
+        coverage.par_chunks_mut((BAND * width) as usize).enumerate().for_each(|(band, pixels)| {
+            let mut seen = vec![0u32; pixels.len()];
+            self.visible(band as u32, &self.samples, |_, items| {
+                for (count, code) in seen.iter_mut().zip(items) {
+                    *count += u32::from(*code != item::EMPTY);
+                }
+            });
+            for (pixel, count) in pixels.iter_mut().zip(seen) {
+                *pixel = count as f32 * share;
+            }
+        });
+        coverage
     }
 
     /// Weights of the reconstruction's vertices in the picture, for error estimates; one sample a

@@ -6,7 +6,7 @@ use super::reconstruction::Reconstruction;
 use crate::hemicube::item;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
-use crate::scene::Environment;
+use crate::scene::{Background, Environment};
 use glam::Vec2;
 use std::f32::consts::PI;
 
@@ -164,10 +164,10 @@ pub fn shade(
     });
 }
 
-/// Radiance of `environment` towards the camera of every sample of a band that sees no surface:
-/// `each(pixel, radiance)`.
+/// Radiance of a background, in its surroundings, towards the camera of every sample of a band that
+/// sees no surface: `each(pixel, radiance)`.
 pub fn add_background(
-    environment: &Environment,
+    (background, environment): (Background, &Environment),
     view: &View,
     band: Band<'_>,
     mut each: impl FnMut(usize, Rgb),
@@ -176,7 +176,7 @@ pub fn add_background(
     {
         let (column, row) = (at as u32 % view.width, band.first_row + at as u32 / view.width);
         let place = Vec2::new(column as f32, row as f32) + band.offset;
-        each(at, environment.background(view.direction(place)));
+        each(at, background.radiance(environment, view.direction(place)));
     }
 }
 

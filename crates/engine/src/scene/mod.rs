@@ -2,6 +2,7 @@
 //! Built by [`gltf`] or in code; always valid once built (finite positions, indices in range,
 //! reflectances ≤ 1).
 
+mod background;
 mod camera;
 pub mod daylight;
 pub mod environment;
@@ -17,6 +18,7 @@ mod texture;
 use crate::radiometry::Rgb;
 use glam::{Vec2, Vec3, Vec4};
 
+pub use background::Background;
 pub use camera::{Camera, Projection};
 pub use environment::{Environment, PlacedMap, Sky, Sun};
 pub use material::{Alpha, Appearance, Material, Model, NormalMap, Volume};

@@ -6,7 +6,7 @@ use super::model::Parameters;
 use super::point::Surface;
 use crate::radiometry::Rgb;
 use crate::rays::{Eye, Hit, Rays, Segment, Spot, unit_normal};
-use crate::scene::{Environment, Material, Scene, Triangle};
+use crate::scene::{Background, Environment, Material, Scene, Triangle};
 use glam::{Vec2, Vec3};
 use std::cell::Cell;
 use std::sync::Arc;
@@ -23,6 +23,8 @@ pub struct World {
     pub rays: Rays,
     /// What surrounds it: sky and sun.
     pub environment: Arc<Environment>,
+    /// What a camera sees beside its surfaces.
+    pub background: Background,
     finishes: Vec<Finish>,
     /// Whether light passes anything as clear, and whether it does so along a straight line.
     has_clear: bool,
@@ -61,12 +63,30 @@ impl World {
         let finish = |triangle| Finish::new(&scene, triangle, rays.scale());
         let finishes: Vec<Finish> = scene.triangles.iter().map(finish).collect();
         let mirrors = scene.materials.iter().map(Material::casts_caustics).collect();
-        let (has_clear, has_panes) = (false, false);
-        let mut this = Self { rays, environment, finishes, scene, has_clear, has_panes, mirrors };
+        let mut this = Self {
+            rays,
+            environment,
+            background: Background::Sky,
+            finishes,
+            scene,
+            has_clear: false,
+            has_panes: false,
+            mirrors,
+        };
         this.has_clear = this.finishes.iter().any(|finish| finish.clear.is_some());
         this.has_panes = this.has_clear
             && (0..this.finishes.len() as u32).any(|triangle| this.is_pane(triangle));
         this
+    }
+
+    /// The same, seen before a background.
+    pub fn before(self, background: Background) -> Self {
+        Self { background, ..self }
+    }
+
+    /// Radiance that a camera sees in the unit `direction` where there is no surface.
+    pub fn beside_surfaces(&self, direction: Vec3) -> Rgb {
+        self.background.radiance(&self.environment, direction)
     }
 
     /// Square metres of a square ray unit.

@@ -4,6 +4,7 @@
 use super::job::{Chosen, Job};
 use super::patchless;
 use super::run::Run;
+use super::silhouette;
 use super::solver::{Estimate, Extent, Method, Solver};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceError, free_memory};
@@ -31,8 +32,8 @@ pub fn drive<'a>(
     let mut job = Job::new(chosen, request, observer)?;
     admit(method, &job)?;
     let Some(mut solver) = method.begin(&mut job, device)? else {
-        let black = Picture::black(request.width, request.height);
-        return Ok(job.rendered((black, StopReason::NoLight), BTreeMap::new()));
+        let unlit = silhouette::picture(&job);
+        return Ok(job.rendered((unlit, StopReason::NoLight), BTreeMap::new()));
     };
     let result = solve(&mut *solver, &mut job.run)?;
     let diagnostics = solver.diagnostics(&job.run);

@@ -15,6 +15,7 @@ use crate::render::{
 };
 use crate::scene::environment::Environment;
 use crate::scene::{Camera, Scene, Warning};
+use crate::surface::World;
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::str::FromStr;
@@ -183,13 +184,19 @@ impl<'a> Job<'a> {
         scene
     }
 
+    /// The scene as rays meet it, in its surroundings and before its background.
+    pub fn world(&self) -> World {
+        let world = World::surrounded(self.request.scene.clone(), self.environment.clone());
+        world.before(self.request.background)
+    }
+
     /// What turns solutions on the patches into the picture.
     pub fn measurement(&self, scene: &Arc<PatchedScene>) -> Measurement {
         let mesh = MeshSettings::new(&self.settings);
         let RenderRequest { width, height, .. } = *self.request;
         let (samples, smoothness) = (mesh.pixel_samples, mesh.smoothness);
         Measurement::new(scene.clone(), &self.camera, [width, height], samples, smoothness)
-            .surrounded_by(&self.environment)
+            .before(self.request.background, &self.environment)
     }
 
     /// What was decided for the job that this one begins with, or else `afresh`, to be found in

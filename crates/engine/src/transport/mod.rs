@@ -20,6 +20,7 @@ mod ray_traced;
 mod registry;
 mod run;
 mod settled;
+mod silhouette;
 mod solver;
 mod stochastic;
 mod surroundings;

@@ -52,6 +52,7 @@ mod tests {
         RenderRequest {
             scene: Arc::new(scene),
             environment: environment.map(Arc::new),
+            background: Default::default(),
             camera: CameraChoice::First,
             width: 4,
             height: 4,

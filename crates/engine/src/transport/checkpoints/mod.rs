@@ -64,8 +64,8 @@ impl<'a> Past<'a> {
         }
         if same_view {
             let (camera, _) = choose_camera(&request.scene, &request.camera)?;
-            if header.view != ViewKey::new(&camera, request.width, request.height) {
-                return foreign("another camera or size of the picture".into());
+            if header.view != view_key(request, &camera) {
+                return foreign("another camera, size of the picture or background".into());
             }
         }
         let (environment, _) = surroundings(&request.scene, request);
@@ -84,6 +84,11 @@ impl<'a> Past<'a> {
         let value = self.header.decided.get(name).and_then(|value| value.parse().ok());
         value.ok_or_else(|| CheckpointError::damaged(format!("it does not say {name}")))
     }
+}
+
+/// What a camera's part of a checkpoint is bound to.
+fn view_key(request: &RenderRequest, camera: &Camera) -> ViewKey {
+    ViewKey::new(camera, [request.width, request.height], request.background)
 }
 
 /// Settings of other methods that earlier releases wrote into every checkpoint, though the method
@@ -186,7 +191,7 @@ impl Owner {
             method: method.scope.method.into(),
             format: method.format,
             settings: method.settings.values(),
-            view: ViewKey::new(camera, request.width, request.height),
+            view: view_key(request, camera),
             decided: BTreeMap::new(),
             // It was found to be the same.
             hash: match &request.begin {

@@ -40,6 +40,7 @@ fn request(method: &str, iterations: u64) -> RenderRequest {
     RenderRequest {
         scene: Arc::new(scene),
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: 10,
         height: 8,

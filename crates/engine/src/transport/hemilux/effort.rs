@@ -55,6 +55,7 @@ mod tests {
         Effort::new(&RenderRequest {
             scene: Arc::default(),
             environment: None,
+            background: Default::default(),
             camera: CameraChoice::First,
             width: side,
             height: side,

@@ -90,7 +90,8 @@ pub fn measure(known: &PictureInputs<'_>) -> (Picture, Option<Errors>) {
         .collect();
     let errors = errors(&estimates, &visible.shine);
     let pixels = estimates.iter().map(|estimate| estimate.radiance).collect();
-    (Picture { width: visible.width, height: visible.height, pixels }, errors)
+    let alpha = (!visible.coverage.is_empty()).then(|| visible.coverage.clone());
+    (Picture { alpha, ..Picture::new(visible.width, visible.height, pixels) }, errors)
 }
 
 impl PictureInputs<'_> {
@@ -113,7 +114,7 @@ impl PictureInputs<'_> {
             all += share;
         }
         if all > 0.0 {
-            // Beside what the camera sees may be nothing but what surrounds the scene.
+            // Beside what the camera sees may be nothing but the background.
             if all < 0.99 {
                 let beside = background / (1.0 - all);
                 (least, most) = (least.min(beside), most.max(beside));

@@ -105,8 +105,10 @@ pub struct VisibleSurfaces {
     pub start: Vec<u32>,
     /// Emitted radiance that each pixel sees.
     pub shine: Vec<Rgb>,
-    /// Radiance that each pixel sees of what surrounds the scene; empty where nothing does.
+    /// Radiance that each pixel sees beside the surfaces; empty where that is black.
     pub background: Vec<Rgb>,
+    /// Share of each pixel that surfaces cover; empty where the picture shows no alpha.
+    pub coverage: Vec<f32>,
 }
 
 impl VisibleSurfaces {
@@ -141,6 +143,7 @@ impl VisibleSurfaces {
             start: vec![0],
             shine: Vec::with_capacity((width * height) as usize),
             background: Vec::new(),
+            coverage: Vec::new(),
         };
         let bands: Vec<Band> = (0..height.div_ceil(BAND))
             .into_par_iter()
@@ -152,6 +155,7 @@ impl VisibleSurfaces {
             visible.start.extend(band.ends.iter().map(|end| end + first as u32));
             visible.shine.extend(&band.shine);
             visible.background.extend(&band.background);
+            visible.coverage.extend(&band.coverage);
             let groups = visible.groups.len() as u32;
             visible.lobes.extend(band.lobes.iter().map(|lobe| Lobe {
                 fragment: lobe.fragment + first as u32,
@@ -324,8 +328,10 @@ impl VisibleSurfaces {
             ends: Vec::with_capacity(pixels),
             shine: Vec::with_capacity(pixels),
             background: Vec::new(),
+            coverage: Vec::new(),
         };
-        let surrounds = !world.environment.is_dark();
+        let shows_background = !world.background.is_black(&world.environment);
+        let shows_alpha = world.background.is_transparent();
         let mut groups: Vec<SampleGroup> = Vec::new();
         for pixel in 0..pixels {
             groups.clear();
@@ -347,8 +353,11 @@ impl VisibleSurfaces {
                 }
             }
             let pixel = first_row * self.width + pixel as u32;
-            if surrounds {
+            if shows_background {
                 band.background.push(self.background(world, pixel, empty));
+            }
+            if shows_alpha {
+                band.coverage.push(1.0 - empty.count_ones() as f32 / count as f32);
             }
             let shine = self.collect(world, pixel, &groups, &mut band);
             band.shine.push(shine);
@@ -386,9 +395,9 @@ impl VisibleSurfaces {
         self.frame.ray(Vec2::new(at.x, -at.y))
     }
 
-    /// What some samples of a pixel, by a bit each, see of what surrounds the scene.
+    /// What some samples of a pixel, by a bit each, see beside the surfaces.
     fn background(&self, world: &World, pixel: u32, samples: u64) -> Rgb {
-        let of = |offset| world.environment.background(self.ray(pixel, offset).1);
+        let of = |offset| world.beside_surfaces(self.ray(pixel, offset).1);
         self.offsets(samples).map(of).sum::<Rgb>() / self.samples.len() as f32
     }
 
@@ -554,8 +563,10 @@ struct Band {
     groups: Vec<SampleGroup>,
     ends: Vec<u32>,
     shine: Vec<Rgb>,
-    /// Empty where nothing surrounds the scene.
+    /// Empty where the background is black.
     background: Vec<Rgb>,
+    /// Empty where the picture shows no alpha.
+    coverage: Vec<f32>,
 }
 
 #[cfg(test)]

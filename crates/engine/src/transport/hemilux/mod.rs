@@ -32,7 +32,6 @@ use crate::emitters::DirectLights;
 use crate::rays::Rays;
 use crate::render::RenderError;
 use crate::sampling::Seed;
-use crate::surface::World;
 use clock::Clock;
 use coarse::{CoarseMesh, CoarseSolution, Elements, MOST_TRIANGLES, SampledLight};
 use effort::Effort;
@@ -96,7 +95,7 @@ impl Method for Hemilux {
         let computes = CpuDevice::describe_here().to_string();
         let scene = job.cut_with_all(patches, computes, MOST_TRIANGLES);
         let mut clock = Clock::default();
-        let world = Arc::new(World::surrounded(job.request.scene.clone(), job.environment.clone()));
+        let world = Arc::new(job.world());
         let Some(lights) = DirectLights::new(&world) else { return Ok(None) };
         let lights = Arc::new(lights);
         clock.lap("seconds_prepare");

@@ -17,6 +17,7 @@ fn lit_picture(glb: &[u8], threads: usize, seed: u64, brightness: f32) -> Pictur
     let request = RenderRequest {
         scene: Arc::new(scene),
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: 70,
         height: 50,

@@ -22,7 +22,6 @@ use crate::emitters::SceneLights;
 use crate::image::Picture;
 use crate::render::{RenderError, StopReason};
 use crate::scene::Warning;
-use crate::surface::World;
 use crate::transport::caustics::{BLOCK, Casters, Charts, Lit, Maker};
 use crate::transport::ray_traced::{
     self, Caustics, Film, RayTracedSettings, Steps, View, ray_figures, warnings,
@@ -69,7 +68,7 @@ impl Method for IlluminationMap {
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
         let options = RayTracedSettings::new(&job.settings);
         let own = MapSettings::new(&job.settings);
-        let world = World::surrounded(job.request.scene.clone(), job.environment.clone());
+        let world = job.world();
         let lights = SceneLights::new(&world);
         let casts = |lights: &SceneLights| Lit { world: &world, lights }.casts();
         let casts = lights.as_ref().is_some_and(casts);

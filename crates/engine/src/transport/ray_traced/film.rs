@@ -19,12 +19,16 @@ pub struct Film {
     width: u32,
     /// Passes of a turn: within it they depend on each other.
     period: u64,
+    /// Whether its picture has an alpha channel.
+    has_alpha: bool,
     rows: Vec<Row>,
 }
 
 /// A row of the picture.
 struct Row {
     pixels: Vec<PixelSums>,
+    /// Σ over passes of the share of each pixel that surfaces cover; empty without alpha.
+    coverage: Vec<f32>,
     passes: u64,
     rays: u64,
     light_rays: u64,
@@ -61,15 +65,23 @@ struct Scatter {
 
 impl Film {
     /// An empty film.
-    pub fn new([width, height]: [u32; 2], period: u32) -> Self {
+    pub fn new([width, height]: [u32; 2], period: u32, has_alpha: bool) -> Self {
         let pixels = vec![PixelSums::default(); width as usize];
-        let row = |_| Row { pixels: pixels.clone(), passes: 0, rays: 0, light_rays: 0 };
-        Self { width, period: u64::from(period), rows: (0..height).map(row).collect() }
+        let coverage = vec![0.0; if has_alpha { width as usize } else { 0 }];
+        let row = |_| Row {
+            pixels: pixels.clone(),
+            coverage: coverage.clone(),
+            passes: 0,
+            rays: 0,
+            light_rays: 0,
+        };
+        let rows = (0..height).map(row).collect();
+        Self { width, period: u64::from(period), has_alpha, rows }
     }
 
     /// Bytes of a film, and of its picture.
     pub fn needed_bytes(width: u32, height: u32) -> u64 {
-        let pixel = size_of::<PixelSums>() + size_of::<Rgb>();
+        let pixel = size_of::<PixelSums>() + size_of::<Rgb>() + 2 * size_of::<f32>();
         u64::from(width) * u64::from(height) * pixel as u64
     }
 
@@ -80,6 +92,9 @@ impl Film {
         for row in &self.rows {
             to.slice(&row.pixels);
         }
+        for row in self.rows.iter().filter(|_| self.has_alpha) {
+            to.slice(&row.coverage);
+        }
     }
 
     /// Takes what [`Film::save`] wrote of the same size and period.
@@ -88,6 +103,9 @@ impl Film {
         for (row, [passes, rays, light_rays]) in self.rows.iter_mut().zip(counts) {
             (row.passes, row.rays, row.light_rays) = (passes, rays, light_rays);
             from.replace(&mut row.pixels)?;
+        }
+        for row in self.rows.iter_mut().filter(|_| self.has_alpha) {
+            from.replace(&mut row.coverage)?;
         }
         // Rows are traced from the top, none a second time before all were.
         let (first, last) = (self.rows[0].passes, self.rows[self.rows.len() - 1].passes);
@@ -138,11 +156,14 @@ impl Film {
     /// The mean of the passes.
     pub fn picture(&self) -> Picture {
         let mut pixels = Vec::with_capacity(self.width as usize * self.rows.len());
+        let mut alpha = Vec::new();
         for row in &self.rows {
             let share = 1.0 / row.passes.max(1) as f32;
             pixels.extend(row.pixels.iter().map(|pixel| pixel.sum * share));
+            alpha.extend(row.coverage.iter().map(|sum| (sum * share).min(1.0)));
         }
-        Picture { width: self.width, height: self.height(), pixels }
+        let alpha = self.has_alpha.then_some(alpha);
+        Picture { alpha, ..Picture::new(self.width, self.height(), pixels) }
     }
 
     /// Whether there are as many passes as an estimate takes.
@@ -181,6 +202,9 @@ impl Row {
             self.light_rays += walk.light_rays;
             sums.sum += value;
             sums.by_map += estimate.by_map;
+            if let Some(sum) = self.coverage.get_mut(column) {
+                *sum += estimate.coverage;
+            }
             sums.squares += square(value);
             sums.sees_emitter |= u32::from(walk.saw_emitter);
             if period > 1 {

@@ -68,7 +68,7 @@ impl Method for RayTraced {
         device: &'a mut dyn Device,
     ) -> Result<Option<Box<dyn Solver + 'a>>, RenderError> {
         let options = RayTracedSettings::new(&job.settings);
-        let world = World::surrounded(job.request.scene.clone(), job.environment.clone());
+        let world = job.world();
         let lights = SceneLights::new(&world);
         job.announce(Announcement {
             device: format!("{} (rays)", CpuDevice::describe_here().name),

@@ -67,6 +67,8 @@ pub struct Walk {
     pub by_map: Rgb,
     /// Whether a camera ray saw an emitter.
     pub saw_emitter: bool,
+    /// Whether the camera ray met no surface.
+    pub missed: bool,
     /// What spreads the choices at the first surfaces.
     pub turn: Option<Turn>,
 }
@@ -85,7 +87,15 @@ enum Choice {
 impl Walk {
     /// No rays yet.
     pub fn new(numbers: Numbers) -> Self {
-        Self { numbers, rays: 0, light_rays: 0, by_map: Rgb::ZERO, saw_emitter: false, turn: None }
+        Self {
+            numbers,
+            rays: 0,
+            light_rays: 0,
+            by_map: Rgb::ZERO,
+            saw_emitter: false,
+            missed: false,
+            turn: None,
+        }
     }
 
     /// What spreads a choice at surface number `surface` of a path.
@@ -231,7 +241,13 @@ impl Tracer<'_> {
         loop {
             walk.rays += 1;
             let hit = self.world.rays.closest(flight.eye, flight.origin, flight.direction);
-            let Some(hit) = hit else { return (radiance + self.escaped(&flight), None) };
+            let Some(hit) = hit else {
+                if crossings == 0 && flight.normal.is_none() {
+                    walk.missed = true;
+                    return (self.world.beside_surfaces(flight.direction), None);
+                }
+                return (radiance + self.escaped(&flight), None);
+            };
             let Some(surface) = self.world.met(&hit) else { return (radiance, None) };
             flight.way += hit.distance;
             if let Some(inside) = &flight.inside {

@@ -42,13 +42,19 @@ pub struct Estimate {
     /// How far it would be off by chance if only the caustics' map were random: a value whose mean
     /// is 0, and whose variance is what the map adds to that of [`Estimate::radiance`].
     pub by_map: Rgb,
+    /// Share of the pixel that surfaces cover.
+    pub coverage: f32,
 }
 
 impl std::ops::Add for Estimate {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
-        Self { radiance: self.radiance + other.radiance, by_map: self.by_map + other.by_map }
+        Self {
+            radiance: self.radiance + other.radiance,
+            by_map: self.by_map + other.by_map,
+            coverage: self.coverage + other.coverage,
+        }
     }
 }
 
@@ -56,7 +62,11 @@ impl std::ops::Mul<f32> for Estimate {
     type Output = Self;
 
     fn mul(self, factor: f32) -> Self {
-        Self { radiance: self.radiance * factor, by_map: self.by_map * factor }
+        Self {
+            radiance: self.radiance * factor,
+            by_map: self.by_map * factor,
+            coverage: self.coverage * factor,
+        }
     }
 }
 
@@ -111,11 +121,13 @@ impl Pixels<'_> {
         walk.by_map = Rgb::ZERO;
         let (origin, direction) = self.ray(at);
         let Some(origin) = origin else {
-            let radiance = self.tracer.world.environment.background(direction);
-            return Estimate { radiance, by_map: Rgb::ZERO };
+            let radiance = self.tracer.world.beside_surfaces(direction);
+            return Estimate { radiance, ..Estimate::default() };
         };
+        walk.missed = false;
         let radiance = self.tracer.radiance(origin, direction, walk);
-        Estimate { radiance, by_map: walk.by_map }
+        let coverage = if walk.missed { 0.0 } else { 1.0 };
+        Estimate { radiance, by_map: walk.by_map, coverage }
     }
 
     /// Where the ray through a place of the picture comes near the scene, if it does, and its unit

@@ -45,7 +45,7 @@ impl View {
 
     /// An empty film for it.
     pub fn film(&self) -> Film {
-        Film::new(self.size, self.options.period())
+        Film::new(self.size, self.options.period(), self.world.background.is_transparent())
     }
 
     /// Its pixels, of which some light may come from a map.
