@@ -126,13 +126,23 @@ test("a map of a sky is stored, chosen and sent", async () => {
   const id = await page.inputValue("#environment");
   assert.match(id, /^[0-9a-f]{64}$/);
   assert.match(await text("#environment optgroup"), /grey\.hdr \(4 × 2\)/);
-  const [request] = await Promise.all([
-    page.waitForRequest((sent) => sent.method() === "POST" && sent.url().endsWith("/v1/jobs")),
-    page.getByRole("button", { name: "Start job" }).click(),
-  ]);
-  assert.deepEqual(request.postDataJSON().environment, { sky: { environment: id } });
+  const sent = async () => {
+    const [request] = await Promise.all([
+      page.waitForRequest((one) => one.method() === "POST" && one.url().endsWith("/v1/jobs")),
+      page.getByRole("button", { name: "Start job" }).click(),
+    ]);
+    return request.postDataJSON();
+  };
+  const plain = await sent();
+  assert.deepEqual([plain.environment, plain.background, plain.units], [{ sky: { environment: id } }, undefined, undefined]);
+  await page.selectOption("#background", "white");
+  assert.deepEqual((await sent()).background, [1, 1, 1]);
+  await page.selectOption("#background", "transparent");
+  await page.selectOption("#units", "radiometric");
+  const other = await sent();
+  assert.deepEqual([other.background, other.units], ["transparent", "radiometric"]);
   await page.waitForSelector("#width-error:not([hidden])");
-  await page.selectOption("#environment", "");
+  for (const field of ["environment", "background", "units"]) await page.selectOption(`#${field}`, "");
   await page.locator(".more-fields summary").click();
   expected = [];
 });

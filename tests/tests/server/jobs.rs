@@ -381,6 +381,7 @@ fn plan_of_the_engine(limits: Limits) -> Value {
     let request = RenderRequest {
         scene: std::sync::Arc::new(scene),
         environment: None,
+        background: Default::default(),
         camera: CameraChoice::First,
         width: 32,
         height: 24,

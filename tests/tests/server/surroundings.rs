@@ -114,7 +114,7 @@ fn the_sun_of_a_place_and_a_moment_lights_a_job() {
 
 /// A map of one colour, OpenEXR.
 fn sky(colour: Rgb) -> Vec<u8> {
-    Picture { width: 4, height: 2, pixels: vec![colour; 8] }.to_exr().unwrap()
+    Picture::new(4, 2, vec![colour; 8]).to_exr().unwrap()
 }
 
 fn send_sky(server: &Server, path: &str, bytes: &[u8]) -> Answer {
@@ -234,8 +234,107 @@ fn maps_are_each_callers_own() {
         let noise = i.wrapping_mul(2_654_435_761) as f32 / u32::MAX as f32;
         Rgb::new(noise, noise.sqrt(), noise.exp())
     });
-    let large = Picture { width: 400, height: 400, pixels: pixels.collect() }.to_exr().unwrap();
+    let large = Picture::new(400, 400, pixels.collect()).to_exr().unwrap();
     assert!(large.len() > 1 << 20);
     let full = send(&bob, &large).problem(429);
     assert_eq!(full["limit"], "scene_bytes");
+}
+
+/// The two files of a finished job.
+fn files(server: &Server, job: &Value) -> [Vec<u8>; 2] {
+    assert_eq!(job["state"], "succeeded", "{job}");
+    ["png", "exr"].map(|ending| {
+        let path = format!("/v1/jobs/{}/image.{ending}", job["id"].as_str().unwrap());
+        server.get(&path).body
+    })
+}
+
+fn has(file: &[u8], word: &str) -> bool {
+    file.windows(word.len()).any(|bytes| bytes == word.as_bytes())
+}
+
+#[test]
+fn a_background_is_in_the_files_and_makes_another_job() {
+    let server = Server::start();
+    let id = server.post_scene(&two_colours()).json()["id"].as_str().unwrap().to_owned();
+    let done =
+        |background: Value| server.wait(&server.submit(&small(&id, "background", background)));
+    let plain = server.wait(&server.submit(&small(&id, "seed", json!(0))));
+    assert_eq!(done(json!("sky"))["result_of"], plain["id"], "the default, spelt out");
+    let (transparent, green) = (done(json!("transparent")), done(json!([0, 1, 0])));
+    let again = done(json!([0.0, 1.0, 0.0]));
+    assert_eq!([&transparent["result_of"], &green["result_of"]], [&Value::Null; 2]);
+    assert_eq!(again["result_of"], green["id"]);
+    assert_eq!(transparent["request"]["background"], "transparent");
+    let load = |bytes: &[u8], format| image::load(Cursor::new(bytes), format).unwrap();
+    let [png, exr] = files(&server, &transparent);
+    let [png, exr] = [load(&png, image::ImageFormat::Png), load(&exr, image::ImageFormat::OpenExr)];
+    assert!(png.color().has_alpha() && exr.color().has_alpha());
+    let alpha: Vec<_> = exr.to_rgba32f().pixels().map(|pixel| pixel[3]).collect();
+    assert!(alpha.contains(&0.0) && alpha.contains(&1.0), "{alpha:?}");
+    let codes: Vec<_> = png.to_rgba8().pixels().map(|pixel| f32::from(pixel[3])).collect();
+    assert!(alpha.iter().zip(codes).all(|(alpha, code)| (255.0 * alpha - code).abs() <= 0.5));
+    for job in [&plain, &green] {
+        let [png, exr] = files(&server, job);
+        assert!(!load(&png, image::ImageFormat::Png).color().has_alpha());
+        assert!(!load(&exr, image::ImageFormat::OpenExr).color().has_alpha());
+    }
+    assert!(mean(&server, &green)[1] > mean(&server, &plain)[1] + 0.1);
+    for (field, value) in [
+        ("background", json!([0, -1, 0])),
+        ("background", json!("blue")),
+        ("background", json!([1, 2])),
+        ("units", json!("lumen")),
+    ] {
+        let problem = server.post("/v1/jobs", &small(&id, field, value)).problem(422);
+        assert_eq!(problem["errors"][0]["field"], field, "{problem}");
+    }
+}
+
+#[test]
+fn the_header_of_the_exr_says_what_its_numbers_are() {
+    let server = Server::start();
+    let id = server.post_scene(&two_colours()).json()["id"].as_str().unwrap().to_owned();
+    let done = |units: &str| server.wait(&server.submit(&small(&id, "units", json!(units))));
+    let (photometric, radiometric) = (done("photometric"), done("radiometric"));
+    assert_eq!(radiometric["result_of"], Value::Null, "another file");
+    let [_, nits] = files(&server, &photometric);
+    assert!(has(&nits, "whiteLuminance") && has(&nits, "cd/m^2") && !has(&nits, "W/(m^2 sr)"));
+    let [_, watts] = files(&server, &radiometric);
+    assert!(!has(&watts, "whiteLuminance") && has(&watts, "W/(m^2 sr)"));
+    assert_eq!(mean(&server, &photometric), mean(&server, &radiometric), "nothing is converted");
+    let at = json!({"latitude": 48.1, "longitude": 11.6, "time": "2026-06-21T12:00:00Z"});
+    let mut day = small(&id, "environment", json!({"sun_at": at}));
+    day["units"] = json!("radiometric");
+    let problem = server.post("/v1/jobs", &day).problem(422);
+    assert_eq!(problem["errors"][0]["field"], "units");
+}
+
+#[test]
+fn the_command_line_has_backgrounds_and_units() {
+    let folder = tempfile::tempdir().unwrap();
+    let (glb, exr) = (folder.path().join("two.glb"), folder.path().join("out.exr"));
+    std::fs::write(&glb, two_colours()).unwrap();
+    let render = |more: &[&str]| {
+        let mut command = Command::new(program());
+        command.arg("render").arg(&glb).arg("-o").arg(&exr).args(["--size", "24x24", "-q"]);
+        let done = command.args(["--iterations", "2", "--device", "cpu"]).args(more).output();
+        let done = done.unwrap();
+        let said = String::from_utf8_lossy(&done.stderr).into_owned();
+        if done.status.success() { Ok(std::fs::read(&exr).unwrap()) } else { Err(said) }
+    };
+    let plain = render(&[]).unwrap();
+    assert!(has(&plain, "whiteLuminance") && Picture::from_exr(&plain).unwrap().alpha.is_none());
+    let other = render(&["--background", "transparent", "--units", "radiometric"]).unwrap();
+    assert!(!has(&other, "whiteLuminance") && Picture::from_exr(&other).unwrap().alpha.is_some());
+    let blue = Picture::from_exr(&render(&["--background", "0,0,7"]).unwrap()).unwrap();
+    assert!(blue.pixels.contains(&Rgb::new(0.0, 0.0, 7.0)));
+    for wrong in [
+        &["--background", "blue"][..],
+        &["--background", "-1,0,0"],
+        &["--units", "lumen"],
+        &["--units", "radiometric", "--sun-at", "48.1,11.6,2026-06-21T12:00:00Z"],
+    ] {
+        assert!(render(wrong).is_err(), "{wrong:?}");
+    }
 }

@@ -3,6 +3,7 @@
 
 use super::environment::{MapOfSky, SkyRequest};
 use super::jobs::{CameraRequest, ExplicitCamera, OptionValue};
+use super::shown::BackgroundRequest;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Unexpected, Visitor};
 use std::fmt;
@@ -13,6 +14,9 @@ const A_CAMERA: &str =
 /// What a sky may be, for errors.
 const A_SKY: &str =
     "\"none\", \"studio\", an array of three radiances, or an object with the id of an environment";
+
+/// What a background may be, for errors.
+const A_BACKGROUND: &str = "\"sky\", \"transparent\", or an array of three radiances";
 
 impl<'de> Deserialize<'de> for CameraRequest {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -83,6 +87,33 @@ impl<'de> Visitor<'de> for SkyVisitor {
     }
 }
 
+impl<'de> Deserialize<'de> for BackgroundRequest {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(BackgroundVisitor)
+    }
+}
+
+struct BackgroundVisitor;
+
+impl<'de> Visitor<'de> for BackgroundVisitor {
+    type Value = BackgroundRequest;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(A_BACKGROUND)
+    }
+
+    fn visit_str<E: Error>(self, word: &str) -> Result<Self::Value, E> {
+        let known = [BackgroundRequest::Sky, BackgroundRequest::Transparent];
+        let background = known.into_iter().find(|background| background.word() == Some(word));
+        background.ok_or_else(|| E::invalid_value(Unexpected::Str(word), &A_BACKGROUND))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, items: A) -> Result<Self::Value, A::Error> {
+        let radiance = <[f32; 3]>::deserialize(SeqAccessDeserializer::new(items));
+        radiance.map(BackgroundRequest::Colour)
+    }
+}
+
 impl<'de> Deserialize<'de> for OptionValue {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_any(OptionVisitor)
@@ -145,6 +176,10 @@ mod tests {
             let read: SkyRequest = serde_json::from_str(&value.to_string()).unwrap();
             assert_eq!(serde_json::to_value(read).unwrap(), value);
         }
+        for value in [json!("sky"), json!("transparent"), json!([0.5, 1.0, 2.0])] {
+            let read: BackgroundRequest = serde_json::from_str(&value.to_string()).unwrap();
+            assert_eq!(serde_json::to_value(read).unwrap(), value);
+        }
         for value in [json!(true), json!(3), json!(-3), json!(0.25), json!("auto")] {
             let read: OptionValue = serde_json::from_str(&value.to_string()).unwrap();
             assert_eq!(serde_json::to_value(read).unwrap(), value);
@@ -168,6 +203,10 @@ mod tests {
         }
         assert!(sky(json!({})).to_string().contains("missing field `environment`"));
         assert!(sky(json!([1, 2])).to_string().contains("array of length 3"));
+        for value in [json!(null), json!("blue"), json!(1), json!({})] {
+            let error = serde_json::from_value::<BackgroundRequest>(value).unwrap_err().to_string();
+            assert!(error.contains(A_BACKGROUND), "{error}");
+        }
         for value in [json!(null), json!([1]), json!({})] {
             let error = serde_json::from_value::<OptionValue>(value).unwrap_err().to_string();
             assert!(error.contains("a number, true, false or a word"), "{error}");

@@ -2,6 +2,7 @@
 
 use super::environment::EnvironmentRequest;
 use super::scenes::CameraName;
+use super::shown::{BackgroundRequest, UnitsRequest};
 use super::webhooks::WebhookTarget;
 use super::{Warning, instant};
 use crate::job_state::JobState;
@@ -41,6 +42,14 @@ pub struct JobRequest {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(nullable = false)]
     pub environment: Option<EnvironmentRequest>,
+    /// What the camera sees beside the surfaces.
+    #[serde(default, skip_serializing_if = "BackgroundRequest::is_default")]
+    #[schema(default = "sky")]
+    pub background: BackgroundRequest,
+    /// What the numbers of the scene, and so of the EXR, are.
+    #[serde(default, skip_serializing_if = "UnitsRequest::is_default")]
+    #[schema(default = "photometric")]
+    pub units: UnitsRequest,
     /// Picture width, pixels. The server may be configured for less.
     #[serde(default = "default_side")]
     #[schema(minimum = 1, maximum = 16384, default = 512, example = 64)]

@@ -77,6 +77,8 @@ impl JobRequest {
         if self.variant.as_ref().is_some_and(|name| name.chars().count() > MAX_VARIANT_CHARS) {
             wrong("variant", format!("at most {MAX_VARIANT_CHARS} characters"));
         }
+        self.background.problems(&mut wrong);
+        self.units.problems(self.environment.as_ref(), &mut wrong);
         if let Some(environment) = &self.environment {
             environment.problems(&mut wrong);
         }

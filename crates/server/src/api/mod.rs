@@ -12,6 +12,7 @@ pub mod limits;
 pub mod request_hash;
 pub mod scenes;
 pub mod settings;
+pub mod shown;
 pub mod solutions;
 pub mod uploads;
 pub mod webhooks;

@@ -182,6 +182,7 @@ fn check_size(scene: &Arc<Scene>, camera: &CameraChoice, size: (u32, u32)) -> Re
     let request = RenderRequest {
         scene: scene.clone(),
         environment: None,
+        background: Default::default(),
         camera: camera.clone(),
         width: size.0,
         height: size.1,

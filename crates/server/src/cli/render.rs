@@ -9,11 +9,11 @@ use crate::worker::{devices, scenes};
 use crate::{builtin, panic_text};
 use clap::Args;
 use hemilux_engine::checkpoint::Checkpoint;
-use hemilux_engine::image::{Exposure, Picture};
+use hemilux_engine::image::{Exposure, Picture, Units};
 use hemilux_engine::render::{
     Begin, Limits, Observer, Plan, Progress, RenderError, RenderRequest, Rendered,
 };
-use hemilux_engine::scene::{Scene, Warning};
+use hemilux_engine::scene::{Background, Scene, Warning};
 use hemilux_engine::transport::render;
 use indicatif::{ProgressBar, ProgressStyle};
 use percent_encoding::percent_decode_str;
@@ -25,7 +25,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use surroundings::Surroundings;
+use surroundings::{Surroundings, parse_three};
 use view::View;
 pub(super) use view::camera_choice;
 
@@ -48,6 +48,13 @@ pub struct Arguments {
     view: View,
     #[command(flatten)]
     surroundings: Surroundings,
+    /// What the camera sees beside the surfaces: the `sky`, nothing (`transparent`: pictures get an
+    /// alpha channel), or a linear RGB radiance.
+    #[arg(long, value_name = "sky|transparent|R,G,B", default_value = "sky", allow_hyphen_values = true, value_parser = parse_background)]
+    background: Background,
+    /// What the numbers of the scene are, and so those of EXR files, whose header says so.
+    #[arg(long, value_name = "photometric|radiometric", default_value = "photometric", value_parser = parse_units)]
+    units: Units,
     /// Picture size, pixels.
     #[arg(long, default_value = "512x512", value_parser = parse_size, value_name = "WxH")]
     size: (u32, u32),
@@ -130,6 +137,25 @@ fn parse_exposure(text: &str) -> Result<Exposure, String> {
     }
 }
 
+fn parse_background(text: &str) -> Result<Background, String> {
+    let background = match text {
+        "sky" => Background::Sky,
+        "transparent" => Background::Transparent,
+        _ => parse_three(text).map(Background::Colour).map_err(|error| {
+            format!("must be sky, transparent or three radiances; these {error}")
+        })?,
+    };
+    background.check().map(|()| background).map_err(|error| error.to_string())
+}
+
+fn parse_units(text: &str) -> Result<Units, String> {
+    match text {
+        "photometric" => Ok(Units::Photometric),
+        "radiometric" => Ok(Units::Radiometric),
+        _ => Err("must be photometric or radiometric".into()),
+    }
+}
+
 /// Refuses files that could not be written, before the work rather than after it.
 fn check_outputs(output: &[PathBuf]) -> Result<(), Failure> {
     for path in output {
@@ -148,12 +174,17 @@ fn check_outputs(output: &[PathBuf]) -> Result<(), Failure> {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let started = Instant::now();
     check_outputs(&arguments.output)?;
+    if arguments.units == Units::Radiometric && arguments.surroundings.has_day() {
+        let what = "--sun-at gives light in lux, which is photometric; leave --units out";
+        return Err(Failure::usage(what));
+    }
     let scene = read_scene(&arguments.scene, arguments.variant.as_deref())?;
     let device_id = devices::choose_one(&arguments.device).map_err(Failure::usage)?;
     let camera = arguments.view.camera(&scene);
     let request = RenderRequest {
         scene: Arc::new(scene),
         environment: arguments.surroundings.read()?,
+        background: arguments.background,
         camera,
         width: arguments.size.0,
         height: arguments.size.1,
@@ -217,7 +248,7 @@ fn begin(arguments: &Arguments) -> Result<Begin, Failure> {
 
 fn write_outputs(arguments: &Arguments, picture: &Picture) -> Result<(), Failure> {
     for path in &arguments.output {
-        picture.write(path, arguments.exposure).map_err(Failure::failed)?;
+        picture.write(path, arguments.exposure, arguments.units).map_err(Failure::failed)?;
     }
     Ok(())
 }

@@ -29,6 +29,11 @@ function readLines(text, separator, read) {
 /** Skies to choose from: value and name. */
 const SKIES = [["", "As the scene needs"], ["none", "None"], ["studio", "Studio"], ["white", "White all around"]];
 
+/** Backgrounds to choose from: value and name. */
+const BACKGROUNDS = [["", "The sky"], ["transparent", "Transparent"], ["white", "White"], ["black", "Black"]];
+/** Radiances of the colours among them. */
+const COLOURS = { white: [1, 1, 1], black: [0, 0, 0] };
+
 export class JobForm {
   /** `nameOfScene(id)` may know what a scene was used for; `onAccepted(job)` hears of the job. */
   constructor(nameOfScene, onAccepted) {
@@ -46,12 +51,16 @@ export class JobForm {
     const camera = h("select", {}, h("option", { value: "" }, "The scene's first"));
     const variant = h("select", {}, h("option", { value: "" }, "As the file shows it"));
     const sky = h("select", {}, SKIES.map(([value, name]) => h("option", { value }, name)));
+    const background = h("select", {}, BACKGROUNDS.map(([value, name]) => h("option", { value }, name)));
+    const units = h("select", {}, [["", "Photometric (cd/m²)"], ["radiometric", "Radiometric (W/(m² sr))"]].map(([value, name]) => h("option", { value }, name)));
     const method = h("select", {}, h("option", { value: "auto" }, "auto"));
     this.fields = {
       scene: field("scene", "Stored or built-in scene", scene),
       camera: field("camera", "Camera", camera),
       variant: field("variant", "Materials", variant, { hint: "Of the sets that the scene offers." }),
       environment: field("environment", "Sky", sky, { hint: "By default none where the scene has lights, else the studio. A map (.exr, .hdr) is uploaded as a scene is." }),
+      background: field("background", "Background", background, { hint: "What the camera sees beside the surfaces; light stays as it is." }),
+      units: field("units", "Units of the EXR", units, { hint: "Written into its header; nothing is converted." }),
       name: field("name", "Name", h("input", { type: "text", maxlength: MAX_LABEL_CHARS, autocomplete: "off" }), { hint: "Shown in the list; kept as the label “name”." }),
       width: field("width", "Width", number(512, { min: 1, step: 1 }), { unit: "px" }),
       height: field("height", "Height", number(512, { min: 1, step: 1 }), { unit: "px" }),
@@ -84,7 +93,7 @@ export class JobForm {
     this.summary = h("div", { class: "notice bad", role: "alert", tabindex: "-1", hidden: true });
     this.submit = h("button", { type: "submit", class: "button primary" }, "Start job");
     this.more = h("details", { class: "more-fields" }, h("summary", {}, "More settings"),
-      h("div", { class: "field-grid" }, fields.method.root, fields.snapshots.root, fields.camera.root, fields.variant.root, fields.environment.root, fields.seed.root, fields.priority.root, fields.labels.root),
+      h("div", { class: "field-grid" }, fields.method.root, fields.snapshots.root, fields.camera.root, fields.variant.root, fields.environment.root, fields.background.root, fields.units.root, fields.seed.root, fields.priority.root, fields.labels.root),
       h("fieldset", {}, h("legend", {}, "Settings of the method"), this.settings.root));
     const group = (title, ...rows) => h("fieldset", {}, h("legend", {}, title), rows);
     this.heading = h("h2", { tabindex: "-1" }, "New job");
@@ -297,6 +306,10 @@ export class JobForm {
     const sky = fields.environment.control.value;
     const isStored = this.environments.some(({ id }) => id === sky);
     if (sky !== "") job.environment = { sky: isStored ? { environment: sky } : sky === "white" ? [1, 1, 1] : sky };
+    const background = fields.background.control.value;
+    if (background !== "") job.background = COLOURS[background] ?? background;
+    const units = fields.units.control.value;
+    if (units !== "") job.units = units;
     for (const name of ["time_budget_s", "max_iterations", "seed", "priority"]) {
       const value = numeric(name);
       if (value !== null) job[name] = value;

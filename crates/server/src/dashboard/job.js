@@ -113,6 +113,8 @@ export class JobView {
       ["Camera", camera === null ? "the scene's first" : typeof camera === "object" ? "its own" : String(camera)],
       ...(request.variant ? [["Materials", request.variant]] : []),
       ...(request.environment ? [["Surroundings", surroundings(request.environment)]] : []),
+      ...(request.background ? [["Background", Array.isArray(request.background) ? `radiance ${request.background.join(", ")}` : request.background]] : []),
+      ...(request.units ? [["Units", request.units]] : []),
       ["Stops at", limits.length ? limits.join(" or ") : "10 s (default)"],
       ["Method", request.method],
       ["Seed", String(request.seed)],

@@ -223,9 +223,10 @@ fn render_key(
         other => other.clone(),
     };
     // Everything else travels with the job but does not show in the picture.
-    let JobRequest { scene, variant, environment, method, width, height, .. } = job;
+    let JobRequest { scene, variant, environment, background, units, method, .. } = job;
     let limits = (job.target_error, job.max_iterations);
-    let shown = ((scene, variant), environment, camera, (width, height));
+    let size = (job.width, job.height);
+    let shown = ((scene, variant), environment, camera, size, (background, units));
     let asked = (shown, method, limits, job.seed, settings);
     let whole = serde_json::to_vec(&(env!("CARGO_PKG_VERSION"), owner, asked))?;
     Ok(Some(sha256_hex(&whole)))

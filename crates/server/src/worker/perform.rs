@@ -6,7 +6,7 @@ use super::pacing::Pacing;
 use super::requests::without_idle_settings;
 use super::threads::TaskThreads;
 use super::translation::{
-    environment, finite_header, render_request, to_plan, to_progress, to_stats,
+    environment, finite_header, render_request, to_plan, to_progress, to_stats, units,
 };
 use super::wire::{ExecutorEvent, Failure, Message, STORAGE, Task};
 use super::{devices, scenes};
@@ -17,7 +17,7 @@ use crate::failpoints;
 use bytes::Bytes;
 use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::device::{Device, DeviceError};
-use hemilux_engine::image;
+use hemilux_engine::image::{self, Units};
 use hemilux_engine::render::{Begin, Observer, Plan, Progress, RenderError, Rendered, StopReason};
 use hemilux_engine::scene::Warning;
 use hemilux_engine::scene::gltf::BakedMesh;
@@ -139,7 +139,8 @@ fn last_word(
         return Ok(ExecutorEvent::Rendered(figures, None).into());
     }
     let _ = events.blocking_send(ExecutorEvent::Solved.into());
-    encode::message(picture, &RESULT, |files| ExecutorEvent::Rendered(figures, Some(files)))
+    let held = (&RESULT[..], units(task.request.units));
+    encode::message(picture, held, |files| ExecutorEvent::Rendered(figures, Some(files)))
         .map_err(|error| Failure::new("picture", error.to_string()))
 }
 
@@ -237,6 +238,7 @@ struct Watcher<'a> {
     events: &'a EventSender,
     last_progress: Option<Instant>,
     snapshots: Option<SnapshotRequest>,
+    units: Units,
     taken: u32,
     /// How often the interval has doubled for want of room.
     slower: u32,
@@ -264,6 +266,7 @@ impl<'a> Watcher<'a> {
             last_progress: None,
             last_snapshot_s: 0.0,
             snapshots,
+            units: units(task.request.units),
             taken: 0,
             slower: task.snapshots_slower,
             underway: false,
@@ -338,9 +341,9 @@ impl Observer for Watcher<'_> {
         self.last_snapshot_s = progress.seconds;
         self.underway = true;
         let (picture, progress) = (picture.clone(), to_progress(progress));
-        let (events, formats) = (self.events.clone(), self.formats());
+        let (events, formats, units) = (self.events.clone(), self.formats(), self.units);
         // Beside the render, which goes on meanwhile.
-        let encode = move || match encode::message(&picture, &formats, |files| {
+        let encode = move || match encode::message(&picture, (&formats, units), |files| {
             ExecutorEvent::Snapshot(progress, files)
         }) {
             Ok(message) => events.blocking_send(message).is_ok(),

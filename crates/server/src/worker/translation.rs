@@ -3,8 +3,10 @@
 
 use crate::api::environment::{EnvironmentRequest, SkyRequest, SunAtRequest};
 use crate::api::jobs::{self as api, CameraRequest, JobRequest, OptionValue};
+use crate::api::shown::{BackgroundRequest, UnitsRequest};
 use crate::api::solutions::{Begins, Solution};
 use hemilux_engine::checkpoint::Header;
+use hemilux_engine::image::Units;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
     Begin, CameraChoice, ExplicitCamera, Figures, Limits, Plan, Progress, RenderRequest, Stats,
@@ -12,7 +14,7 @@ use hemilux_engine::render::{
 use hemilux_engine::scene::daylight::PlaceAndTime;
 use hemilux_engine::scene::environment::{Environment, PlacedMap, Sky, Sun};
 use hemilux_engine::scene::sky_map::SkyMap;
-use hemilux_engine::scene::{Scene, SceneError};
+use hemilux_engine::scene::{Background, Scene, SceneError};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -29,6 +31,7 @@ pub fn render_request(
     RenderRequest {
         scene,
         environment,
+        background: background(job.background),
         camera: camera(job.camera.as_ref()),
         width: job.width,
         height: job.height,
@@ -60,6 +63,23 @@ fn camera(request: Option<&CameraRequest>) -> CameraChoice {
             let api::ExplicitCamera { eye, target, up, yfov_degrees } = *camera;
             CameraChoice::Explicit(ExplicitCamera { eye, target, up, yfov_degrees })
         }
+    }
+}
+
+/// A job's background in the engine's words.
+fn background(request: BackgroundRequest) -> Background {
+    match request {
+        BackgroundRequest::Sky => Background::Sky,
+        BackgroundRequest::Transparent => Background::Transparent,
+        BackgroundRequest::Colour(radiance) => Background::Colour(Rgb::from_array(radiance)),
+    }
+}
+
+/// What the numbers of a job are, in the engine's words.
+pub fn units(request: UnitsRequest) -> Units {
+    match request {
+        UnitsRequest::Photometric => Units::Photometric,
+        UnitsRequest::Radiometric => Units::Radiometric,
     }
 }
 

@@ -35,6 +35,11 @@ pub struct Surroundings {
 }
 
 impl Surroundings {
+    /// Whether light comes from the day of a place, in lux.
+    pub fn has_day(&self) -> bool {
+        self.sun_at.is_some()
+    }
+
     /// What is asked for; `None` where nothing is said.
     ///
     /// # Errors
@@ -167,7 +172,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let [good, bad] = ["good.exr", "bad.hdr"].map(|name| folder.path().join(name));
         let pixels = vec![Rgb::new(1.0, 2.0, 3.0); 8];
-        let picture = Picture { width: 4, height: 2, pixels };
+        let picture = Picture::new(4, 2, pixels);
         std::fs::write(&good, picture.to_exr().unwrap()).unwrap();
         std::fs::write(&bad, "no sky").unwrap();
         let sky = read(&["--sky", good.to_str().unwrap(), "--sky-scale", "0.5"]).unwrap().unwrap();
