@@ -54,6 +54,7 @@ impl View {
         RenderRequest {
             scene: self.scene.clone(),
             environment: None,
+            background: Default::default(),
             camera: CameraChoice::First,
             width: self.side,
             height: self.side,
@@ -87,7 +88,7 @@ impl View {
             std::fs::write(&path, picture.to_exr()?)?;
             halves.push(picture);
         }
-        let (camera, _) = choose_camera(&self.scene, &CameraChoice::First)?;
+        let (camera, _) = choose_camera(&self.scene, &CameraChoice::First, [self.side; 2])?;
         let size = (self.side, self.side);
         // Where an emitter covers a thousandth of a pixel its noise would be that of the picture.
         let regions = Regions::new(&self.scene, &camera, size, 16, 1).beside_no_emitter(self.side);

@@ -1,5 +1,7 @@
 //! One job from scene to picture: what is asked, what is reported on the way, what comes out.
 
+mod framing;
+
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::device::DeviceError;
 use crate::image::Picture;
@@ -66,7 +68,8 @@ pub const MAX_PICTURE_PIXELS: u64 = 64 << 20;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum CameraChoice {
-    /// The first of the scene; without one, a camera that frames the scene, with a warning.
+    /// The first of the scene; without one, a camera in the room that the scene is, or one that
+    /// frames the scene, with a warning.
     #[default]
     First,
     /// By position in the file.
@@ -329,21 +332,21 @@ impl RenderError {
     }
 }
 
-/// The camera that `choice` means in `scene`, with a warning where one had to be made up.
+/// The camera that `choice` means in `scene` for a picture of that width and height, with a warning
+/// where one had to be made up.
 pub fn choose_camera(
     scene: &Scene,
     choice: &CameraChoice,
+    [width, height]: [u32; 2],
 ) -> Result<(Camera, Option<Warning>), RenderError> {
     match choice {
         CameraChoice::First => match scene.cameras.first() {
             Some(camera) => Ok((camera.clone(), None)),
-            None => Ok((
-                framing_camera(scene),
-                Some(Warning::new(
-                    "camera",
-                    "the scene has no camera; one that frames it was made up",
-                )),
-            )),
+            None => {
+                let (camera, made_up) = framing::camera(scene, width as f32 / height as f32);
+                let what = format!("the scene has no camera; {made_up} was made up");
+                Ok((camera, Some(Warning::new("camera", what))))
+            }
         },
         CameraChoice::Index(index) => {
             scene.cameras.get(*index as usize).map(|camera| (camera.clone(), None)).ok_or_else(
@@ -401,18 +404,15 @@ fn explicit_camera(camera: &ExplicitCamera) -> Result<Camera, RenderError> {
     Ok(Camera::look_at("request", eye, target, up_direction, camera.yfov_degrees.to_radians()))
 }
 
-/// A camera in front of the scene (+Z side, slightly above) that has all of it in view.
-fn framing_camera(scene: &Scene) -> Camera {
-    let (low, high) = scene.bounds().unwrap_or((Vec3::splat(-1.0), Vec3::ONE));
-    let center = 0.5 * (low + high);
-    let radius = (0.5 * (high - low)).length().max(1e-6);
-    let yfov = 45f32.to_radians();
-    let direction = Vec3::new(0.35, 0.25, 1.0).normalize();
-    let eye = center + direction * (radius / (0.5 * yfov).sin());
-    Camera::look_at("framing", eye, center, Vec3::Y, yfov)
-}
-
 impl RenderRequest {
+    /// The camera that takes the picture, with a warning where it had to be made up.
+    ///
+    /// # Errors
+    /// [`RenderError::Parameter`] where the scene has no such camera.
+    pub fn camera(&self) -> Result<(Camera, Option<Warning>), RenderError> {
+        choose_camera(&self.scene, &self.camera, [self.width, self.height])
+    }
+
     /// Checks the size of the picture, the limits, a camera of the request's own and surroundings; for method and
     /// settings, too, see [`crate::transport::check`].
     ///

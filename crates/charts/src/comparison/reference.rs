@@ -52,9 +52,9 @@ impl Truth {
         camera: &CameraChoice,
         origin: &str,
     ) -> Result<Self, TruthError> {
-        let (camera, _) = choose_camera(scene, camera)?;
         let [half, _] = reference.halves();
         let size = (half.width, half.height);
+        let (camera, _) = choose_camera(scene, camera, size.into())?;
         let counted = without_emitters(scene, &camera, size, SAMPLES);
         let refuse = |what: &str| Err(TruthError::Request(what.into()));
         if !counted.contains(&true) {

@@ -10,9 +10,7 @@ use crate::checkpoint::CheckpointError;
 use crate::image::Picture;
 use crate::measurement::Measurement;
 use crate::patches::PatchedScene;
-use crate::render::{
-    Observer, Plan, RenderError, RenderRequest, Rendered, Stats, StopReason, choose_camera,
-};
+use crate::render::{Observer, Plan, RenderError, RenderRequest, Rendered, Stats, StopReason};
 use crate::scene::environment::Environment;
 use crate::scene::{Camera, Scene, Warning};
 use crate::surface::World;
@@ -83,7 +81,7 @@ impl<'a> Job<'a> {
         let Chosen { scope, checkpoint_format, reasons, settings, warnings: unused } = chosen;
         let method = Configured { scope: &scope, format: checkpoint_format, settings: &settings };
         let past = Past::of(request, &method)?;
-        let (camera, made_up) = choose_camera(&request.scene, &request.camera)?;
+        let (camera, made_up) = request.camera()?;
         let owner = Owner::new(request, &method, &camera);
         let plan = Plan {
             method: scope.method.into(),

@@ -28,7 +28,7 @@ pub struct JobRequest {
     #[schema(default = "auto", example = "auto")]
     pub method: String,
     /// Which camera: its index, its name, or a camera of the request's own. Without it the
-    /// scene's first; without any, one that frames the scene.
+    /// scene's first; without any, one that stands in the room that the scene is, or frames it.
     #[serde(default)]
     #[schema(nullable = false)]
     pub camera: Option<CameraRequest>,

@@ -82,7 +82,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let scene = Arc::new(read_scene(&arguments.scene, None)?);
     let camera = camera_choice(arguments.camera.as_deref(), &scene);
-    choose_camera(&scene, &camera).map_err(Failure::usage)?;
+    choose_camera(&scene, &camera, [1, 1]).map_err(Failure::usage)?;
     if let Some(size) = arguments.size {
         check_size(&scene, &camera, size)?;
     }

@@ -4,7 +4,7 @@
 use super::options::{Scope, Settings};
 use super::surroundings::surroundings;
 use crate::checkpoint::{CheckpointError, Header, Reader, ViewKey, Writer, scene_hash};
-use crate::render::{Begin, Progress, RenderError, RenderRequest, choose_camera};
+use crate::render::{Begin, Progress, RenderError, RenderRequest};
 use crate::scene::environment::Environment;
 use crate::scene::{Camera, Scene};
 use std::collections::BTreeMap;
@@ -63,7 +63,7 @@ impl<'a> Past<'a> {
             return foreign(what);
         }
         if same_view {
-            let (camera, _) = choose_camera(&request.scene, &request.camera)?;
+            let (camera, _) = request.camera()?;
             if header.view != view_key(request, &camera) {
                 return foreign("another camera, size of the picture or background".into());
             }
