@@ -20,6 +20,7 @@ mod ray_traced;
 mod real_light;
 mod references;
 mod shared_scenes;
+mod soft_lights;
 mod stability;
 mod stability_geometry;
 mod stability_switches;

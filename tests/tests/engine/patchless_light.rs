@@ -92,11 +92,11 @@ fn sun(height: f32) -> Environment {
         irradiance: Rgb::splat(1000.0),
         angular_radius: 0.00465,
     };
-    Environment { sky: Sky::None, sun: Some(sun) }
+    Environment { sky: Sky::None, sun: Some(sun), ..Environment::default() }
 }
 
 fn uniform(radiance: Rgb) -> Environment {
-    Environment { sky: Sky::Uniform(radiance), sun: None }
+    Environment { sky: Sky::Uniform(radiance), ..Environment::default() }
 }
 
 /// Irradiance of the white floor under the camera, by each method; nothing bounces.

@@ -125,10 +125,10 @@ fn the_sun_shines_by_the_cosine_and_a_uniform_sky_by_pi() {
             irradiance: Rgb::splat(1000.0),
             angular_radius: 0.00465,
         };
-        let environment = Environment { sky: Sky::None, sun: Some(sun) };
+        let environment = Environment { sky: Sky::None, sun: Some(sun), ..Environment::default() };
         assert_floor(&scene, environment, 1000.0 * height, 2e-3);
     }
-    let sky = Environment { sky: Sky::Uniform(Rgb::splat(2.0)), sun: None };
+    let sky = Environment { sky: Sky::Uniform(Rgb::splat(2.0)), ..Environment::default() };
     assert_floor(&scene, sky, 2.0 * PI, 0.02);
 }
 
@@ -163,7 +163,7 @@ fn ball(material: Material) -> Arc<Scene> {
 /// reflect of light that is scattered once, as ∫ f cosθ dω by quadrature says.
 #[test]
 fn a_ball_in_a_uniform_sky_shows_its_albedo() {
-    let sky = Environment { sky: Sky::Uniform(Rgb::ONE), sun: None };
+    let sky = Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::default() };
     for (roughness, metallic) in [(1.0f32, 1.0f32), (0.5, 1.0), (0.6, 0.0)] {
         let material = Material { roughness, metallic, ..Material::default() };
         let scene = ball(material);
@@ -236,7 +236,7 @@ fn unlit_surfaces_show_their_colour() {
     builder.quad(Vec3::new(-9.0, 0.0, 9.0), 18.0 * Vec3::X, -18.0 * Vec3::Z, poster);
     let scene = builder.build();
     for method in METHODS {
-        let sky = Environment { sky: Sky::Uniform(Rgb::splat(3.0)), sun: None };
+        let sky = Environment { sky: Sky::Uniform(Rgb::splat(3.0)), ..Environment::default() };
         for environment in [None, Some(Environment::none()), Some(sky)] {
             let found = mean(&rendered(&scene, environment, above(2.0), (method, 2)).picture);
             assert!((found - color).abs().max_element() < 1e-4, "{method}: {found}");
@@ -257,7 +257,7 @@ fn half_a_curtain_lets_half_of_the_light_through() {
     let curtain = builder.material(black);
     builder.quad(Vec3::new(-9.0, 0.5, 9.0), 18.0 * Vec3::X, -18.0 * Vec3::Z, curtain);
     let scene = builder.build();
-    let sky = Environment { sky: Sky::Uniform(Rgb::ONE), sun: None };
+    let sky = Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::default() };
     let below = ExplicitCamera {
         eye: [0.0, 0.3, 0.0],
         target: [0.0; 3],

@@ -82,7 +82,7 @@ impl DirectLights {
             polygons,
             sky: SkyLight::new(&world.environment),
             sun: SunLight::new(&world.environment),
-            punctual: PunctualLights::new(scene, rays),
+            punctual: PunctualLights::new(scene, &world.environment, rays),
             beyond: rays.beyond(),
         };
         let any = this.polygons.is_some() || this.surrounds() || this.punctual.is_some();
@@ -213,9 +213,12 @@ impl DirectLights {
             }
             _ => {
                 let weight = |direction| all.lobe.map_or(1.0, |axis| lobe_share(axis, direction));
+                let xi = Vec3::new(x, xi.y, xi.z);
                 let (light, probability) =
-                    self.punctual.as_ref()?.pick(point, normal, x, weight)?;
-                let irradiance = light.irradiance * normal.dot(light.direction) / probability;
+                    self.punctual.as_ref()?.pick(point, normal, xi, weight)?;
+                // A part of a soft light may be below the horizon.
+                let cosine = normal.dot(light.direction).max(0.0);
+                let irradiance = light.irradiance * cosine / probability;
                 LightPoint { end: light.end, irradiance, density: f32::INFINITY }
             }
         };
@@ -346,6 +349,7 @@ mod tests {
                 irradiance: Rgb::splat(4.0),
                 angular_radius: 0.1,
             }),
+            light_radius: 0.2,
         };
         World::surrounded(Arc::new(scene), Arc::new(environment))
     }

@@ -1,6 +1,6 @@
 //! What shines, and how its direct light is found: triangles sampled by power, polygons in closed
 //! form with a tree for very many, and disks in place of them; the sky, the sun, and lights without
-//! extent.
+//! extent, or of a small one.
 
 mod direct_lights;
 mod disks;

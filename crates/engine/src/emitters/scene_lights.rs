@@ -7,6 +7,7 @@ use super::sky::SkyLight;
 use super::sun::SunLight;
 use super::triangles::{LightSample, TriangleLights};
 use crate::radiometry::Rgb;
+use crate::random::Numbers;
 use crate::surface::{Surface, World};
 use glam::Vec3;
 
@@ -28,7 +29,7 @@ impl SceneLights {
             triangles: TriangleLights::new(world),
             sky: SkyLight::new(&world.environment),
             sun: SunLight::new(&world.environment),
-            punctual: PunctualLights::new(&world.scene, &world.rays),
+            punctual: PunctualLights::new(&world.scene, &world.environment, &world.rays),
             beyond: world.rays.beyond(),
         };
         let any = this.triangles.is_some() || this.has_others();
@@ -63,10 +64,14 @@ impl SceneLights {
     }
 
     /// One of the lights without extent: its `radiance` is the irradiance of a plane that faces it
-    /// over the probability of the pick, its density infinite.
-    pub fn sample_punctual(&self, surface: &Surface, x: f32) -> Option<LightSample> {
+    /// over the probability of the pick, its density infinite; of a soft one, a direction to it.
+    pub fn sample_punctual(&self, surface: &Surface, numbers: &mut Numbers) -> Option<LightSample> {
+        let mut xi = Vec3::new(numbers.uniform(), 0.0, 0.0);
         let lights = self.punctual.as_ref()?;
-        let picked = lights.pick(surface.start(), surface.shading_normal, x, |_| 1.0);
+        if lights.are_soft() {
+            (xi.y, xi.z) = (numbers.uniform(), numbers.uniform());
+        }
+        let picked = lights.pick(surface.start(), surface.shading_normal, xi, |_| 1.0);
         let (light, probability) = picked?;
         let sample = LightSample {
             end: light.end,
@@ -87,9 +92,15 @@ impl SceneLights {
         self.punctual.as_ref().map_or(0, PunctualLights::count)
     }
 
-    /// The light of one of those at a point; `None` where it does not shine.
-    pub fn punctual_at(&self, number: usize, point: Vec3) -> Option<PunctualSample> {
-        self.punctual.as_ref()?.nth(number, point)
+    /// The light of one of those at a point, by two uniform numbers where it is soft; `None` where it
+    /// does not shine.
+    pub fn punctual_at(
+        &self,
+        number: usize,
+        point: Vec3,
+        xi: [f32; 2],
+    ) -> Option<PunctualSample> {
+        self.punctual.as_ref()?.nth(number, point, xi)
     }
 
     /// Whether the sun shines.

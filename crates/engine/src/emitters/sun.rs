@@ -87,7 +87,8 @@ mod tests {
     fn light(angular_radius: f32) -> SunLight {
         let direction = Vec3::new(0.3, 0.8, -0.4).normalize();
         let sun = Sun { direction, irradiance: Rgb::new(3.0, 2.0, 1.0), angular_radius };
-        SunLight::new(&Environment { sky: Sky::None, sun: Some(sun) }).unwrap()
+        SunLight::new(&Environment { sky: Sky::None, sun: Some(sun), ..Environment::default() })
+            .unwrap()
     }
 
     #[test]

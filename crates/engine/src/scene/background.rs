@@ -77,7 +77,7 @@ mod tests {
 
     #[test]
     fn each_shows_its_own() {
-        let around = Environment { sky: Sky::Uniform(Rgb::Y), sun: None };
+        let around = Environment { sky: Sky::Uniform(Rgb::Y), ..Environment::default() };
         let colour = Background::Colour(Rgb::X);
         let seen = |background: Background| background.radiance(&around, Vec3::Z);
         assert_eq!(

@@ -13,6 +13,9 @@ pub const SUN_RADIUS: f32 = 0.00465;
 /// Largest angular radius of a sun, radians (a diameter of 20°): what is larger is a sky.
 pub const MAX_SUN_RADIUS: f32 = 0.174_532_92;
 
+/// Largest radius of point and spot lights, metres.
+pub const MAX_LIGHT_RADIUS: f32 = 1e6;
+
 /// What surrounds a scene. The default gives no light.
 #[derive(Clone, Debug, Default)]
 pub struct Environment {
@@ -20,6 +23,10 @@ pub struct Environment {
     pub sky: Sky,
     /// Light from one direction.
     pub sun: Option<Sun>,
+    /// Radius of the scene's point and spot lights, metres, 0 … [`MAX_LIGHT_RADIUS`]. With 0 they
+    /// are points; else a small sphere stands for each that is as bright and is not to be seen, so
+    /// that shadows have soft edges.
+    pub light_radius: f32,
 }
 
 /// Light from all around, of surfaces infinitely far away.
@@ -72,7 +79,7 @@ impl Environment {
                 rotation: 0.0,
                 scale: Rgb::ONE,
             }),
-            sun: None,
+            ..Self::default()
         }
     }
 
@@ -90,6 +97,7 @@ impl Environment {
         Ok(Self {
             sky: Sky::Map(PlacedMap { map, rotation: 0.0, scale: Rgb::ONE }),
             sun: Some(sun).filter(|sun| sun.irradiance != Rgb::ZERO),
+            ..Self::default()
         })
     }
 
@@ -112,7 +120,7 @@ impl Environment {
                 Sun::towards(turned(sun.direction, rotation), sun.irradiance, sun.angular_radius)
             }
         };
-        Self { sky, sun: self.sun.map(turn) }
+        Self { sky, sun: self.sun.map(turn), ..self }
     }
 
     /// Radiance of the sky from a unit direction, without the sun's disk.
@@ -164,6 +172,13 @@ impl Environment {
                 }
             }
         }
+        if !(0.0..=MAX_LIGHT_RADIUS).contains(&self.light_radius) {
+            return Err(SceneError::malformed(
+                "environment.light_radius",
+                format!("is {} m", self.light_radius),
+                format!("give a radius from 0 to {MAX_LIGHT_RADIUS:e} metres"),
+            ));
+        }
         let Some(Sun { direction, irradiance, angular_radius }) = self.sun else { return Ok(()) };
         amount("sun.irradiance", irradiance)?;
         if !direction.is_normalized() {
@@ -203,6 +218,10 @@ impl Environment {
             digest(bytemuck::bytes_of(direction));
             digest(bytemuck::bytes_of(irradiance));
             digest(&angular_radius.to_le_bytes());
+        }
+        if self.light_radius > 0.0 {
+            digest(b"radius of lights");
+            digest(&self.light_radius.to_le_bytes());
         }
     }
 }
@@ -279,7 +298,11 @@ mod tests {
     }
 
     fn with_sun(sun: Sun) -> Environment {
-        Environment { sky: Sky::Uniform(Rgb::new(0.1, 0.2, 0.3)), sun: Some(sun) }
+        Environment {
+            sky: Sky::Uniform(Rgb::new(0.1, 0.2, 0.3)),
+            sun: Some(sun),
+            ..Environment::default()
+        }
     }
 
     const SUN: Sun =
@@ -290,11 +313,11 @@ mod tests {
         assert!(Environment::none().is_dark() && bytes(&Environment::none()).is_empty());
         let map = Arc::new(SkyMap::new(1, 1, vec![Rgb::X]).unwrap());
         let placed = |scale| Sky::Map(PlacedMap { map: map.clone(), rotation: 0.0, scale });
-        assert!(Environment { sky: placed(Rgb::Y), sun: None }.is_dark());
-        assert!(!Environment { sky: placed(Rgb::X), sun: None }.is_dark());
+        assert!(Environment { sky: placed(Rgb::Y), ..Environment::default() }.is_dark());
+        assert!(!Environment { sky: placed(Rgb::X), ..Environment::default() }.is_dark());
         assert!(!with_sun(SUN).is_dark() && !Environment::studio().is_dark());
         let out = Sun { irradiance: Rgb::ZERO, ..SUN };
-        assert!(Environment { sky: Sky::None, sun: Some(out) }.is_dark());
+        assert!(Environment { sky: Sky::None, sun: Some(out), ..Environment::default() }.is_dark());
     }
 
     #[test]
@@ -331,7 +354,7 @@ mod tests {
         let map = SkyMap::from_fn(64, 32, |d| Rgb::new(1.0 + d.x, 1.0, 1.0 + d.z)).unwrap();
         let sky = Sky::Map(PlacedMap { map: Arc::new(map), rotation: 0.3, scale: Rgb::ONE });
         let sun = Sun::towards(Vec3::new(1.0, 1.0, 0.5), Rgb::ONE, SUN_RADIUS);
-        let before = Environment { sky, sun: Some(sun) };
+        let before = Environment { sky, sun: Some(sun), ..Environment::default() };
         let after = before.clone().placed(0.7, Rgb::splat(2.0));
         let turned_sun = after.sun.unwrap();
         assert!((turned_sun.direction - turned(sun.direction, 0.7)).length() < 1e-6);
@@ -340,7 +363,7 @@ mod tests {
             let seen = after.radiance(turned(direction, 0.7));
             assert!((seen - 2.0 * before.radiance(direction)).length() < 1e-4, "{direction}");
         }
-        let uniform = Environment { sky: Sky::Uniform(Rgb::ONE), sun: None };
+        let uniform = Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::default() };
         assert_eq!(uniform.placed(1.0, Rgb::splat(3.0)).radiance(Vec3::Y), Rgb::splat(3.0));
     }
 
@@ -349,7 +372,7 @@ mod tests {
         let map = Arc::new(SkyMap::from_fn(64, 32, |d| d + Vec3::ONE).unwrap());
         let placed = PlacedMap { map, rotation: 0.5 * PI, scale: Rgb::splat(2.0) };
         // A quarter turn takes +Z to +X and +X to −Z.
-        let environment = Environment { sky: Sky::Map(placed), sun: None };
+        let environment = Environment { sky: Sky::Map(placed), ..Environment::default() };
         let from_x = environment.radiance(Vec3::X);
         assert!((from_x - 2.0 * (Vec3::Z + Vec3::ONE)).length() < 0.02, "{from_x}");
         let from_minus_z = environment.radiance(Vec3::NEG_Z);
@@ -387,8 +410,15 @@ mod tests {
             let sun_there = Sun::towards(direction, Rgb::ONE, SUN_RADIUS);
             assert_eq!(refused(with_sun(sun_there)), Ok(()), "{direction}");
         }
+        for light_radius in [-0.1, f32::NAN, f32::INFINITY] {
+            let soft = Environment { light_radius, ..with_sun(SUN) };
+            assert_eq!(refused(soft).unwrap_err(), "environment.light_radius");
+        }
         let sky = Sky::Uniform(Rgb::new(0.0, f32::NAN, 1.0));
-        assert_eq!(refused(Environment { sky, sun: None }).unwrap_err(), "environment.sky");
+        assert_eq!(
+            refused(Environment { sky, ..Environment::default() }).unwrap_err(),
+            "environment.sky"
+        );
     }
 
     #[test]
@@ -397,6 +427,7 @@ mod tests {
         let mut others = vec![Environment::none(), Environment::studio()];
         others.push(Environment { sun: None, ..base.clone() });
         others.push(with_sun(Sun { angular_radius: 0.0, ..SUN }));
+        others.push(Environment { light_radius: 0.1, ..base.clone() });
         others.push(with_sun(Sun { direction: Vec3::X, ..SUN }));
         others.push(with_sun(Sun { irradiance: Rgb::ONE, ..SUN }));
         let mut turned = Environment::studio();

@@ -70,7 +70,7 @@ mod tests {
             import(&made::cornell(), &Resources::default(), &ImportLimits::default()).unwrap();
         let mut dark = lit.clone();
         dark.materials.iter_mut().for_each(|m| m.emission = Default::default());
-        let sky = Environment { sky: Sky::Uniform(glam::Vec3::ONE), sun: None };
+        let sky = Environment { sky: Sky::Uniform(glam::Vec3::ONE), ..Environment::default() };
         for (scene, asked, is_dark, warns) in [
             (&lit, None, true, false),
             (&dark, None, false, true),

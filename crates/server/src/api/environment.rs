@@ -10,6 +10,8 @@ use utoipa::{PartialSchema, ToSchema};
 
 /// Largest amount of light in a request: radiance or irradiance, or factor of one.
 const MOST_LIGHT: f32 = 1e12;
+/// Largest radius of a light, metres.
+const MOST_RADIUS: f32 = 1e6;
 /// Largest turn of a sky, degrees.
 const MOST_TURN: f32 = 1e6;
 /// Largest diameter of a sun, degrees.
@@ -41,6 +43,11 @@ pub struct EnvironmentRequest {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(nullable = false)]
     pub sun_at: Option<SunAtRequest>,
+    /// Radius of the scene's point and spot lights, metres: with one, shadows have soft edges. The
+    /// light is as bright as without, and its sphere is not to be seen.
+    #[serde(default)]
+    #[schema(minimum = 0, maximum = 1e6, default = 0.0)]
+    pub light_radius: f32,
 }
 
 /// Requests that mean the same are equal: a sky that is left out is black where there is no
@@ -51,7 +58,8 @@ impl PartialEq for EnvironmentRequest {
             (None, None) => Some(SkyRequest::None),
             (sky, _) => sky.clone(),
         };
-        let rest = |one: &Self| (one.rotation_degrees, one.scale, one.sun, one.sun_at);
+        let rest =
+            |one: &Self| (one.rotation_degrees, one.scale, one.sun, one.sun_at, one.light_radius);
         meant(self) == meant(other) && rest(self) == rest(other)
     }
 }
@@ -199,6 +207,7 @@ impl EnvironmentRequest {
         };
         within("rotation_degrees", self.rotation_degrees, -MOST_TURN, MOST_TURN);
         within("scale", self.scale, 0.0, MOST_LIGHT);
+        within("light_radius", self.light_radius, 0.0, MOST_RADIUS);
         if let Some(sun) = self.sun {
             let diameter = sun.angular_diameter_degrees;
             within("sun.angular_diameter_degrees", diameter, 0.0, MOST_DIAMETER);
@@ -252,6 +261,13 @@ mod tests {
         let text = serde_json::to_value(read(json!({"sun_at": same}))).unwrap();
         assert_eq!(text["sun_at"]["time"], "2026-06-21T12:00:00.000Z");
         assert_eq!(read(text), read(json!({"sun_at": at})));
+    }
+
+    #[test]
+    fn lights_have_a_radius_of_at_least_nothing() {
+        assert!(fields(json!({"light_radius": 0.25})).is_empty());
+        assert_eq!(fields(json!({"light_radius": -0.25})), ["environment.light_radius"]);
+        assert_ne!(read(json!({})), read(json!({"light_radius": 0.25})));
     }
 
     #[test]

@@ -338,12 +338,13 @@ export class JobView {
 const download = (name) => h("a", { class: "button", "aria-disabled": "true", title: "No picture in this format yet" }, icon("download"), name);
 
 /** Sky and sun in words. */
-function surroundings({ sky, sun, sun_at: at }) {
+function surroundings({ sky, sun, sun_at: at, light_radius: radius }) {
   const words = { none: "no sky", studio: "studio" };
   const unnamed = at ? "clear sky" : "no sky";
   const skyText = Array.isArray(sky) ? `sky of radiance ${sky.join(", ")}` : sky?.environment ? `map ${sky.environment.slice(0, 16)}…` : words[sky] ?? sky ?? unnamed;
-  if (at) return `${skyText}, the sun at ${at.latitude}°, ${at.longitude}° on ${at.time}`;
-  return sun ? `${skyText}, a sun` : skyText;
+  const soft = radius ? `, lights of a radius of ${radius} m` : "";
+  if (at) return `${skyText}, the sun at ${at.latitude}°, ${at.longitude}° on ${at.time}${soft}`;
+  return `${skyText}${sun ? ", a sun" : ""}${soft}`;
 }
 
 const table = (rows) => h("dl", { class: "table" }, rows.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))));

@@ -105,11 +105,11 @@ pub fn environment(
     let around = match &request.sky {
         None => placed(day.unwrap_or_default()),
         Some(sky) => {
-            let sky = placed(Environment { sky: sky_of(sky, map), sun: None }).sky;
-            Environment { sky, sun: day.and_then(|day| day.sun) }
+            let sky = placed(Environment { sky: sky_of(sky, map), ..Environment::default() }).sky;
+            Environment { sky, sun: day.and_then(|day| day.sun), ..Environment::default() }
         }
     };
-    Ok(Environment { sun: sun.or(around.sun), ..around })
+    Ok(Environment { sun: sun.or(around.sun), light_radius: request.light_radius, ..around })
 }
 
 fn sky_of(request: &SkyRequest, map: Option<Arc<SkyMap>>) -> Sky {
@@ -220,6 +220,7 @@ mod tests {
         let studio = read(r#"{"sky": "studio", "rotation_degrees": 180, "scale": 2}"#);
         let Sky::Map(placed) = &studio.sky else { panic!("a map") };
         assert_eq!((placed.rotation, placed.scale), (std::f32::consts::PI, Rgb::splat(2.0)));
+        assert_eq!(read(r#"{"light_radius": 0.25}"#).light_radius, 0.25);
         let lit = read(r#"{"sun": {"direction": [0, 2, 0], "irradiance": [3, 2, 1]}}"#);
         let sun = lit.sun.unwrap();
         assert_eq!((sun.direction, sun.irradiance), (Rgb::Y, Rgb::new(3.0, 2.0, 1.0)));

@@ -36,7 +36,7 @@ impl SkyLight {
     /// The tables for an environment's sky; `None` where it is dark. For a map of 256 × 128 it takes
     /// about 60 ms of one core.
     pub fn new(environment: &Environment) -> Option<Self> {
-        let environment = Environment { sky: environment.sky.clone(), sun: None };
+        let environment = Environment { sky: environment.sky.clone(), ..Environment::default() };
         if environment.is_dark() {
             return None;
         }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 fn environment(map: SkyMap, rotation: f32) -> Environment {
     let sky = Sky::Map(PlacedMap { map: Arc::new(map), rotation, scale: Rgb::new(1.0, 0.9, 0.7) });
-    Environment { sky, sun: None }
+    Environment { sky, ..Environment::default() }
 }
 
 /// Soft light from above, two bright panels with sharp edges, and a black part.
@@ -126,7 +126,7 @@ fn samples_have_the_density_that_they_say() {
 #[test]
 fn a_uniform_sky_gives_pi_times_its_radiance() {
     let radiance = Rgb::new(2.0, 1.0, 0.5);
-    let environment = Environment { sky: Sky::Uniform(radiance), sun: None };
+    let environment = Environment { sky: Sky::Uniform(radiance), ..Environment::default() };
     let light = SkyLight::new(&environment).unwrap();
     for normal in normals(300) {
         let error = (light.unoccluded(normal) / radiance - PI).abs().max_element();
@@ -207,7 +207,7 @@ fn estimates(light: &SkyLight, normal: Vec3, n: u64) -> Estimates {
 #[test]
 fn sampling_agrees_with_the_table_and_spreads_little() {
     for (name, environment, most) in [
-        ("uniform", Environment { sky: Sky::Uniform(Rgb::ONE), sun: None }, 0.45),
+        ("uniform", Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::default() }, 0.45),
         ("studio", Environment::studio(), 0.45),
         ("panels", environment(panels(256, 128), 0.3), 0.7),
         ("sun", environment(with_painted_sun(), 0.0), 1.0),
@@ -272,7 +272,7 @@ fn tables_take_the_memory_that_was_said_and_no_more() {
 #[ignore = "a measurement"]
 fn seconds() {
     for (name, environment) in [
-        ("uniform", Environment { sky: Sky::Uniform(Rgb::ONE), sun: None }),
+        ("uniform", Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::default() }),
         ("256", environment(panels(256, 128), 0.0)),
         ("2048", environment(panels(2048, 1024), 0.0)),
         ("8192", environment(panels(8192, 4096), 0.0)),

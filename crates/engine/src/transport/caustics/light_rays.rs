@@ -203,7 +203,8 @@ impl LightRays<'_> {
             _ => {
                 let count = lights.punctual_count();
                 let number = ((xi[0] * count as f64) as usize).min(count - 1);
-                let light = lights.punctual_at(number, front.spot.point)?;
+                let xi = [xi[1] as f32, xi[2] as f32];
+                let light = lights.punctual_at(number, front.spot.point, xi)?;
                 (light.direction, light.end, light.irradiance * count as f32)
             }
         };

@@ -429,7 +429,7 @@ impl Tracer<'_> {
         let samples = [
             self.lights.sample_sky(surface, pair),
             self.lights.sample_sun(surface, sun),
-            self.lights.sample_punctual(surface, walk.numbers.uniform()),
+            self.lights.sample_punctual(surface, &mut walk.numbers),
         ];
         // Maps have light of the sun and of points, and none of the sky.
         let sampled = samples.into_iter().zip([false, true, true]);

@@ -32,6 +32,10 @@ pub struct Surroundings {
     /// 2026-06-21T12:00:00Z; +X is east, -Z north. With --sky, the sun alone. Light is in lux.
     #[arg(long, value_name = "LAT,LON,TIME", allow_hyphen_values = true, conflicts_with = "sun")]
     sun_at: Option<PlaceAndTime>,
+    /// Radius of the scene's point and spot lights: with one, shadows have soft edges. Without a
+    /// sky beside it there is none.
+    #[arg(long, value_name = "METRES", value_parser = parse_factor)]
+    light_radius: Option<f32>,
 }
 
 impl Surroundings {
@@ -45,9 +49,11 @@ impl Surroundings {
     /// # Errors
     /// A [`Failure`] where a map can't be read, or where numbers mean nothing.
     pub fn read(&self) -> Result<Option<Arc<Environment>>, Failure> {
-        if self.sky.is_none() && self.sun.is_none() && self.sun_at.is_none() {
+        let says_nothing = self.sky.is_none() && self.sun.is_none() && self.sun_at.is_none();
+        if says_nothing && self.light_radius.is_none() {
             return Ok(None);
         }
+        let light_radius = self.light_radius.unwrap_or_default();
         let day = self.sun_at.as_ref().map(Environment::of_daylight).transpose();
         let day = day.map_err(Failure::failed)?;
         let placed = |around: Environment| {
@@ -56,11 +62,11 @@ impl Surroundings {
         let around = match self.sky.as_deref() {
             None => placed(day.unwrap_or_default()),
             Some(word) => {
-                let sky = placed(Environment { sky: sky(word)?, sun: None }).sky;
-                Environment { sky, sun: day.and_then(|day| day.sun) }
+                let sky = placed(Environment { sky: sky(word)?, ..Environment::default() }).sky;
+                Environment { sky, sun: day.and_then(|day| day.sun), ..Environment::default() }
             }
         };
-        let environment = Environment { sun: self.sun.or(around.sun), ..around };
+        let environment = Environment { sun: self.sun.or(around.sun), light_radius, ..around };
         environment.check().map_err(Failure::usage)?;
         Ok(Some(Arc::new(environment)))
     }
@@ -116,7 +122,7 @@ fn parse_sun(text: &str) -> Result<Sun, String> {
     let [direction, irradiance] = [direction, irradiance].map(parse_three);
     let sun =
         Sun::towards(direction.map_err(|_| wrong)?, irradiance.map_err(|_| wrong)?, SUN_RADIUS);
-    let alone = Environment { sky: Sky::None, sun: Some(sun) };
+    let alone = Environment { sky: Sky::None, sun: Some(sun), ..Environment::default() };
     alone.check().map(|()| sun).map_err(|error| error.to_string())
 }
 
@@ -148,6 +154,8 @@ mod tests {
         assert!(matches!(sun.sky, Sky::None));
         let expected = Sun::towards(Rgb::new(-0.6, 0.8, 0.0), Rgb::new(3.0, 2.0, 1.0), SUN_RADIUS);
         assert_eq!(sun.sun, Some(expected));
+        let soft = read(&["--light-radius", "0.25"]).unwrap().unwrap();
+        assert!(soft.is_dark() && soft.light_radius == 0.25);
         let studio = read(&["--sky", "studio", "--sky-rotation", "-90"]).unwrap().unwrap();
         let Sky::Map(placed) = &studio.sky else { panic!("a map") };
         assert_eq!(placed.rotation, -std::f32::consts::FRAC_PI_2);
@@ -196,6 +204,8 @@ mod tests {
             &["--sun-at", "91,0,2026-06-21T12:00:00Z"],
             &["--sun-at", "48,11,noon"],
             &["--sun-at", "48,11,2026-06-21T12:00:00Z", "--sun", "0,1,0:1,1,1"],
+            &["--light-radius", "-1"],
+            &["--light-radius", "1e9"],
             &["--sky", "studio", "--sky-scale", "-2"],
             &["--sky", "studio", "--sky-rotation", "inf"],
         ] {
