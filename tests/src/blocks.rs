@@ -37,8 +37,7 @@ mod tests {
 
     #[test]
     fn a_block_that_is_off_is_found() {
-        let mut picture =
-            Picture { width: 9, height: 8, pixels: vec![Rgb::new(1.0, 2.0, 3.0); 72] };
+        let mut picture = Picture::new(9, 8, vec![Rgb::new(1.0, 2.0, 3.0); 72]);
         let reference = block_means(&picture, 4);
         assert_eq!(reference.len(), 4);
         assert!(largest_deviation(&block_means(&picture, 4), &reference) < 1e-6);

@@ -28,6 +28,7 @@ impl Shot {
         let request = RenderRequest {
             scene: self.scene.clone(),
             environment: Some(Arc::new(self.environment.clone())),
+            background: Default::default(),
             camera: CameraChoice::Explicit(self.camera),
             width: self.side,
             height: self.side,
@@ -107,13 +108,16 @@ fn light_goes_straight_through_panes() {
         2.0 * std::f64::consts::PI * (0..steps).map(of).sum::<f64>() / f64::from(steps)
     };
     let cases = [
-        ("sun", scene.clone(), Environment { sky: Sky::None, sun: Some(sun) }, {
+        ("sun", scene.clone(), Environment { sun: Some(sun), ..Environment::none() }, {
             1000.0 * cosine * (1.0 - fresnel(cosine))
         }),
         ("bulb", Arc::new(with_bulb), Environment::none(), 10.0 * (1.0 - fresnel(1.0))),
-        ("sky", scene, Environment { sky: Sky::Uniform(Rgb::splat(50.0)), sun: None }, {
-            50.0 * under_sky
-        }),
+        (
+            "sky",
+            scene,
+            Environment { sky: Sky::Uniform(Rgb::splat(50.0)), ..Environment::none() },
+            { 50.0 * under_sky },
+        ),
     ];
     for (name, scene, environment, irradiance) in cases {
         let shot = Shot { scene, environment, camera, side: 16, seed: 3 };
@@ -179,7 +183,7 @@ fn glass_in_a_uniform_sky_loses_nothing() {
     for (roughness, least) in [(0.0, 0.995), (0.3, 0.95), (0.6, 0.7)] {
         let material = Material { roughness, ..Material::glass("glass", 1.5) };
         let scene = ball(material);
-        let environment = Environment { sky: Sky::Uniform(Rgb::ONE), sun: None };
+        let environment = Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::none() };
         let shot = Shot { scene, environment, camera, side: 16, seed: 3 };
         let [ours, traced] = [("hemilux", 32), ("ray-traced", 256)]
             .map(|(method, iterations)| mean(&shot.by(method, iterations)).y);

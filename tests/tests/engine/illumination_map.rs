@@ -7,7 +7,6 @@ use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
     CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, StopReason, Unobserved,
-    WarningText,
 };
 use hemilux_engine::scene::{Material, Scene, made};
 use hemilux_engine::transport::{METHODS, find, render};
@@ -316,11 +315,10 @@ fn the_same_seed_gives_the_same_bits() {
 }
 
 /// Patches cannot show caustics, and say so; rays can. Every method that there is has to be one or the
-/// other, but for `hemilux`: it shows those of glass, and says that it finds those of mirrors by
-/// chance.
+/// other.
 #[test]
 fn methods_on_patches_say_that_they_miss_caustics() {
-    const SHOW_CAUSTICS: [&str; 2] = ["ray-traced", MAP];
+    const SHOW_CAUSTICS: [&str; 3] = ["ray-traced", MAP, "hemilux"];
     assert!(SHOW_CAUSTICS.iter().all(|method| METHODS.contains(method)));
     for (bytes, material) in [(made::ring(), "gold"), (made::glass(), "clear glass")] {
         let scene = imported(&bytes);
@@ -336,14 +334,6 @@ fn methods_on_patches_say_that_they_miss_caustics() {
             });
             // `auto` is the method that it picked.
             let shows = SHOW_CAUSTICS.contains(&stats.plan.method.as_str());
-            if stats.plan.method == "hemilux" {
-                let by_chance = |warning: &WarningText| {
-                    warning.what.contains("by chance") && warning.what.contains(material)
-                };
-                assert_eq!(stats.warnings.iter().any(by_chance), material == "gold");
-                assert!(!said);
-                continue;
-            }
             assert_eq!(said, !shows, "{method}, {material}: {:?}", stats.warnings);
         }
     }

@@ -94,12 +94,7 @@ impl SceneLights {
 
     /// The light of one of those at a point, by two uniform numbers where it is soft; `None` where it
     /// does not shine.
-    pub fn punctual_at(
-        &self,
-        number: usize,
-        point: Vec3,
-        xi: [f32; 2],
-    ) -> Option<PunctualSample> {
+    pub fn punctual_at(&self, number: usize, point: Vec3, xi: [f32; 2]) -> Option<PunctualSample> {
         self.punctual.as_ref()?.nth(number, point, xi)
     }
 

@@ -154,8 +154,9 @@ impl<'a> Job<'a> {
     ) -> Arc<PatchedScene> {
         let scene = self.request.scene.clone();
         let has_sun = self.environment.sun.is_some();
-        let warnings =
-            |cut: &PatchedScene| unseen::by_gathering(&cut.scene, has_sun, most_triangles);
+        let warnings = |cut: &PatchedScene| {
+            unseen::by_gathering(&cut.scene, has_sun, most_triangles).into_iter().collect()
+        };
         self.cut_with(scene, (patches, device), Scene::has_unlit, warnings)
     }
 

@@ -21,7 +21,7 @@ pub fn seen_through(
 ) -> (Rgb, f32) {
     let world = &*coarse.world;
     let Some(first) = world.rays.closest(Eye::Camera, origin, direction) else {
-        return (world.environment.background(direction), 0.0);
+        return (world.beside_surfaces(direction), 0.0);
     };
     // Rays through the same place of a pixel are to go different ways.
     let number = numbers.light.x.to_bits() ^ numbers.light.y.to_bits().rotate_left(16);
