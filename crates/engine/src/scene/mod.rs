@@ -10,7 +10,9 @@ pub mod gltf;
 pub mod made;
 mod material;
 mod message;
+mod part;
 mod punctual;
+mod pyramid;
 mod sky_file;
 pub mod sky_map;
 mod texture;
@@ -23,7 +25,9 @@ pub use camera::{Camera, Projection};
 pub use environment::{Environment, PlacedMap, Sky, Sun};
 pub use material::{Alpha, Appearance, Material, Model, NormalMap, Volume};
 pub use message::{SceneError, Warning};
+pub use part::Part;
 pub use punctual::{LightKind, PunctualLight};
+pub use pyramid::Pyramids;
 pub use texture::{Encoding, Texture, TextureSlot, Wrap, srgb_to_linear};
 
 /// A scene in world space, metres, right-handed, +Y up.
@@ -115,33 +119,52 @@ impl Scene {
 
     /// Base colour (factor × texture × vertex colour, linear) at barycentric (u, v) of a triangle.
     pub fn base_color(&self, triangle: &Triangle, u: f32, v: f32) -> Rgb {
-        let material = &self.materials[triangle.material as usize];
-        let color = self.interpolate(triangle, u, v, |vertex| vertex.color);
-        let texel = self.sample(material.base_color_texture.as_ref(), triangle, u, v).truncate();
-        (material.base_color * color * texel).clamp(Rgb::ZERO, Rgb::ONE)
+        self.base_color_by(triangle, [u, v], |slot| self.sample(Some(slot), triangle, u, v))
     }
 
     /// What the material is at barycentric (u, v) of a triangle, textures and vertex colours
     /// applied.
     pub fn appearance(&self, triangle: &Triangle, u: f32, v: f32) -> Appearance {
+        self.appearance_by(triangle, [u, v], |slot| self.sample(Some(slot), triangle, u, v))
+    }
+
+    /// The base colour where `sample` says what a texture is there.
+    fn base_color_by(
+        &self,
+        triangle: &Triangle,
+        [u, v]: [f32; 2],
+        sample: impl Fn(&TextureSlot) -> Vec4,
+    ) -> Rgb {
         let material = &self.materials[triangle.material as usize];
-        let mut at = material.appearance(self.base_color(triangle, u, v));
-        let sample = |slot: &Option<TextureSlot>| self.sample(slot.as_ref(), triangle, u, v);
-        if material.metallic_roughness_texture.is_some() {
-            let texel = sample(&material.metallic_roughness_texture);
-            at.roughness *= texel.y;
-            at.metallic *= texel.z;
+        let color = self.interpolate(triangle, u, v, |vertex| vertex.color);
+        let texel = material.base_color_texture.as_ref().map_or(Vec4::ONE, sample).truncate();
+        (material.base_color * color * texel).clamp(Rgb::ZERO, Rgb::ONE)
+    }
+
+    /// The appearance where `sample` says what a texture is there.
+    fn appearance_by(
+        &self,
+        triangle: &Triangle,
+        at: [f32; 2],
+        sample: impl Fn(&TextureSlot) -> Vec4,
+    ) -> Appearance {
+        let material = &self.materials[triangle.material as usize];
+        let mut seen = material.appearance(self.base_color_by(triangle, at, &sample));
+        if let Some(slot) = &material.metallic_roughness_texture {
+            let texel = sample(slot);
+            seen.roughness *= texel.y;
+            seen.metallic *= texel.z;
         }
-        if material.specular_texture.is_some() {
-            at.specular_factor *= sample(&material.specular_texture).w;
+        if let Some(slot) = &material.specular_texture {
+            seen.specular_factor *= sample(slot).w;
         }
-        if material.specular_color_texture.is_some() {
-            at.specular_color *= sample(&material.specular_color_texture).truncate();
+        if let Some(slot) = &material.specular_color_texture {
+            seen.specular_color *= sample(slot).truncate();
         }
-        if material.transmission_texture.is_some() {
-            at.transmission *= sample(&material.transmission_texture).x;
+        if let Some(slot) = &material.transmission_texture {
+            seen.transmission *= sample(slot).x;
         }
-        at
+        seen
     }
 
     /// The share of light that meets the surface at barycentric (u, v) of a triangle instead of
@@ -171,6 +194,16 @@ impl Scene {
     /// the direction of s·x·T + s·y·B + z·N, where s is [`NormalMap::scale`]. A map may tilt it
     /// behind the triangle's plane.
     pub fn shading_normal(&self, triangle: &Triangle, u: f32, v: f32) -> Option<Vec3> {
+        self.shading_normal_by(triangle, [u, v], |slot| self.sample(Some(slot), triangle, u, v))
+    }
+
+    /// The shading normal where `sample` says what the normal map is there.
+    fn shading_normal_by(
+        &self,
+        triangle: &Triangle,
+        [u, v]: [f32; 2],
+        sample: impl Fn(&TextureSlot) -> Vec4,
+    ) -> Option<Vec3> {
         let material = &self.materials[triangle.material as usize];
         let normal = self.interpolate(triangle, u, v, |vertex| vertex.normal);
         let plain = normal.try_normalize();
@@ -181,7 +214,7 @@ impl Scene {
         if tangent == Vec3::ZERO || sign == 0.0 {
             return plain;
         }
-        let texel = 2.0 * self.sample(Some(&map.slot), triangle, u, v).truncate() - Vec3::ONE;
+        let texel = 2.0 * sample(&map.slot).truncate() - Vec3::ONE;
         if texel.z <= 0.0 {
             // The format knows no such texel.
             return plain;
@@ -216,10 +249,14 @@ impl Scene {
     /// Linear colour and alpha of a texture; ones without.
     fn sample(&self, slot: Option<&TextureSlot>, triangle: &Triangle, u: f32, v: f32) -> Vec4 {
         let Some(slot) = slot else { return Vec4::ONE };
-        let [a, b, c] =
-            triangle.vertices.map(|i| self.vertices[i as usize].uv[slot.uv_set as usize]);
+        let [a, b, c] = self.coordinates(slot, triangle);
         let uv = a * (1.0 - u - v) + b * u + c * v;
         self.textures[slot.texture as usize].sample_rgba(slot, uv)
+    }
+
+    /// Texture coordinates of a triangle's corners as a slot takes them, before its transform.
+    pub fn coordinates(&self, slot: &TextureSlot, triangle: &Triangle) -> [Vec2; 3] {
+        triangle.vertices.map(|i| self.vertices[i as usize].uv[slot.uv_set as usize])
     }
 }
 

@@ -86,8 +86,24 @@ pub fn srgb_to_linear(code: u8) -> f32 {
     if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
 
+impl Encoding {
+    /// Linear colour and alpha that stored codes mean.
+    pub(crate) fn decode(self, [red, green, blue, alpha]: [u8; 4]) -> Vec4 {
+        let data = |code: u8| f32::from(code) / 255.0;
+        match self {
+            Encoding::Linear => Vec4::new(data(red), data(green), data(blue), data(alpha)),
+            Encoding::Srgb => {
+                let linear = linear_table();
+                let color = |code: u8| linear[code as usize];
+                Vec4::new(color(red), color(green), color(blue), data(alpha))
+            }
+        }
+    }
+}
+
 impl Wrap {
-    fn texel(self, index: i64, size: i64) -> i64 {
+    /// The texel of an image of `size` texels that stands at any index.
+    pub(crate) fn texel(self, index: i64, size: i64) -> i64 {
         match self {
             Wrap::Repeat => index.rem_euclid(size),
             Wrap::ClampToEdge => index.clamp(0, size - 1),
@@ -129,16 +145,7 @@ impl Texture {
     fn texel(&self, slot: &TextureSlot, x: i64, y: i64) -> Vec4 {
         let x = slot.wrap[0].texel(x, i64::from(self.width));
         let y = slot.wrap[1].texel(y, i64::from(self.height));
-        let [red, green, blue, alpha] = self.texels[(y * i64::from(self.width) + x) as usize];
-        let data = |code: u8| f32::from(code) / 255.0;
-        match slot.encoding {
-            Encoding::Linear => Vec4::new(data(red), data(green), data(blue), data(alpha)),
-            Encoding::Srgb => {
-                let linear = linear_table();
-                let color = |code: u8| linear[code as usize];
-                Vec4::new(color(red), color(green), color(blue), data(alpha))
-            }
-        }
+        slot.encoding.decode(self.texels[(y * i64::from(self.width) + x) as usize])
     }
 }
 

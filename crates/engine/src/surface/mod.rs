@@ -22,6 +22,8 @@ mod world;
 
 mod passage;
 
+mod filtered;
+
 #[cfg(test)]
 mod laws;
 

@@ -130,17 +130,6 @@ impl World {
         &self.scene.materials[self.scene.triangles[triangle as usize].material as usize]
     }
 
-    /// What a triangle reflects at barycentric coordinates of it.
-    pub fn parameters(&self, triangle: u32, at: Vec2) -> Parameters {
-        let finish = &self.finishes[triangle as usize];
-        if !finish.varies {
-            return finish.parameters;
-        }
-        let triangle = &self.scene.triangles[triangle as usize];
-        let material = &self.scene.materials[triangle.material as usize];
-        Parameters::new(material, &self.scene.appearance(triangle, at.x, at.y))
-    }
-
     /// Radiance that a camera sees at barycentric coordinates of a triangle, of light that did not
     /// come from elsewhere: what it emits, and the colour of what is unlit.
     pub fn shine(&self, triangle: u32, at: Vec2) -> Rgb {

@@ -11,6 +11,7 @@ use crate::device::{Device, DeviceError, free_memory};
 use crate::emitters::SkyLight;
 use crate::image::Picture;
 use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
+use crate::scene::Pyramids;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
@@ -47,7 +48,8 @@ fn admit(method: &dyn Method, job: &Job<'_>) -> Result<(), RenderError> {
     let triangles = scene.triangles.len() as u64;
     let patchless = patchless::shines(scene, &job.environment);
     let size = [*width, *height];
-    let extent = Extent { triangles, size, patchless, settings: &job.settings };
+    let pyramid_bytes = Pyramids::needed_bytes(scene);
+    let extent = Extent { triangles, pyramid_bytes, size, patchless, settings: &job.settings };
     let needed_bytes = method.needed_bytes(&extent) + SkyLight::needed_bytes(&job.environment);
     let available_bytes = free_memory();
     if needed_bytes > available_bytes {

@@ -28,7 +28,7 @@ mod unseen;
 
 use crate::device::Device;
 use crate::render::{Begin, Observer, RenderError, RenderRequest, Rendered};
-use crate::scene::Warning;
+use crate::scene::{Pyramids, Warning};
 
 use job::Chosen;
 pub use registry::{
@@ -54,7 +54,8 @@ fn pick(request: &RenderRequest) -> Result<(&'static str, Vec<String>), RenderEr
     let triangles = request.scene.triangles.len() as u64;
     let size = [request.width, request.height];
     let (settings, _) = registry::in_force(&hemilux::Hemilux, "auto", &request.options)?;
-    let extent = Extent { triangles, size, patchless: false, settings: &settings };
+    let pyramid_bytes = Pyramids::needed_bytes(&request.scene);
+    let extent = Extent { triangles, pyramid_bytes, size, patchless: false, settings: &settings };
     let needed = hemilux::Hemilux.needed_bytes(&extent);
     if needed > crate::device::free_memory() / 2 {
         let why =

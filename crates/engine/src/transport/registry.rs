@@ -172,7 +172,7 @@ pub fn relevant(asked: &str, given: &Given) -> Given {
 }
 
 /// Memory that a job takes at its peak by a method with these settings, bytes, of a scene of so
-/// many triangles that surfaces light and a picture of that size. Of `auto`, which picks a method by the scene and the
+/// many triangles without textures that surfaces light and a picture of that size. Of `auto`, which picks a method by the scene and the
 /// memory that is free, it is that of the most modest one that it may pick.
 ///
 /// # Errors
@@ -186,7 +186,8 @@ pub fn needed_bytes(
     let mut least = u64::MAX;
     for method in candidates(asked)? {
         let (settings, _) = in_force(method, asked, given)?;
-        let extent = Extent { triangles, size, patchless: false, settings: &settings };
+        let settings = &settings;
+        let extent = Extent { triangles, pyramid_bytes: 0, size, patchless: false, settings };
         least = least.min(method.needed_bytes(&extent));
     }
     Ok(least)

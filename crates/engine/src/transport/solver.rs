@@ -53,6 +53,9 @@ impl TargetChecks {
 pub struct Extent<'a> {
     /// Triangles of the scene.
     pub triangles: u64,
+    /// Bytes of the smaller copies of the scene's textures, by which means over parts of them are
+    /// found.
+    pub pyramid_bytes: u64,
     /// Columns and rows of the picture.
     pub size: [u32; 2],
     /// Whether light comes from elsewhere than surfaces, which methods on patches find by rays.

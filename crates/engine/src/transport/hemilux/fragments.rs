@@ -8,7 +8,7 @@ use crate::patches::{FacetIndex, FacetPlace, PatchedScene};
 use crate::radiometry::Rgb;
 use crate::raster::{PixelPlane, Target, fill};
 use crate::rays::{Spot, inset, unit_normal};
-use crate::scene::Camera;
+use crate::scene::{Camera, Part, Pyramids};
 use crate::surface::{Surface, World};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -23,6 +23,11 @@ pub const MOST_SAMPLES: u32 = 64;
 const GOLDEN_RATIO: f32 = 0.618_034;
 /// Of samples that belong to none.
 const NO_FRAGMENT: usize = usize::MAX;
+/// Squares along and across a pixel that sees one facet alone, over which textures are averaged.
+const SQUARES: u32 = 4;
+/// Side of the part of a pixel that a ray of a lobe stands for where textures say how it reflects:
+/// four rays share a pixel at first.
+const LOBE_PART: f32 = 0.5;
 /// Cosine of the angle, 14°, by which the normals of facets in one fragment may differ.
 const SMOOTH_COSINE: f32 = 0.97;
 
@@ -68,17 +73,16 @@ struct PictureFacet {
     inset: f32,
 }
 
-/// Sums over the samples of a pixel on one facet; what does not vary over the facet is that of their
-/// mean place.
+/// Means over the samples of a pixel on one facet on which something varies.
 #[derive(Default)]
-struct SampleSums {
-    /// Diffuse albedos.
+struct SampleMeans {
+    /// Diffuse albedo.
     diffuse: Rgb,
-    /// Factors of lobes.
+    /// Factor of lobes.
     lobe_factor: Rgb,
     /// What they show by themselves.
     shine: Rgb,
-    /// Shading normals.
+    /// Shading normal, not normalised.
     normal: Vec3,
 }
 
@@ -91,8 +95,12 @@ pub struct VisibleSurfaces {
     /// The camera's frame, ray units.
     pub frame: Frame,
     scene: Arc<PatchedScene>,
+    pyramids: Pyramids,
     placed: Vec<PictureFacet>,
     samples: Vec<Vec2>,
+    /// Middles of the squares that a pixel is cut into where all of it sees one facet: textures are
+    /// averaged over these, without gaps.
+    squares: Vec<Vec2>,
     /// Fragments in the order of their pixels.
     pub fragments: Vec<Fragment>,
     /// Lobes in the order of their pixels.
@@ -129,12 +137,15 @@ impl VisibleSurfaces {
             PictureFacet { corners, planes, normal, inset: inset(corners) }
         };
         let placed = scene.facets.par_iter().with_min_len(1024).map(place).collect();
+        let samples = crate::measurement::sample_pattern(samples.clamp(1, MOST_SAMPLES));
         let mut visible = Self {
             width,
             height,
             frame: Frame::new(&world.rays.camera(camera), width, height),
             placed,
-            samples: crate::measurement::sample_pattern(samples.clamp(1, MOST_SAMPLES)),
+            squares: squares(SQUARES),
+            samples,
+            pyramids: Pyramids::new(&scene.scene),
             scene: scene.clone(),
             fragments: Vec::new(),
             lobes: Vec::new(),
@@ -259,13 +270,42 @@ impl VisibleSurfaces {
         let (SampleGroup { code, mask }, n) = self.group_of(lobe, n);
         let (facet, back) = item::decode(code).unwrap_or((0, false));
         let pixel = self.fragments[lobe.fragment as usize].pixel;
-        let at = self.barycentric(facet, pixel, self.sample(mask, n));
+        let offset = self.sample(mask, n);
+        let at = self.barycentric(facet, pixel, offset);
         let placed = &self.placed[facet as usize];
         let spot = Spot::new(placed.corners, placed.normal, at.x, at.y);
         let piece = &self.scene.facets[facet as usize];
-        let at = piece.to_source(at.x, at.y);
         let side = if back { -1.0 } else { 1.0 };
-        world.surface_at(piece.source, at, spot, side)
+        if !world.varies(piece.source) {
+            return world.surface_at(piece.source, piece.to_source(at.x, at.y), spot, side);
+        }
+        let part = self.part(facet, (pixel, offset), LOBE_PART * self.share(lobe).sqrt());
+        world.surface_over(&self.pyramids, (piece.source, &part), spot, side)
+    }
+
+    /// The part of the scene's triangle that a facet lies in that a square of a pixel sees, of
+    /// so many pixels' side; `offset` is its middle.
+    fn part(&self, facet: u32, (pixel, offset): (u32, Vec2), side: f32) -> Part {
+        let piece = &self.scene.facets[facet as usize];
+        let at = self.barycentric(facet, pixel, offset);
+        let planes = &self.placed[facet as usize].planes;
+        let column = (pixel % self.width) as f32 + offset.x;
+        let row = (pixel / self.width) as f32 + offset.y;
+        let value =
+            |plane: &PixelPlane| plane.constant + plane.per_column * column + plane.per_row * row;
+        let sum: f32 = planes.iter().map(value).sum();
+        // Of u = b/(a + b + c) and v = c/(a + b + c), which are linear each.
+        let change = |of: &dyn Fn(&PixelPlane) -> f32| {
+            let all: f32 = planes.iter().map(of).sum();
+            let own = Vec2::new(of(&planes[1]), of(&planes[2]));
+            let change = (own - at * all) / sum * side;
+            // What is beyond the triangle does not belong to it.
+            if change.is_finite() { change.clamp_length_max(1.0) } else { Vec2::ZERO }
+        };
+        let edges = [change(&|plane| plane.per_column), change(&|plane| plane.per_row)];
+        let [a, b, c] = piece.source_uv;
+        let edges = edges.map(|edge| (b - a) * edge.x + (c - a) * edge.y);
+        Part { at: piece.to_source(at.x, at.y), edges }
     }
 
     /// Origin and unit direction of the camera's ray through a lobe's n-th sample.
@@ -466,9 +506,9 @@ impl VisibleSurfaces {
         let normal = world.smooth_normal(piece.source, source_at, flat, side);
         let varies = finish.varies || world.material(piece.source).normal_map.is_some();
         let (diffuse, lobe_factor, shine, shading_normal) = if varies {
-            let sums = self.sum_samples(world, (facet, back), pixel, mask);
-            let normal = sums.normal.normalize_or(normal);
-            (sums.diffuse / count, sums.lobe_factor / count, sums.shine * each, normal)
+            let means = self.means(world, (facet, back), pixel, mask);
+            let normal = means.normal.normalize_or(normal);
+            (means.diffuse, means.lobe_factor, means.shine * share, normal)
         } else {
             let viewer = self.frame.towards_eye(point);
             let [diffuse, lobe_factor] =
@@ -504,32 +544,51 @@ impl VisibleSurfaces {
         })
     }
 
-    /// Sums over some samples of a facet on which something varies.
-    fn sum_samples(
+    /// Means over some samples of a facet on which something varies.
+    fn means(
         &self,
         world: &World,
         (facet, back): (u32, bool),
         pixel: u32,
         mask: u64,
-    ) -> SampleSums {
+    ) -> SampleMeans {
         let piece = &self.scene.facets[facet as usize];
         let side = if back { -1.0 } else { 1.0 };
-        let mut sums = SampleSums::default();
-        for offset in self.offsets(mask) {
+        let mut means = SampleMeans::default();
+        // Each sample stands for as much of the pixel.
+        let is_whole = mask.count_ones() as usize == self.samples.len();
+        let (all, count) = match is_whole {
+            true => (self.squares.len(), self.squares.len()),
+            false => (self.samples.len(), mask.count_ones() as usize),
+        };
+        let (width, each) = ((all as f32).sqrt().recip(), (count as f32).recip());
+        let mut add = |offset: Vec2| {
             let at = self.barycentric(facet, pixel, offset);
             let (point, flat) = self.spot(facet, back, at);
-            let at = piece.to_source(at.x, at.y);
-            let normal = world.shading_normal(piece.source, at, flat, side);
+            let part = self.part(facet, (pixel, offset), width);
+            let normal =
+                world.shading_normal_over(&self.pyramids, (piece.source, &part), flat, side);
             let cosine = normal.dot(self.frame.towards_eye(point));
-            let parameters = world.parameters(piece.source, at);
+            let parameters = world.parameters_over(&self.pyramids, piece.source, &part);
             let [diffuse, lobe_factor] = parameters.diffuse_and_lobe_factor(cosine);
-            sums.diffuse += diffuse;
-            sums.lobe_factor += lobe_factor;
-            sums.shine += world.shine(piece.source, at);
-            sums.normal += normal;
+            means.diffuse += diffuse * each;
+            means.lobe_factor += lobe_factor * each;
+            means.shine += world.shine_over(&self.pyramids, piece.source, &part) * each;
+            means.normal += normal * each;
+        };
+        if is_whole {
+            self.squares.iter().copied().for_each(&mut add);
+        } else {
+            self.offsets(mask).for_each(&mut add);
         }
-        sums
+        means
     }
+}
+
+/// Middles of so many squares along and across a pixel, from its middle.
+fn squares(count: u32) -> Vec<Vec2> {
+    let at = |index: u32| (index as f32 + 0.5) / count as f32 - 0.5;
+    (0..count * count).map(|index| Vec2::new(at(index % count), at(index / count))).collect()
 }
 
 impl Fragment {
@@ -570,35 +629,4 @@ struct Band {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::scene::made;
-    use crate::transport::hemilux::specimen::{EMISSION, Specimen};
-
-    #[test]
-    fn the_samples_of_a_pixel_are_shared_out() {
-        let specimen = Specimen::furnace();
-        let visible = specimen.visible();
-        assert_eq!(visible.start.len(), (visible.width * visible.height) as usize + 1);
-        for pixel in 0..(visible.width * visible.height) as usize {
-            let own = &visible.fragments
-                [visible.start[pixel] as usize..visible.start[pixel + 1] as usize];
-            assert!(own.iter().all(|fragment| fragment.pixel as usize == pixel));
-            let share: f32 = own.iter().map(|fragment| fragment.share).sum();
-            assert!((share - 1.0).abs() < 1e-5, "pixel {pixel} of a closed room sees {share}");
-            assert!((visible.shine[pixel] - Rgb::splat(EMISSION)).abs().max_element() < 1e-5);
-        }
-    }
-
-    #[test]
-    fn lobes_are_there_where_something_is_glossy() {
-        let visible = Specimen::new(&made::phong_cornell(), 500).visible();
-        let glossy = visible.fragments.iter().filter(|fragment| fragment.glossy).count();
-        assert!(glossy > 0 && visible.lobes.len() >= glossy);
-        assert!(visible.lobes.iter().all(|lobe| visible.fragments[lobe.fragment as usize].glossy));
-        assert!(
-            visible.lobes.is_sorted_by_key(|lobe| visible.fragments[lobe.fragment as usize].pixel)
-        );
-        assert!(Specimen::furnace().visible().lobes.is_empty());
-    }
-}
+mod tests;

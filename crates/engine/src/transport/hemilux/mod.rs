@@ -77,7 +77,7 @@ impl Method for Hemilux {
         let triangles = extent.triangles;
         let caustics = triangles.min(MOST_TRIANGLES as u64) * PER_MAPPED_TRIANGLE;
         let scene = Rays::needed_bytes(triangles) + triangles * PER_TRIANGLE + caustics;
-        scene + width * height * PER_PIXEL
+        scene + width * height * PER_PIXEL + extent.pyramid_bytes
     }
 
     fn begin<'a>(
