@@ -12,7 +12,7 @@ use std::collections::HashMap;
 /// their lamps. It bounds the time of the preparation.
 const MOST_TESTS: usize = 50_000_000;
 
-/// An emissive triangle without a texture, ray units.
+/// An emissive triangle of one radiance, ray units.
 #[derive(Clone, Copy)]
 pub struct UntexturedEmitter {
     /// Index into [`Scene::triangles`].
@@ -149,7 +149,7 @@ fn bodies(triangles: &[UntexturedEmitter]) -> Vec<Body> {
 pub fn merge_into_polygons(
     triangles: &[UntexturedEmitter],
     lights: &mut Vec<PolygonLight>,
-    of_triangle: &mut HashMap<u32, (u32, bool)>,
+    of_triangle: &mut HashMap<u32, u32>,
 ) {
     let mut at_edge: HashMap<(Key, Key), usize> = HashMap::new();
     for (index, one) in triangles.iter().enumerate() {
@@ -182,7 +182,7 @@ pub fn merge_into_polygons(
             });
             (flat && convex).then_some((other, around))
         });
-        let number = (lights.len() as u32, false);
+        let number = lights.len() as u32;
         of_triangle.insert(*triangle, number);
         let light = match pair {
             Some((other, around)) => {

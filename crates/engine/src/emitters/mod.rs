@@ -2,10 +2,13 @@
 //! form with a tree for very many, and disks in place of them; the sky, the sun, and lights without
 //! extent, or of a small one.
 
+mod cells;
 mod direct_lights;
 mod disks;
 mod from_triangles;
 mod light_tree;
+mod lit_texels;
+mod means;
 mod polygon;
 mod polygons;
 mod punctual;

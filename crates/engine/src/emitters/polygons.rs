@@ -1,11 +1,11 @@
 //! The polygon lights of a scene: their irradiance without occlusion, and points on them for shadow
 //! rays and lobes.
 
+use super::cells::{CellLimits, EmissionCell, EmissionCells};
 use super::from_triangles::{UntexturedEmitter, merge_into_polygons, shine_outwards_only};
 use super::light_tree::LightTree;
 use super::polygon::PolygonLight;
 use super::unoccluded::{ClosedForms, LobeAxis, MOST_LIGHTS, Unoccluded};
-use crate::patches::{cell_index, cells};
 use crate::radiometry::Rgb;
 use crate::rays::{Hit, Rays};
 use crate::scene::Scene;
@@ -14,21 +14,22 @@ use std::collections::HashMap;
 
 /// Points of a light that are tried to find one above the horizon of a surface.
 pub const TRIES: u32 = 4;
-/// Divisions of each edge of an emissive triangle whose texture varies: it becomes 8² = 64 lights.
-const TEXTURE_DIVISIONS: u32 = 8;
-/// Most emissive triangles of a scene for textures to be divided; with more, each triangle shines
-/// by its mean radiance. Divided they would be up to 262,144 lights.
-const MOST_TEXTURED: usize = 4096;
+/// How emissive textures become lights: about as many as are cheap to evaluate one by one. What is
+/// finer than a cell, and differs by less than a thousandth of all light, makes no difference that
+/// is seen but from close by.
+const CELLS: CellLimits = CellLimits { most: 256, least_difference: 1e-3, fine: 0.5, dim: 1e-4 };
 
 /// The lights of a scene as polygons of constant radiance.
 pub struct PolygonLights {
     closed_forms: ClosedForms,
     /// Picks one light where they are too many to evaluate all ([`MOST_LIGHTS`]).
     tree: LightTree,
-    /// First light of each emissive triangle, and whether its texture made it many.
-    of_triangle: HashMap<u32, (u32, bool)>,
-    /// Divisions of a triangle whose texture varies.
-    divisions: u32,
+    /// Light of each emissive triangle that is one as a whole.
+    of_triangle: HashMap<u32, u32>,
+    /// Parts of textured triangles.
+    cells: EmissionCells,
+    /// Light of each cell, unless it is that of its triangle.
+    of_cell: Vec<Option<u32>>,
 }
 
 /// A point of a light, sampled for a surface.
@@ -65,49 +66,36 @@ impl ShadowSample {
 impl PolygonLights {
     /// The lights of a scene; `None` without any.
     pub fn new(scene: &Scene, rays: &Rays) -> Option<Self> {
-        let many = scene.emissive_triangles() > MOST_TEXTURED;
-        let divisions = if many { 1 } else { TEXTURE_DIVISIONS };
-        let mut lights = Vec::new();
-        let mut of_triangle = HashMap::new();
+        let cells = EmissionCells::new(scene, rays, CELLS);
         let mut untextured: Vec<UntexturedEmitter> = Vec::new();
         for (index, triangle) in scene.triangles.iter().enumerate() {
             let material = &scene.materials[triangle.material as usize];
-            if !material.emits() {
-                continue;
-            }
             let (corners, area) = rays.corners(scene, index as u32);
-            if area.is_nan() || area <= 0.0 {
-                continue;
-            }
-            let two_sided = material.double_sided;
-            if material.emission_texture.is_none() {
-                let radiance = material.emission;
-                untextured.push(UntexturedEmitter {
-                    triangle: index as u32,
-                    corners,
-                    radiance,
-                    two_sided,
-                });
-                continue;
-            }
-            of_triangle.insert(index as u32, (lights.len() as u32, true));
-            for cell in cells(divisions) {
-                let inside: Vec<Vec2> = cells(4)
-                    .map(|[a, b, c]| {
-                        let at = (a + b + c) / 3.0;
-                        cell[0] * (1.0 - at.x - at.y) + cell[1] * at.x + cell[2] * at.y
-                    })
-                    .collect();
-                let sum: Rgb = inside.iter().map(|at| scene.emission(triangle, at.x, at.y)).sum();
-                let radiance = sum / inside.len() as f32;
-                let place = |at: Vec2| {
-                    corners[0] * (1.0 - at.x - at.y) + corners[1] * at.x + corners[2] * at.y
-                };
-                // A cell without area would be out of step with the cells of the texture.
-                let light = PolygonLight::new(&cell.map(place), radiance, two_sided);
-                lights.push(light.unwrap_or_else(PolygonLight::dark));
+            if material.emits() && material.emission_texture.is_none() && area > 0.0 {
+                let (triangle, radiance) = (index as u32, material.emission);
+                let two_sided = material.double_sided;
+                untextured.push(UntexturedEmitter { triangle, corners, radiance, two_sided });
             }
         }
+        let (mut lights, mut of_cell) = (Vec::new(), Vec::new());
+        for EmissionCell { triangle, corners, radiance, is_even, .. } in &cells.cells {
+            let material = scene.triangles[*triangle as usize].material;
+            let (triangle, radiance) = (*triangle, *radiance);
+            let two_sided = scene.materials[material as usize].double_sided;
+            let whole = rays.corners(scene, triangle).0;
+            if *is_even {
+                let corners = whole;
+                untextured.push(UntexturedEmitter { triangle, corners, radiance, two_sided });
+                of_cell.push(None);
+                continue;
+            }
+            let place =
+                |at: &Vec2| whole[0] * (1.0 - at.x - at.y) + whole[1] * at.x + whole[2] * at.y;
+            let light = PolygonLight::new(&corners.each_ref().map(place), radiance, two_sided);
+            of_cell.push(light.is_some().then_some(lights.len() as u32));
+            lights.extend(light);
+        }
+        let mut of_triangle = HashMap::new();
         shine_outwards_only(&mut untextured, scene, rays);
         merge_into_polygons(&untextured, &mut lights, &mut of_triangle);
         let total: f64 = lights.iter().map(|light| f64::from(light.power())).sum();
@@ -116,7 +104,7 @@ impl PolygonLights {
         }
         let tree = LightTree::new(&lights.iter().map(PolygonLight::bounds).collect::<Vec<_>>());
         let closed_forms = ClosedForms::new(lights);
-        Some(Self { closed_forms, tree, of_triangle, divisions })
+        Some(Self { closed_forms, tree, of_triangle, cells, of_cell })
     }
 
     /// Number of polygons.
@@ -233,9 +221,9 @@ impl PolygonLights {
         normal: Vec3,
         direction: Vec3,
     ) -> f32 {
-        let Some((first, textured)) = self.of_triangle.get(&hit.triangle) else { return 0.0 };
-        let cell = if *textured { cell_index(self.divisions, hit.u, hit.v) } else { 0 };
-        let pick = (first + cell) as usize;
+        let cell = || self.of_cell[self.cells.find(hit.triangle, [hit.u, hit.v])?];
+        let light = self.of_triangle.get(&hit.triangle).copied().or_else(cell);
+        let Some(pick) = light.map(|light| light as usize) else { return 0.0 };
         let probability = if self.is_exact() {
             self.closed_forms.probability(unoccluded, start, start_normal, pick)
         } else {

@@ -1,16 +1,17 @@
 //! Emissive triangles, sampled by their power: for direct light, and for paths that begin at
 //! lights.
 
-use crate::patches::cells;
+use super::cells::{CellLimits, EmissionCells};
 use crate::radiometry::{Rgb, importance};
 use crate::rays::{Spot, unit_normal};
 use crate::sampling::Discrete;
 use crate::surface::{Surface, World};
-use glam::Vec3;
+use glam::{Vec2, Vec3};
+use std::collections::HashMap;
 
-/// Share of the pick that goes by the material's emission factor without its texture, so that
-/// bright parts of a texture that the 64 samples of its mean missed are still picked.
-const FACTOR_SHARE: f64 = 0.1;
+/// How finely emissive textures are divided for picks, which take little longer where cells are
+/// many.
+const CELLS: CellLimits = CellLimits { most: 1 << 15, least_difference: 1e-6, fine: 1.0, dim: 0.0 };
 
 /// An emissive triangle.
 pub struct Emitter {
@@ -22,8 +23,6 @@ pub struct Emitter {
     normal: Vec3,
     /// Area, square ray units.
     pub area: f32,
-    /// Importance of its power, over π: it is picked in proportion to this.
-    weight: f64,
     /// Mean emitted radiance.
     pub radiance: Rgb,
 }
@@ -31,10 +30,28 @@ pub struct Emitter {
 /// The emissive triangles of a scene.
 pub struct TriangleLights {
     emitters: Vec<Emitter>,
+    /// What is picked: parts of textured triangles, a cell each, then whole triangles.
+    parts: Vec<Part>,
     choice: Discrete,
-    /// Probability per area, by scene triangle.
+    cells: EmissionCells,
+    /// Probability per area of each of `parts`, square ray units.
     density: Vec<f32>,
+    /// Of each scene triangle without a texture, which of `parts` it is; [`NO_PART`] of others.
+    whole: Vec<u32>,
 }
+
+/// A part of an emissive triangle, in which points are uniform.
+struct Part {
+    /// Index into [`TriangleLights::emitters`].
+    emitter: u32,
+    /// Barycentric coordinates of its corners.
+    corners: [Vec2; 3],
+    /// Its share of the triangle's area.
+    share: f32,
+}
+
+/// In place of the part of a triangle that is not picked as a whole.
+const NO_PART: u32 = u32::MAX;
 
 /// A point of a light, sampled for a surface.
 pub struct LightSample {
@@ -66,37 +83,61 @@ impl TriangleLights {
     /// The lights of a scene; `None` without any.
     pub fn new(world: &World) -> Option<Self> {
         let scene = &world.scene;
-        let mut emitters = Vec::new();
+        let cells = EmissionCells::new(scene, &world.rays, CELLS);
+        let mut parts =
+            Parts { world, emitters: Vec::new(), parts: Vec::new(), weights: Vec::new() };
+        let mut textured: HashMap<u32, u32> = HashMap::new();
+        for cell in &cells.cells {
+            let emitter = *textured
+                .entry(cell.triangle)
+                .or_insert_with(|| parts.add_emitter(cell.triangle, Rgb::ZERO));
+            // Together they have the triangle's mean.
+            parts.emitters[emitter as usize].radiance += cell.radiance * cell.share;
+            parts.add(emitter, cell.corners, cell.share, cell.radiance);
+        }
+        let mut whole = vec![NO_PART; scene.triangles.len()];
         for (index, triangle) in scene.triangles.iter().enumerate() {
             let material = &scene.materials[triangle.material as usize];
-            if !material.emits() {
-                continue;
-            }
-            let (corners, area) = world.rays.corners(scene, index as u32);
-            let radiance = mean_emission(world, index as u32);
-            let sides = if material.double_sided { 2.0 } else { 1.0 };
-            let mixed = f64::from(importance(radiance)) * (1.0 - FACTOR_SHARE)
-                + f64::from(importance(material.emission)) * FACTOR_SHARE;
-            let weight = mixed * f64::from(area) * sides;
-            if weight > 0.0 && weight.is_finite() {
-                let triangle = index as u32;
-                let normal = unit_normal(corners);
-                emitters.push(Emitter { triangle, corners, normal, area, weight, radiance });
+            let (_, area) = world.rays.corners(scene, index as u32);
+            if material.emits() && material.emission_texture.is_none() && area > 0.0 {
+                let emitter = parts.add_emitter(index as u32, material.emission);
+                whole[index] = parts.parts.len() as u32;
+                parts.add(emitter, [Vec2::ZERO, Vec2::X, Vec2::Y], 1.0, material.emission);
             }
         }
-        if emitters.is_empty() {
+        let Parts { emitters, parts, weights, .. } = parts;
+        if !weights.iter().any(|weight| *weight > 0.0) {
             return None;
         }
-        let choice = Discrete::new(emitters.iter().map(|emitter| emitter.weight));
-        let mut density = vec![0.0; scene.triangles.len()];
-        for (index, emitter) in emitters.iter().enumerate() {
-            density[emitter.triangle as usize] =
-                (choice.probability(index) / f64::from(emitter.area)) as f32;
-        }
-        Some(Self { emitters, choice, density })
+        let choice = Discrete::new(weights.into_iter());
+        let density = |(index, part): (usize, &Part)| {
+            let area = emitters[part.emitter as usize].area * part.share;
+            (choice.probability(index) / f64::from(area)) as f32
+        };
+        let density = parts.iter().enumerate().map(density).collect();
+        Some(Self { emitters, parts, choice, cells, density, whole })
     }
 
-    /// A point of the emissive triangles, picked by power, uniform over the triangle; `None` where
+    /// The part that a place of a triangle belongs to; `None` where it is black.
+    fn part_at(&self, triangle: u32, at: [f32; 2]) -> Option<usize> {
+        match self.whole[triangle as usize] {
+            NO_PART => self.cells.find(triangle, at),
+            part => Some(part as usize),
+        }
+    }
+
+    /// A point of the emissive triangles by uniform numbers: of which emitter, where in
+    /// barycentric coordinates, and its density per area.
+    fn point(&self, pick: f64, xi: [f32; 2]) -> (&Emitter, [f32; 2], f32) {
+        let index = self.choice.pick(pick);
+        let Part { emitter, corners: [a, b, c], .. } = self.parts[index];
+        let root = xi[0].sqrt();
+        let (u, v) = (root * (1.0 - xi[1]), root * xi[1]);
+        let at = a * (1.0 - u - v) + b * u + c * v;
+        (&self.emitters[emitter as usize], at.to_array(), self.density[index])
+    }
+
+    /// A point of the emissive triangles, picked by power, uniform over cells; `None` where
     /// `surface` can't see its light.
     pub fn sample(
         &self,
@@ -105,12 +146,10 @@ impl TriangleLights {
         pick: f64,
         xi: [f32; 2],
     ) -> Option<LightSample> {
-        let emitter = &self.emitters[self.choice.pick(pick)];
+        let (emitter, [u, v], per_area) = self.point(pick, xi);
         if emitter.triangle == surface.triangle {
             return None;
         }
-        let root = xi[0].sqrt();
-        let (u, v) = (root * (1.0 - xi[1]), root * xi[1]);
         let spot = Spot::new(emitter.corners, emitter.normal, u, v);
         let between = spot.point - surface.spot.point;
         let square = between.length_squared();
@@ -123,7 +162,7 @@ impl TriangleLights {
         {
             return None;
         }
-        let density = self.density[emitter.triangle as usize] * square / cosine.abs();
+        let density = per_area * square / cosine.abs();
         let end = spot.off_surface(spot.normal * cosine.signum());
         let radiance = world.emission(emitter.triangle, u, v);
         Some(LightSample { end, direction, radiance, density })
@@ -133,20 +172,19 @@ impl TriangleLights {
     /// a ray along the unit `direction` met at `distance`.
     pub fn density(&self, light: &Surface, direction: Vec3, distance: f32) -> f32 {
         let cosine = light.normal.dot(direction).abs().max(f32::MIN_POSITIVE);
-        self.density[light.triangle as usize] * distance * distance / cosine
+        let part = self.part_at(light.triangle, light.at);
+        part.map_or(0.0, |part| self.density[part]) * distance * distance / cosine
     }
 
-    /// A point of the emissive triangles, picked by power, uniform over the triangle.
+    /// A point of the emissive triangles, picked by power, uniform over cells.
     pub fn emit(&self, world: &World, pick: f64, xi: [f32; 2]) -> EmissionSample {
-        let emitter = &self.emitters[self.choice.pick(pick)];
-        let root = xi[0].sqrt();
-        let (u, v) = (root * (1.0 - xi[1]), root * xi[1]);
+        let (emitter, [u, v], density) = self.point(pick, xi);
         EmissionSample {
             triangle: emitter.triangle,
             spot: Spot::new(emitter.corners, emitter.normal, u, v),
             radiance: world.emission(emitter.triangle, u, v),
             two_sided: world.is_two_sided(emitter.triangle),
-            density: self.density[emitter.triangle as usize],
+            density,
         }
     }
 
@@ -156,14 +194,28 @@ impl TriangleLights {
     }
 }
 
-/// Emission averaged over a triangle by 64 samples where a texture varies it.
-fn mean_emission(world: &World, triangle: u32) -> Rgb {
-    if !world.varies(triangle) {
-        return world.emission(triangle, 0.0, 0.0);
+/// The emitters and their parts while they are listed.
+struct Parts<'a> {
+    world: &'a World,
+    emitters: Vec<Emitter>,
+    parts: Vec<Part>,
+    /// Importance of each part's power, over π: it is picked in proportion to this.
+    weights: Vec<f64>,
+}
+
+impl Parts<'_> {
+    fn add_emitter(&mut self, triangle: u32, radiance: Rgb) -> u32 {
+        let (corners, area) = self.world.rays.corners(&self.world.scene, triangle);
+        let normal = unit_normal(corners);
+        self.emitters.push(Emitter { triangle, corners, normal, area, radiance });
+        self.emitters.len() as u32 - 1
     }
-    let samples: Vec<Rgb> = cells(8)
-        .map(|[a, b, c]| (a + b + c) / 3.0)
-        .map(|at| world.emission(triangle, at.x, at.y))
-        .collect();
-    samples.iter().sum::<Rgb>() / samples.len() as f32
+
+    fn add(&mut self, emitter: u32, corners: [Vec2; 3], share: f32, radiance: Rgb) {
+        let Emitter { triangle, area, .. } = &self.emitters[emitter as usize];
+        let sides = if self.world.is_two_sided(*triangle) { 2.0 } else { 1.0 };
+        let weight = f64::from(importance(radiance)) * f64::from(*area) * f64::from(share) * sides;
+        self.parts.push(Part { emitter, corners, share });
+        self.weights.push(if weight.is_finite() { weight } else { 0.0 });
+    }
 }

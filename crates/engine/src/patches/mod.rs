@@ -271,13 +271,13 @@ fn cut_side(
     let area = 0.5 * geometric.length() / (facet.divisions * facet.divisions) as f32;
     let varies = colour_varies(scene, facet);
     // Means over sub-cells where colour varies; 64 samples a patch.
-    let samples: Vec<Vec2> =
-        cells(if varies { 8 } else { 1 }).map(|[a, b, c]| (a + b + c) / 3.0).collect();
+    let sub_cells: Vec<[Vec2; 3]> = cells(if varies { 8 } else { 1 }).collect();
     let exponent = material.reflectance(&material.typical(Rgb::ONE)).exponent;
-    for [pa, pb, pc] in cells(facet.divisions) {
+    for (cell, [pa, pb, pc]) in cells(facet.divisions).enumerate() {
         let (mut diffuse, mut specular, mut emission) = (Rgb::ZERO, Rgb::ZERO, Rgb::ZERO);
         let mut albedo = Rgb::ZERO;
-        for sample in &samples {
+        for (number, sub_cell) in sub_cells.iter().enumerate() {
+            let sample = point_of(*sub_cell, (cell * sub_cells.len() + number) as u32);
             let at = pa * (1.0 - sample.x - sample.y) + pb * sample.x + pc * sample.y;
             let at = facet.to_source(at.x, at.y);
             let appearance = scene.appearance(triangle, at.x, at.y);
@@ -289,7 +289,7 @@ fn cut_side(
             }
             emission += scene.emission(triangle, at.x, at.y);
         }
-        let share = 1.0 / samples.len() as f32;
+        let share = 1.0 / sub_cells.len() as f32;
         let center = (pa + pb + pc) / 3.0;
         let at = facet.to_source(center.x, center.y);
         let shading = scene.interpolate(triangle, at.x, at.y, |vertex| vertex.normal);
@@ -305,6 +305,18 @@ fn cut_side(
         patches.emission.push(emission * share);
         patches.facet.push(index);
     }
+}
+
+/// A point of a triangle, another one for each number and spread evenly over it, so that no texture
+/// is in step with the points of many triangles: a checker would look all black or all white to
+/// them.
+fn point_of([a, b, c]: [Vec2; 3], number: u32) -> Vec2 {
+    let step = Vec2::new(0.754_877_7, 0.569_840_3);
+    let mut at = (step * (number % (1 << 14)) as f32).fract();
+    if at.x + at.y > 1.0 {
+        at = 1.0 - at;
+    }
+    a * (1.0 - at.x - at.y) + b * at.x + c * at.y
 }
 
 /// Barycentric coordinates in a piece of the barycentric (u, v) of its triangle.

@@ -38,7 +38,7 @@ impl Method for Progressive {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        1
+        2
     }
 
     fn summary(&self) -> &'static str {

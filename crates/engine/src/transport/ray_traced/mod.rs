@@ -43,7 +43,7 @@ impl Method for RayTraced {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        1
+        2
     }
 
     fn summary(&self) -> &'static str {
