@@ -26,4 +26,5 @@ mod stability_geometry;
 mod stability_switches;
 mod switches;
 mod target_error;
+mod textures;
 mod twins;

@@ -40,9 +40,21 @@ impl GlbWriter {
 
     /// Adds a material whose base colour is multiplied by an embedded PNG.
     pub fn textured(&mut self, material: &Material, png: &[u8]) -> usize {
+        let image = self.image(png);
+        self.write_material(material, Some(image))
+    }
+
+    /// Adds a material whose emission is multiplied by an embedded PNG.
+    pub fn shining(&mut self, material: &Material, png: &[u8]) -> usize {
+        let (image, index) = (self.image(png), self.write_material(material, None));
+        self.materials[index]["emissiveTexture"] = json!({ "index": image });
+        index
+    }
+
+    fn image(&mut self, png: &[u8]) -> usize {
         let view = self.view(png, None);
         self.images.push(json!({ "bufferView": view, "mimeType": "image/png" }));
-        self.write_material(material, Some(self.images.len() - 1))
+        self.images.len() - 1
     }
 
     fn write_material(&mut self, material: &Material, texture: Option<usize>) -> usize {

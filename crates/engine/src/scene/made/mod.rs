@@ -8,6 +8,7 @@ mod gloss;
 mod hidden_light;
 mod mesh;
 mod office;
+mod patterns;
 mod rooms;
 #[cfg(test)]
 mod tests;
@@ -19,6 +20,7 @@ pub use glb::assemble;
 pub use gloss::{gallery, kitchen};
 pub use hidden_light::{blinds, hall, shade};
 pub use office::office;
+pub use patterns::{checker, screens};
 pub use rooms::{corridor, furnace, tessellated_room};
 
 use crate::radiometry::Rgb;

@@ -55,6 +55,22 @@ fn scenes_have_what_they_promise() {
 }
 
 #[test]
+fn patterns_are_what_they_are_called() {
+    let checker = imported("checker", &checker(4.0));
+    assert_eq!((checker.emissive_triangles(), checker.textures.len()), (0, 1));
+    let [one, same, other] = [3, 3, 4].map(|seed| imported("screens", &screens(seed)));
+    assert_eq!((one.emissive_triangles(), one.textures.len()), (18, 9));
+    let texels =
+        |scene: &Scene| scene.textures.iter().map(|t| t.texels.clone()).collect::<Vec<_>>();
+    assert!(texels(&one) == texels(&same) && texels(&one) != texels(&other));
+    for texels in texels(&one) {
+        let black = texels.iter().filter(|texel| texel[..3] == [0; 3]).count() as f32;
+        let share = black / texels.len() as f32;
+        assert!((0.1..0.4).contains(&share), "{share} of a screen is black");
+    }
+}
+
+#[test]
 fn tessellated_rooms_have_about_the_triangles_asked_for() {
     for asked in [1_000, 10_000, 100_000] {
         let scene = imported("room", &tessellated_room(asked));

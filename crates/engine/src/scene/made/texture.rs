@@ -38,12 +38,48 @@ pub(super) fn parquet() -> Vec<u8> {
             ]);
         }
     }
+    png(&texels, SIDE)
+}
+
+/// Squares along a side of [`checker`].
+pub(super) const CHECKER_SQUARES: u32 = 8;
+/// Texels along a side of one.
+const SQUARE: u32 = 8;
+
+/// A tileable checker, dark and light, as a PNG of 64 × 64 texels.
+pub(super) fn checker() -> Vec<u8> {
+    let side = CHECKER_SQUARES * SQUARE;
+    let code = |at: u32| {
+        let is_dark = (at % side / SQUARE + at / side / SQUARE).is_multiple_of(2);
+        if is_dark { 60 } else { 240 }
+    };
+    png(&(0..side * side).flat_map(|at| [code(at); 3]).collect::<Vec<_>>(), side)
+}
+
+/// Texels along a side of [`screen`].
+const SCREEN: u32 = 64;
+
+/// What a video screen may show: black texels and bright ones of random colour, in patches of
+/// one to eight texels, as a PNG of 64 × 64 texels.
+pub(super) fn screen(seed: u32) -> Vec<u8> {
+    let texel = |at: u32| {
+        let (x, y) = (at % SCREEN, at / SCREEN);
+        // Each sixteenth of the screen has patches of its own size.
+        let size = 1 << (hash(seed ^ 0x51, y / 16 * 4 + x / 16) % 4);
+        let random = hash(seed, y / size * SCREEN + x / size);
+        if random >> 30 == 0 { [0; 3] } else { [0, 8, 16].map(|shift| (random >> shift) as u8) }
+    };
+    png(&(0..SCREEN * SCREEN).flat_map(texel).collect::<Vec<_>>(), SCREEN)
+}
+
+/// A square picture of red, green and blue as a PNG.
+fn png(texels: &[u8], side: u32) -> Vec<u8> {
     let mut png = Cursor::new(Vec::new());
     image::write_buffer_with_format(
         &mut png,
-        &texels,
-        SIDE,
-        SIDE,
+        texels,
+        side,
+        side,
         image::ExtendedColorType::Rgb8,
         image::ImageFormat::Png,
     )
