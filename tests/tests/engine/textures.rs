@@ -25,11 +25,12 @@ fn rendered(
 ) -> Rendered {
     let environment = match sky {
         0.0 => Environment::none(),
-        _ => Environment { sky: Sky::Uniform(Rgb::splat(sky)), sun: None },
+        _ => Environment { sky: Sky::Uniform(Rgb::splat(sky)), ..Environment::none() },
     };
     let request = RenderRequest {
         scene: scene.clone(),
         environment: Some(Arc::new(environment)),
+        background: Default::default(),
         camera,
         width: SIDE,
         height: SIDE,

@@ -10,9 +10,9 @@ pub mod gltf;
 pub mod made;
 mod material;
 mod message;
-mod part;
+pub mod part;
 mod punctual;
-mod pyramid;
+pub mod pyramid;
 mod sky_file;
 pub mod sky_map;
 mod texture;
@@ -25,9 +25,7 @@ pub use camera::{Camera, Projection};
 pub use environment::{Environment, PlacedMap, Sky, Sun};
 pub use material::{Alpha, Appearance, Material, Model, NormalMap, Volume};
 pub use message::{SceneError, Warning};
-pub use part::Part;
 pub use punctual::{LightKind, PunctualLight};
-pub use pyramid::Pyramids;
 pub use texture::{Encoding, Texture, TextureSlot, Wrap, srgb_to_linear};
 
 /// A scene in world space, metres, right-handed, +Y up.

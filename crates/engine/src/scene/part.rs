@@ -1,8 +1,8 @@
 //! Parts of triangles, and what a material is on the mean over one: what a pixel, or a sample of
 //! one, sees of a texture that is finer than itself.
 
-use super::pyramid::{Lookup, Weight};
-use super::{Appearance, Pyramids, Scene, TextureSlot, Triangle};
+use super::pyramid::{Lookup, Pyramids, Weight};
+use super::{Appearance, Scene, TextureSlot, Triangle};
 use crate::radiometry::Rgb;
 use glam::{Vec2, Vec3, Vec4};
 

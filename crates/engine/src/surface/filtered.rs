@@ -5,7 +5,8 @@ use super::point::Surface;
 use super::world::World;
 use crate::radiometry::Rgb;
 use crate::rays::Spot;
-use crate::scene::{Part, Pyramids};
+use crate::scene::part::Part;
+use crate::scene::pyramid::Pyramids;
 use glam::Vec3;
 
 impl World {

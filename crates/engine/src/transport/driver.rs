@@ -11,7 +11,7 @@ use crate::device::{Device, DeviceError, free_memory};
 use crate::emitters::SkyLight;
 use crate::image::Picture;
 use crate::render::{Observer, RenderError, RenderRequest, Rendered, StopReason};
-use crate::scene::Pyramids;
+use crate::scene::pyramid::Pyramids;
 use std::collections::BTreeMap;
 use std::time::Instant;
 

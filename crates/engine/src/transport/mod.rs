@@ -28,7 +28,8 @@ mod unseen;
 
 use crate::device::Device;
 use crate::render::{Begin, Observer, RenderError, RenderRequest, Rendered};
-use crate::scene::{Pyramids, Warning};
+use crate::scene::Warning;
+use crate::scene::pyramid::Pyramids;
 
 use job::Chosen;
 pub use registry::{

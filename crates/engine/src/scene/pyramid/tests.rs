@@ -4,7 +4,8 @@ use super::*;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::random::bits;
-use crate::scene::{Part, Triangle, Vertex, Wrap};
+use crate::scene::part::Part;
+use crate::scene::{Triangle, Vertex, Wrap};
 use glam::Vec3;
 
 /// A right triangle whose texture coordinates are its barycentric ones, of a material with one

@@ -1,15 +1,20 @@
 //! What the camera sees, found once for a picture: the sub-pixel samples of each pixel are
 //! rasterised and grouped by surface into fragments.
 
+mod band;
+
 use super::places::FragmentPlaces;
 use crate::hemicube::item;
 use crate::measurement::{Frame, View};
 use crate::patches::{FacetIndex, FacetPlace, PatchedScene};
 use crate::radiometry::Rgb;
-use crate::raster::{PixelPlane, Target, fill};
+use crate::raster::PixelPlane;
 use crate::rays::{Spot, inset, unit_normal};
-use crate::scene::{Camera, Part, Pyramids};
+use crate::scene::Camera;
+use crate::scene::part::Part;
+use crate::scene::pyramid::Pyramids;
 use crate::surface::{Surface, World};
+use band::Band;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -347,194 +352,6 @@ impl VisibleSurfaces {
         (Spot::new(placed.corners, placed.normal, at.x, at.y).off_surface(normal), normal)
     }
 
-    fn band(&self, world: &World, view: &View, first_row: u32) -> Band {
-        let rows = BAND.min(self.height - first_row);
-        let pixels = (rows * self.width) as usize;
-        let count = self.samples.len();
-        let mut items = vec![0u32; pixels * count];
-        let mut depth = vec![0f32; pixels];
-        let triangles = view.in_rows(first_row, first_row + rows);
-        for (offset, items) in self.samples.iter().zip(items.chunks_mut(pixels)) {
-            depth.fill(0.0);
-            let mut target = Target { width: self.width, first_row, items, depth: &mut depth };
-            for triangle in &triangles {
-                fill(&mut target, &triangle.moved(*offset));
-            }
-        }
-        let mut band = Band {
-            fragments: Vec::with_capacity(pixels + pixels / 8),
-            lobes: Vec::new(),
-            groups: Vec::new(),
-            ends: Vec::with_capacity(pixels),
-            shine: Vec::with_capacity(pixels),
-            background: Vec::new(),
-            coverage: Vec::new(),
-        };
-        let shows_background = !world.background.is_black(&world.environment);
-        let shows_alpha = world.background.is_transparent();
-        let mut groups: Vec<SampleGroup> = Vec::new();
-        for pixel in 0..pixels {
-            groups.clear();
-            let mut empty = 0u64;
-            for sample in 0..count {
-                let mut code = items[sample * pixels + pixel];
-                let bit = 1u64 << sample;
-                if self.may_pass(world, code) {
-                    let pixel = first_row * self.width + pixel as u32;
-                    code = self.behind_holes(world, pixel, sample);
-                }
-                if code == item::EMPTY {
-                    empty |= bit;
-                    continue;
-                }
-                match groups.iter_mut().find(|group| group.code == code) {
-                    Some(group) => group.mask |= bit,
-                    None => groups.push(SampleGroup { code, mask: bit }),
-                }
-            }
-            let pixel = first_row * self.width + pixel as u32;
-            if shows_background {
-                band.background.push(self.background(world, pixel, empty));
-            }
-            if shows_alpha {
-                band.coverage.push(1.0 - empty.count_ones() as f32 / count as f32);
-            }
-            let shine = self.collect(world, pixel, &groups, &mut band);
-            band.shine.push(shine);
-            band.ends.push(band.fragments.len() as u32);
-        }
-        band
-    }
-
-    /// Whether a sample that sees this may see what is behind it instead.
-    fn may_pass(&self, world: &World, code: u32) -> bool {
-        let facet = item::decode(code);
-        facet.is_some_and(|(facet, _)| {
-            world.rays.has_holes(self.scene.facets[facet as usize].source)
-        })
-    }
-
-    /// Code of what a sample of a pixel sees through holes.
-    fn behind_holes(&self, world: &World, pixel: u32, sample: usize) -> u32 {
-        let (origin, direction) = self.ray(pixel, self.samples[sample]);
-        let spread = (sample as f32 * GOLDEN_RATIO).fract();
-        let hit = world.rays.closest_in_pixel(origin, direction, spread, pixel);
-        let place = hit.and_then(|hit| {
-            let (facet, _) = self.scene.place_on_triangle(hit.triangle, hit.u, hit.v)?;
-            Some(item::encode(facet.0, hit.back))
-        });
-        place.unwrap_or(item::EMPTY)
-    }
-
-    /// Origin and unit direction of the ray through a place in a pixel.
-    fn ray(&self, pixel: u32, offset: Vec2) -> (Vec3, Vec3) {
-        let size = Vec2::new(self.width as f32, self.height as f32);
-        let corner = Vec2::new((pixel % self.width) as f32, (pixel / self.width) as f32);
-        // Offsets are from a pixel's middle.
-        let at = 2.0 * (corner + 0.5 + offset) / size - 1.0;
-        self.frame.ray(Vec2::new(at.x, -at.y))
-    }
-
-    /// What some samples of a pixel, by a bit each, see beside the surfaces.
-    fn background(&self, world: &World, pixel: u32, samples: u64) -> Rgb {
-        let of = |offset| world.beside_surfaces(self.ray(pixel, offset).1);
-        self.offsets(samples).map(of).sum::<Rgb>() / self.samples.len() as f32
-    }
-
-    /// Appends the fragments and lobes of a pixel; returns the emitted radiance that it sees.
-    fn collect(&self, world: &World, pixel: u32, groups: &[SampleGroup], band: &mut Band) -> Rgb {
-        let Band { fragments, lobes, groups: of_lobes, .. } = band;
-        let mut fragment_of_group = [NO_FRAGMENT; MOST_SAMPLES as usize];
-        let mut shine = Rgb::ZERO;
-        let first = fragments.len();
-        for (number, group) in groups.iter().enumerate() {
-            let Some((one, own)) = self.fragment_of(world, pixel, group) else { continue };
-            shine += own;
-            if one.diffuse == Rgb::ZERO && !one.glossy {
-                continue;
-            }
-            // Facets of a smooth surface share a fragment.
-            let reach = 3.0 * self.frame.footprint(one.point, self.height);
-            let near = fragments[first..].iter().position(|other| {
-                other.glossy == one.glossy
-                    && other.normal.dot(one.normal) > SMOOTH_COSINE
-                    && other.normal.dot(other.point - one.point).abs() < reach
-                    && other.shading_normal.dot(one.shading_normal) > SMOOTH_COSINE
-                    && (other.diffuse - one.diffuse).abs().max_element() < 0.02
-            });
-            let fragment = near.map_or(fragments.len(), |near| first + near);
-            match fragments.get_mut(fragment) {
-                Some(other) => other.merge(&one),
-                None => fragments.push(one),
-            }
-            fragment_of_group[number] = fragment;
-        }
-        for (fragment, own) in fragments.iter().enumerate().skip(first) {
-            if own.glossy {
-                let begin = of_lobes.len() as u32;
-                let mine = groups.iter().zip(fragment_of_group);
-                of_lobes.extend(mine.filter(|(_, of)| *of == fragment).map(|(group, _)| *group));
-                let groups = [begin, of_lobes.len() as u32];
-                lobes.push(Lobe { fragment: fragment as u32, groups });
-            }
-        }
-        for fragment in &mut fragments[first..] {
-            fragment.normal = fragment.normal.normalize_or(Vec3::Z);
-            fragment.shading_normal = fragment.shading_normal.normalize_or(fragment.normal);
-        }
-        shine
-    }
-
-    /// A fragment of a group of samples, and the emitted radiance that it adds to the pixel.
-    fn fragment_of(
-        &self,
-        world: &World,
-        pixel: u32,
-        group: &SampleGroup,
-    ) -> Option<(Fragment, Rgb)> {
-        let &SampleGroup { code, mask } = group;
-        let (facet, back) = item::decode(code)?;
-        let piece = &self.scene.facets[facet as usize];
-        let finish = world.finish(piece.source);
-        let each = 1.0 / self.samples.len() as f32;
-        let count = mask.count_ones() as f32;
-        let share = count * each;
-        let middle = self.offsets(mask).sum::<Vec2>() / count;
-        let at = self.barycentric(facet, pixel, middle);
-        let (point, flat) = self.spot(facet, back, at);
-        let (source_at, side) = (piece.to_source(at.x, at.y), if back { -1.0 } else { 1.0 });
-        let normal = world.smooth_normal(piece.source, source_at, flat, side);
-        let varies = finish.varies || world.material(piece.source).normal_map.is_some();
-        let (diffuse, lobe_factor, shine, shading_normal) = if varies {
-            let means = self.means(world, (facet, back), pixel, mask);
-            let normal = means.normal.normalize_or(normal);
-            (means.diffuse, means.lobe_factor, means.shine * share, normal)
-        } else {
-            let viewer = self.frame.towards_eye(point);
-            let [diffuse, lobe_factor] =
-                finish.parameters.diffuse_and_lobe_factor(normal.dot(viewer));
-            (diffuse, lobe_factor, world.shine(piece.source, source_at) * share, normal)
-        };
-        // What is clear is seen by rays, with all that it reflects.
-        let is_clear = world.is_clear(piece.source);
-        let (diffuse, lobe_factor) =
-            if is_clear { (Rgb::ZERO, Rgb::ONE) } else { (diffuse, lobe_factor) };
-        let glossy = is_clear || finish.parameters.is_glossy();
-        let fragment = Fragment {
-            pixel,
-            code,
-            mask,
-            share,
-            point,
-            normal,
-            shading_normal,
-            diffuse,
-            lobe_factor,
-            glossy,
-        };
-        Some((fragment, shine))
-    }
-
     /// Offsets of some samples, by a bit each, in their pixel.
     fn offsets(&self, mut mask: u64) -> impl Iterator<Item = Vec2> + '_ {
         std::iter::from_fn(move || {
@@ -542,46 +359,6 @@ impl VisibleSurfaces {
             mask &= mask.wrapping_sub(1);
             offset
         })
-    }
-
-    /// Means over some samples of a facet on which something varies.
-    fn means(
-        &self,
-        world: &World,
-        (facet, back): (u32, bool),
-        pixel: u32,
-        mask: u64,
-    ) -> SampleMeans {
-        let piece = &self.scene.facets[facet as usize];
-        let side = if back { -1.0 } else { 1.0 };
-        let mut means = SampleMeans::default();
-        // Each sample stands for as much of the pixel.
-        let is_whole = mask.count_ones() as usize == self.samples.len();
-        let (all, count) = match is_whole {
-            true => (self.squares.len(), self.squares.len()),
-            false => (self.samples.len(), mask.count_ones() as usize),
-        };
-        let (width, each) = ((all as f32).sqrt().recip(), (count as f32).recip());
-        let mut add = |offset: Vec2| {
-            let at = self.barycentric(facet, pixel, offset);
-            let (point, flat) = self.spot(facet, back, at);
-            let part = self.part(facet, (pixel, offset), width);
-            let normal =
-                world.shading_normal_over(&self.pyramids, (piece.source, &part), flat, side);
-            let cosine = normal.dot(self.frame.towards_eye(point));
-            let parameters = world.parameters_over(&self.pyramids, piece.source, &part);
-            let [diffuse, lobe_factor] = parameters.diffuse_and_lobe_factor(cosine);
-            means.diffuse += diffuse * each;
-            means.lobe_factor += lobe_factor * each;
-            means.shine += world.shine_over(&self.pyramids, piece.source, &part) * each;
-            means.normal += normal * each;
-        };
-        if is_whole {
-            self.squares.iter().copied().for_each(&mut add);
-        } else {
-            self.offsets(mask).for_each(&mut add);
-        }
-        means
     }
 }
 
@@ -591,41 +368,11 @@ fn squares(count: u32) -> Vec<Vec2> {
     (0..count * count).map(|index| Vec2::new(at(index % count), at(index / count))).collect()
 }
 
-impl Fragment {
-    /// Takes in another facet of the same surface in the same pixel.
-    fn merge(&mut self, other: &Fragment) {
-        let share = self.share + other.share;
-        let (mine, theirs) = (self.share / share, other.share / share);
-        self.normal = (self.normal * mine + other.normal * theirs).normalize_or(self.normal);
-        let shading = self.shading_normal * mine + other.shading_normal * theirs;
-        self.shading_normal = shading.normalize_or(self.shading_normal);
-        self.diffuse = self.diffuse * mine + other.diffuse * theirs;
-        self.lobe_factor = self.lobe_factor * mine + other.lobe_factor * theirs;
-        if other.mask.count_ones() > self.mask.count_ones() {
-            (self.code, self.mask, self.point) = (other.code, other.mask, other.point);
-        }
-        self.share = share;
-    }
-}
-
 /// Samples of a pixel that see the same side of the same facet.
 #[derive(Clone, Copy)]
 struct SampleGroup {
     code: u32,
     mask: u64,
-}
-
-/// What a band of rows sees; indices of fragments begin at 0 in each band.
-struct Band {
-    fragments: Vec<Fragment>,
-    lobes: Vec<Lobe>,
-    groups: Vec<SampleGroup>,
-    ends: Vec<u32>,
-    shine: Vec<Rgb>,
-    /// Empty where the background is black.
-    background: Vec<Rgb>,
-    /// Empty where the picture shows no alpha.
-    coverage: Vec<f32>,
 }
 
 #[cfg(test)]
