@@ -2,8 +2,8 @@
 //! embedded textures.
 
 use super::mesh::Mesh;
-use crate::scene::{Camera, Material, Model, Projection};
-use glam::Vec3;
+use crate::scene::{Alpha, Camera, LightKind, Material, Model, Projection, PunctualLight};
+use glam::{Mat4, Quat, Vec3};
 use serde_json::{Map, Value, json};
 
 const ARRAY_BUFFER: u32 = 34962;
@@ -20,7 +20,17 @@ pub(super) struct GlbWriter {
     materials: Vec<Value>,
     cameras: Vec<Value>,
     images: Vec<Value>,
+    lights: Vec<Value>,
     extensions: Vec<&'static str>,
+}
+
+/// Embedded textures of a material, by their numbers in the file.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Maps {
+    /// Multiplies base colour and opacity.
+    pub color: Option<usize>,
+    /// Multiplies the emission.
+    pub emission: Option<usize>,
 }
 
 /// A number in its shortest decimal form, so that 0.73 does not become 0.730000019.
@@ -33,40 +43,79 @@ fn numbers(values: &[f32]) -> Value {
 }
 
 impl GlbWriter {
-    /// Adds a material; its texture slots are not written, see [`GlbWriter::textured`].
+    /// Adds a material; its texture slots are not written, see [`GlbWriter::mapped`].
     pub fn material(&mut self, material: &Material) -> usize {
-        self.write_material(material, None)
+        self.mapped(material, Maps::default())
     }
 
     /// Adds a material whose base colour is multiplied by an embedded PNG.
     pub fn textured(&mut self, material: &Material, png: &[u8]) -> usize {
-        let image = self.image(png);
-        self.write_material(material, Some(image))
+        let color = Some(self.texture(png));
+        self.mapped(material, Maps { color, ..Maps::default() })
     }
 
     /// Adds a material whose emission is multiplied by an embedded PNG.
     pub fn shining(&mut self, material: &Material, png: &[u8]) -> usize {
-        let (image, index) = (self.image(png), self.write_material(material, None));
-        self.materials[index]["emissiveTexture"] = json!({ "index": image });
-        index
+        let emission = Some(self.texture(png));
+        self.mapped(material, Maps { emission, ..Maps::default() })
     }
 
-    fn image(&mut self, png: &[u8]) -> usize {
+    /// Embeds a PNG as a texture: its number.
+    pub fn texture(&mut self, png: &[u8]) -> usize {
         let view = self.view(png, None);
         self.images.push(json!({ "bufferView": view, "mimeType": "image/png" }));
         self.images.len() - 1
     }
 
-    fn write_material(&mut self, material: &Material, texture: Option<usize>) -> usize {
+    /// Adds a material with textures of the file.
+    pub fn mapped(&mut self, material: &Material, maps: Maps) -> usize {
         let [r, g, b] = material.base_color.to_array();
         let mut surface = json!({
-            "baseColorFactor": numbers(&[r, g, b, 1.0]),
+            "baseColorFactor": numbers(&[r, g, b, material.opacity]),
             "metallicFactor": number(material.metallic),
             "roughnessFactor": number(material.roughness),
         });
-        if let Some(texture) = texture {
+        if let Some(texture) = maps.color {
             surface["baseColorTexture"] = json!({ "index": texture });
         }
+        let mut extensions = self.reflection_extensions(material);
+        let mut value = json!({ "name": material.name, "pbrMetallicRoughness": surface });
+        if material.emits() {
+            let strength = material.emission.max_element().max(1.0);
+            value["emissiveFactor"] = numbers(&(material.emission / strength).to_array());
+            if let Some(texture) = maps.emission {
+                value["emissiveTexture"] = json!({ "index": texture });
+            }
+            if strength > 1.0 {
+                extensions.insert(
+                    self.uses("KHR_materials_emissive_strength"),
+                    json!({ "emissiveStrength": number(strength) }),
+                );
+            }
+        }
+        if material.double_sided {
+            value["doubleSided"] = json!(true);
+        }
+        match material.alpha {
+            Alpha::Opaque => {}
+            Alpha::Mask { cutoff } => {
+                value["alphaMode"] = json!("MASK");
+                value["alphaCutoff"] = number(cutoff);
+            }
+            Alpha::Blend => value["alphaMode"] = json!("BLEND"),
+        }
+        if material.model == Model::Phong {
+            value["extras"] = json!({ "phong": true });
+        }
+        if !extensions.is_empty() {
+            value["extensions"] = Value::Object(extensions);
+        }
+        self.materials.push(value);
+        self.materials.len() - 1
+    }
+
+    /// What a material says of reflection and transmission by extensions.
+    fn reflection_extensions(&mut self, material: &Material) -> Map<String, Value> {
         let mut extensions = Map::new();
         if material.specular_factor != 1.0 || material.specular_color != Vec3::ONE {
             let specular = json!({
@@ -91,28 +140,7 @@ impl GlbWriter {
             }
             extensions.insert(self.uses("KHR_materials_volume"), value);
         }
-        let mut value = json!({ "name": material.name, "pbrMetallicRoughness": surface });
-        if material.emits() {
-            let strength = material.emission.max_element().max(1.0);
-            value["emissiveFactor"] = numbers(&(material.emission / strength).to_array());
-            if strength > 1.0 {
-                extensions.insert(
-                    self.uses("KHR_materials_emissive_strength"),
-                    json!({ "emissiveStrength": number(strength) }),
-                );
-            }
-        }
-        if material.double_sided {
-            value["doubleSided"] = json!(true);
-        }
-        if material.model == Model::Phong {
-            value["extras"] = json!({ "phong": true });
-        }
-        if !extensions.is_empty() {
-            value["extensions"] = Value::Object(extensions);
-        }
-        self.materials.push(value);
-        self.materials.len() - 1
+        extensions
     }
 
     fn uses(&mut self, extension: &'static str) -> String {
@@ -166,6 +194,39 @@ impl GlbWriter {
         }));
     }
 
+    /// Adds a light without extent.
+    pub fn light(&mut self, light: &PunctualLight) {
+        let strength = light.intensity.max_element();
+        let mut value = json!({
+            "name": light.name,
+            "intensity": number(strength),
+            "color": numbers(&(light.intensity / strength.max(f32::MIN_POSITIVE)).to_array()),
+        });
+        match light.kind {
+            LightKind::Point => value["type"] = json!("point"),
+            LightKind::Directional => value["type"] = json!("directional"),
+            LightKind::Spot { inner_cone, outer_cone } => {
+                value["type"] = json!("spot");
+                value["spot"] = json!({
+                    "innerConeAngle": number(inner_cone), "outerConeAngle": number(outer_cone),
+                });
+            }
+        }
+        if let Some(range) = light.range {
+            value["range"] = number(range);
+        }
+        self.lights.push(value);
+        let extension = self.uses("KHR_lights_punctual");
+        // A node's light shines along its −Z.
+        let turn = Quat::from_rotation_arc(Vec3::NEG_Z, light.direction);
+        let matrix = Mat4::from_rotation_translation(turn, light.position);
+        self.nodes.push(json!({
+            "name": light.name,
+            "matrix": numbers(&matrix.to_cols_array()),
+            "extensions": { extension: { "light": self.lights.len() - 1 } },
+        }));
+    }
+
     fn view(&mut self, bytes: &[u8], target: Option<u32>) -> usize {
         let mut view =
             json!({ "buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len() });
@@ -213,6 +274,10 @@ impl GlbWriter {
         root.insert("scene".into(), json!(0));
         root.insert("scenes".into(), json!([{ "nodes": nodes }]));
         root.insert("buffers".into(), json!([{ "byteLength": self.binary.len() }]));
+        if !self.lights.is_empty() {
+            let lights = json!({ "KHR_lights_punctual": { "lights": self.lights } });
+            root.insert("extensions".into(), lights);
+        }
         // The format does not allow empty lists.
         let lists = [
             ("nodes", self.nodes),

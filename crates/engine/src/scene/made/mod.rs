@@ -9,6 +9,7 @@ mod hidden_light;
 mod mesh;
 mod office;
 mod patterns;
+pub mod real;
 mod rooms;
 #[cfg(test)]
 mod tests;

@@ -38,7 +38,7 @@ pub(super) fn parquet() -> Vec<u8> {
             ]);
         }
     }
-    png(&texels, SIDE)
+    png(&texels, SIDE, image::ExtendedColorType::Rgb8)
 }
 
 /// Squares along a side of [`checker`].
@@ -53,7 +53,7 @@ pub(super) fn checker() -> Vec<u8> {
         let is_dark = (at % side / SQUARE + at / side / SQUARE).is_multiple_of(2);
         if is_dark { 60 } else { 240 }
     };
-    png(&(0..side * side).flat_map(|at| [code(at); 3]).collect::<Vec<_>>(), side)
+    png(&(0..side * side).flat_map(|at| [code(at); 3]).collect::<Vec<_>>(), side, image::ExtendedColorType::Rgb8)
 }
 
 /// Texels along a side of [`screen`].
@@ -69,20 +69,14 @@ pub(super) fn screen(seed: u32) -> Vec<u8> {
         let random = hash(seed, y / size * SCREEN + x / size);
         if random >> 30 == 0 { [0; 3] } else { [0, 8, 16].map(|shift| (random >> shift) as u8) }
     };
-    png(&(0..SCREEN * SCREEN).flat_map(texel).collect::<Vec<_>>(), SCREEN)
+    png(&(0..SCREEN * SCREEN).flat_map(texel).collect::<Vec<_>>(), SCREEN, image::ExtendedColorType::Rgb8)
 }
 
-/// A square picture of red, green and blue as a PNG.
-fn png(texels: &[u8], side: u32) -> Vec<u8> {
+/// A square PNG of `side` × `side` texels.
+pub(super) fn png(texels: &[u8], side: u32, kind: image::ExtendedColorType) -> Vec<u8> {
     let mut png = Cursor::new(Vec::new());
-    image::write_buffer_with_format(
-        &mut png,
-        texels,
-        side,
-        side,
-        image::ExtendedColorType::Rgb8,
-        image::ImageFormat::Png,
-    )
-    .expect("a PNG of fixed size in memory can be written");
+    let format = image::ImageFormat::Png;
+    image::write_buffer_with_format(&mut png, texels, side, side, kind, format)
+        .expect("a PNG of fixed size in memory can be written");
     png.into_inner()
 }

@@ -1,0 +1,69 @@
+//! The scenes load without a warning, have what they promise, and come out the same twice.
+
+use super::*;
+use crate::scene::gltf::{ImportLimits, Resources, import};
+use crate::scene::{Alpha, Scene};
+
+fn imported(scene: &RealScene) -> Scene {
+    let loaded = import(&scene.glb, &Resources::new(), &ImportLimits::default())
+        .unwrap_or_else(|error| panic!("{}: {error}", scene.name));
+    assert_eq!(loaded.warnings, [], "{}", scene.name);
+    loaded
+}
+
+#[test]
+fn all_load_and_are_lit() {
+    for scene in all(1) {
+        let loaded = imported(&scene);
+        assert_eq!(loaded.cameras.len(), 1, "{}", scene.name);
+        assert_eq!(scene.environment.check(), Ok(()), "{}", scene.name);
+        let lit = loaded.emissive_triangles() > 0
+            || !loaded.lights.is_empty()
+            || !scene.environment.is_dark();
+        assert!(lit, "{}", scene.name);
+    }
+}
+
+#[test]
+fn seeds_alone_make_a_difference() {
+    let bytes = |seed| all(seed).into_iter().map(|scene| scene.glb).collect::<Vec<_>>();
+    let (first, again, other) = (bytes(1), bytes(1), bytes(2));
+    assert!(first == again);
+    let names: Vec<_> = all(1).into_iter().map(|scene| scene.name).collect();
+    let random = |name: &str| ["foliage", "screens"].contains(&name) || name.contains("court");
+    for (index, name) in names.iter().enumerate() {
+        assert_eq!(first[index] != other[index], random(name), "{name}");
+    }
+}
+
+/// The tree has its leaves, each an alpha-masked quad, and about half of a leaf's quad is there.
+#[test]
+fn a_tree_has_its_leaves() {
+    for leaves in [500, LEAVES] {
+        let tree = imported(&foliage(leaves, 1));
+        let masked =
+            |material: u32| matches!(tree.materials[material as usize].alpha, Alpha::Mask { .. });
+        let quads = tree.triangles.iter().filter(|triangle| masked(triangle.material));
+        assert_eq!(quads.count() as u32, 2 * leaves);
+        let texels = &tree.textures[0].texels;
+        let solid = texels.iter().filter(|texel| texel[3] > 127).count() as f32;
+        let share = solid / texels.len() as f32;
+        // Two thirds lie below a parabola.
+        assert!((0.6..0.72).contains(&share), "{share}");
+    }
+}
+
+/// Courtyards of many seeds have glass, and lights of both kinds are among them.
+#[test]
+fn courtyards_differ() {
+    let (mut bulbs, mut points, mut suns) = (0, 0, 0);
+    for seed in 0..24 {
+        let court = courtyard(seed);
+        let loaded = imported(&court);
+        assert!(loaded.materials.iter().any(|material| material.clear_share() > 0.0), "{seed}");
+        bulbs += u32::from(loaded.emissive_triangles() > 0);
+        points += loaded.lights.len();
+        suns += u32::from(court.environment.sun.is_some());
+    }
+    assert!(bulbs > 3 && points > 3 && suns > 3, "{bulbs} {points} {suns}");
+}

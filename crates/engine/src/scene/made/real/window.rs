@@ -1,0 +1,46 @@
+//! A room with one small window.
+
+use super::super::glb::GlbWriter;
+use super::super::mesh::{Mesh, Quad, boundary, union_of};
+use super::parts::{RealScene, daylight, matte, seen_from};
+use glam::Vec3;
+
+/// Lines of the house along x, y and z, metres: the outsides of walls 20 cm thick, their insides,
+/// and the window of 40 × 40 cm in the wall to the south.
+const XS: [f32; 6] = [-0.2, 0.0, 1.8, 2.2, 4.0, 4.2];
+const YS: [f32; 6] = [-0.2, 0.0, 1.2, 1.6, 2.7, 2.9];
+const ZS: [f32; 4] = [-0.2, 0.0, 3.5, 3.7];
+
+/// A closed room of 4 × 2.7 × 3.5 m with a window of 40 × 40 cm to the south, through which an
+/// afternoon's sun and sky shine; the camera looks away from it.
+pub fn window() -> RealScene {
+    let mut writer = GlbWriter::default();
+    let plaster = matte(&mut writer, "plaster", [0.72, 0.7, 0.66]);
+    let wood = matte(&mut writer, "floor", [0.45, 0.32, 0.22]);
+    let solid = |[x, y, z]: [usize; 3]| {
+        let inside = (1..4).contains(&x) && (1..4).contains(&y) && z == 1;
+        let open = x == 2 && y == 2 && z == 2;
+        !(inside || open)
+    };
+    let quads = boundary([&XS, &YS, &ZS], solid);
+    let is_floor = |quad: &&Quad| quad.corners.iter().all(|corner| corner.y == 0.0);
+    let floor = Mesh::quads(quads.iter().filter(is_floor));
+    writer.body("floor", &floor, wood);
+    let rest = Mesh::quads(quads.iter().filter(|quad| !is_floor(quad)));
+    writer.body("walls and ceiling", &rest, plaster);
+
+    let blue = matte(&mut writer, "chest", [0.2, 0.3, 0.55]);
+    let chest = union_of(&[([2.6, 0.0, 0.25], [3.6, 0.75, 0.75])]);
+    writer.body("chest", &chest, blue);
+    let red = matte(&mut writer, "ball", [0.65, 0.18, 0.12]);
+    writer.body("ball", &Mesh::sphere(0.3, 24, 48).at(Vec3::new(1.5, 0.301, 1.1)), red);
+    let white = matte(&mut writer, "vase", [0.75, 0.75, 0.72]);
+    let vase = Mesh::drum(0.12, 0.0, 0.4, 0.02, 48).at(Vec3::new(3.1, 0.751, 0.5));
+    writer.body("vase", &vase, white);
+    RealScene {
+        name: "window".into(),
+        why: "a room lit through one window of 40 cm by sun and sky",
+        glb: seen_from(writer, [0.5, 1.6, 3.2], [2.4, 0.75, 0.6], 1.0),
+        environment: daylight("48.1,11.6,2026-10-10T13:00:00Z"),
+    }
+}
