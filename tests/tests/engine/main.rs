@@ -18,6 +18,7 @@ mod patchless_light;
 mod pictures;
 mod ray_traced;
 mod real_light;
+mod real_scenes;
 mod references;
 mod shared_scenes;
 mod soft_lights;

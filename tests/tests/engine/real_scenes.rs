@@ -1,0 +1,68 @@
+//! Scenes with real light on real materials, of which nobody knows the light: blocks of pixels of
+//! `hemilux` against path tracing. The larger ones, longer, are in docs/stability.md.
+
+use hemilux_engine::device::cpu::CpuDevice;
+use hemilux_engine::image::Picture;
+use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, Unobserved};
+use hemilux_engine::scene::Scene;
+use hemilux_engine::scene::made::real::{self, RealScene};
+use hemilux_engine::transport::render;
+use hemilux_tests::blocks::{block_means, largest_deviation};
+use hemilux_tests::scenes::imported;
+use std::sync::Arc;
+
+/// Pixels along a side of a picture, and of a block.
+const SIDE: u32 = 48;
+const BLOCK: u32 = 8;
+
+fn rendered(
+    (scene, made): (&Arc<Scene>, &RealScene),
+    (method, iterations): (&str, u64),
+) -> Picture {
+    let request = RenderRequest {
+        scene: scene.clone(),
+        environment: Some(Arc::new(made.environment.clone())),
+        camera: CameraChoice::First,
+        width: SIDE,
+        height: SIDE,
+        method: method.into(),
+        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        seed: 7,
+        options: Default::default(),
+        begin: Default::default(),
+    };
+    let mut device = CpuDevice::new(Some(2)).expect("threads");
+    render(&mut device, &request, &mut Unobserved).expect("it renders").picture
+}
+
+/// Asserts that no block is off by `bound`, and that one would be if a quarter of the picture had
+/// twice `bound` more light.
+fn assert_blocks(made: &RealScene, [iterations, passes]: [u64; 2], bound: f64) {
+    let scene = imported(&made.glb);
+    let reference = block_means(&rendered((&scene, made), ("ray-traced", passes)), BLOCK);
+    let ours = rendered((&scene, made), ("hemilux", iterations));
+    let deviation = |picture: &Picture| largest_deviation(&block_means(picture, BLOCK), &reference);
+    let found = deviation(&ours);
+    println!("{}: largest deviation of a block {found:.4}", made.name);
+    assert!(found < bound, "{}: {found}", made.name);
+    let mut planted = ours.clone();
+    let quarter = planted.pixels.len() / 4;
+    for pixel in &mut planted.pixels[2 * quarter..3 * quarter] {
+        *pixel *= 1.0 + 2.0 * bound as f32;
+    }
+    assert!(deviation(&planted) > bound, "{}: a planted error is not found", made.name);
+}
+
+/// Courts that no setting was ever chosen by.
+#[test]
+fn courtyards_are_those_of_path_tracing() {
+    for seed in [1, 2] {
+        assert_blocks(&real::courtyard(seed), [16, 700], 0.06);
+    }
+}
+
+/// Leaves cut out by alpha, fewer and larger than where they are measured.
+#[test]
+fn a_small_tree_is_that_of_path_tracing() {
+    assert_blocks(&real::foliage(2000, 1), [16, 400], 0.05);
+}
