@@ -2,7 +2,8 @@
 //! measures the claims of the paper that the method comes from; `methods` compares all methods,
 //! `form-factors` the routes to a form factor, `growth` what more patches cost; `pixels` measures
 //! ways to sample the pixels of a ray-traced picture, `views` what a solved scene saves its next
-//! picture, `limits` how far the processor device is from what the machine can do.
+//! picture, `limits` how far the processor device is from what the machine can do; `real-light`
+//! judges scenes with real light on real materials.
 //!
 //! Errors, statistics, tables, charts and contact sheets are those of [`hemilux_charts`]; what
 //! benchmarks share beyond that: [`views`] (scenes), [`cell`] (errors over seeds), [`page`] (how
@@ -19,6 +20,7 @@ mod methods;
 mod page;
 mod paper;
 mod pixels;
+mod real_light;
 mod results;
 mod second_views;
 mod shots;
@@ -59,6 +61,8 @@ enum Benchmark {
     Pixels(pixels::Arguments),
     /// How good the three-tier method is and why: ablation, calibration, growth, planning.
     Tiers(tiers::Arguments),
+    /// Scenes with skies, mirrors, glass, leaves and screens against path tracing, with pictures.
+    RealLight(real_light::Arguments),
 }
 
 fn main() -> Result<(), results::Failure> {
@@ -74,5 +78,6 @@ fn main() -> Result<(), results::Failure> {
         Benchmark::Limits(arguments) => limits::run(&arguments),
         Benchmark::Pixels(arguments) => pixels::run(&arguments),
         Benchmark::Tiers(arguments) => tiers::run(&arguments),
+        Benchmark::RealLight(arguments) => real_light::run(&arguments),
     }
 }

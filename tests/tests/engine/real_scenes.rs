@@ -22,6 +22,7 @@ fn rendered(
     let request = RenderRequest {
         scene: scene.clone(),
         environment: Some(Arc::new(made.environment.clone())),
+        background: Default::default(),
         camera: CameraChoice::First,
         width: SIDE,
         height: SIDE,

@@ -53,7 +53,11 @@ pub(super) fn checker() -> Vec<u8> {
         let is_dark = (at % side / SQUARE + at / side / SQUARE).is_multiple_of(2);
         if is_dark { 60 } else { 240 }
     };
-    png(&(0..side * side).flat_map(|at| [code(at); 3]).collect::<Vec<_>>(), side, image::ExtendedColorType::Rgb8)
+    png(
+        &(0..side * side).flat_map(|at| [code(at); 3]).collect::<Vec<_>>(),
+        side,
+        image::ExtendedColorType::Rgb8,
+    )
 }
 
 /// Texels along a side of [`screen`].
@@ -69,7 +73,11 @@ pub(super) fn screen(seed: u32) -> Vec<u8> {
         let random = hash(seed, y / size * SCREEN + x / size);
         if random >> 30 == 0 { [0; 3] } else { [0, 8, 16].map(|shift| (random >> shift) as u8) }
     };
-    png(&(0..SCREEN * SCREEN).flat_map(texel).collect::<Vec<_>>(), SCREEN, image::ExtendedColorType::Rgb8)
+    png(
+        &(0..SCREEN * SCREEN).flat_map(texel).collect::<Vec<_>>(),
+        SCREEN,
+        image::ExtendedColorType::Rgb8,
+    )
 }
 
 /// A square PNG of `side` × `side` texels.

@@ -38,6 +38,10 @@ pub fn checker() -> RealScene {
         name: "checker".into(),
         why: "a checker far finer than a pixel, to the horizon",
         glb: seen_from(writer, [0.0, 1.6, 2.0], [0.0, 0.7, -3.0], 0.9),
-        environment: Environment { sky: Sky::Uniform(Rgb::new(0.5, 0.6, 0.8)), sun: Some(sun) },
+        environment: Environment {
+            sky: Sky::Uniform(Rgb::new(0.5, 0.6, 0.8)),
+            sun: Some(sun),
+            ..Environment::none()
+        },
     }
 }

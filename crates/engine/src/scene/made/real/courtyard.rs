@@ -125,10 +125,10 @@ fn surroundings(chance: &mut Chance, ball: bool) -> Environment {
     let tint = Rgb::new(1.0, 0.95, 0.85);
     match kind {
         kind if kind < 0.3 => Environment::studio(),
-        kind if kind < 0.5 || ball => Environment { sky, sun: None },
+        kind if kind < 0.5 || ball => Environment { sky, ..Environment::none() },
         _ => {
             let sun = Sun::towards(towards, tint * chance.between(1.5, 4.0), 0.05);
-            Environment { sky, sun: Some(sun) }
+            Environment { sky, sun: Some(sun), ..Environment::none() }
         }
     }
 }
