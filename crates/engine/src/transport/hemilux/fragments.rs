@@ -14,7 +14,6 @@ use crate::scene::Camera;
 use crate::scene::part::Part;
 use crate::scene::pyramid::Pyramids;
 use crate::surface::{Surface, World};
-use band::Band;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -161,7 +160,7 @@ impl VisibleSurfaces {
             background: Vec::new(),
             coverage: Vec::new(),
         };
-        let bands: Vec<Band> = (0..height.div_ceil(BAND))
+        let bands: Vec<_> = (0..height.div_ceil(BAND))
             .into_par_iter()
             .map(|band| visible.band(world, &view, band * BAND))
             .collect();
