@@ -255,10 +255,10 @@ fn json_texts(cases: &mut Cases) {
         accepted("extensionsUsed[0]: EXT_light_from_nowhere is not supported"),
     );
     cases.set(
-        "Draco required",
+        "AVIF required",
         "/extensionsRequired",
-        json!(["KHR_draco_mesh_compression"]),
-        refused("extensionsRequired[0]", "KHR_draco_mesh_compression"),
+        json!(["EXT_texture_avif"]),
+        refused("extensionsRequired[0]", "EXT_texture_avif"),
     );
 }
 

@@ -2,6 +2,7 @@
 
 use super::container::Buffers;
 use super::document::{malformed, valid};
+use super::draco::Places;
 use crate::scene::SceneError;
 use gltf::json::accessor::{self as json, ComponentType, Type};
 use gltf::json::buffer::View;
@@ -62,17 +63,20 @@ pub(super) struct Accessor<'a> {
     sparse: Option<Sparse<'a>>,
 }
 
-/// Reads and checks every accessor of the file, used or not.
+/// Reads and checks every accessor of the file, used or not. `made` are those that are not in the
+/// file itself.
 pub(super) fn accessors<'a>(
     root: &Root,
     buffers: &'a Buffers<'_>,
+    made: &Places,
 ) -> Result<Vec<Accessor<'a>>, SceneError> {
     let mut sparse_entries = 0;
     root.accessors
         .iter()
         .enumerate()
         .map(|(index, object)| {
-            accessor(object, format!("accessors[{index}]"), buffers, &mut sparse_entries)
+            let at = made.get(&index).cloned().unwrap_or_else(|| format!("accessors[{index}]"));
+            accessor(object, at, buffers, &mut sparse_entries)
         })
         .collect()
 }
@@ -236,11 +240,6 @@ impl Sparse<'_> {
 }
 
 impl Accessor<'_> {
-    /// Whether reading gives anything but zeros.
-    pub fn has_data(&self) -> bool {
-        self.bytes.is_some() || self.sparse.is_some()
-    }
-
     fn element_bytes_of(&self, element: usize) -> &[u8] {
         self.sparse
             .as_ref()

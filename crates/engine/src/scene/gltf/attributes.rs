@@ -112,9 +112,6 @@ fn primitive(
     };
     let vertices = accessors[position].count;
     attributes.check_counts(vertices, accessors)?;
-    if !accessors[position].has_data() {
-        check_not_packed(object, &at)?;
-    }
     if object.targets.as_ref().is_some_and(|targets| !targets.is_empty()) {
         let what = "morph targets are ignored; the base shape is shown";
         warnings.push(format!("{at}.targets"), what);
@@ -244,19 +241,4 @@ fn mode(
             None
         }
     })
-}
-
-/// Refuses a primitive whose geometry is there in compressed form only.
-fn check_not_packed(object: &json::mesh::Primitive, at: &str) -> Result<(), SceneError> {
-    for name in ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"]
-    {
-        if object.extensions.as_ref().is_some_and(|all| all.others.contains_key(name)) {
-            return Err(SceneError::malformed(
-                format!("{at}.extensions.{name}"),
-                "the geometry is there in compressed form only",
-                "export the scene without mesh compression",
-            ));
-        }
-    }
-    Ok(())
 }

@@ -1,7 +1,8 @@
 //! The file's outer shell: GLB chunks, buffers, buffer views, and the URIs that name bytes.
 
 use super::document::{clip, malformed};
-use super::limits::Resources;
+use super::limits::{ImportLimits, Resources};
+use super::meshopt::{Compressed, is_fallback};
 use super::warnings::Warnings;
 use crate::scene::SceneError;
 use base64::Engine as _;
@@ -10,6 +11,7 @@ use gltf::binary::{Error, Glb};
 use gltf::json::buffer::View;
 use gltf::json::{Buffer, Index, Root};
 use std::borrow::Cow;
+use std::ops::Range;
 
 const GLB_MAGIC: &[u8] = b"glTF";
 const GLB_HEADER_BYTES: usize = 12;
@@ -89,48 +91,147 @@ fn word(bytes: &[u8], offset: usize) -> Option<usize> {
     Some(u32::from_le_bytes(bytes.try_into().ok()?) as usize)
 }
 
-/// All buffers and the views into them, checked.
+/// All buffers and the views into them, checked and decompressed.
 pub(super) struct Buffers<'a> {
     buffers: Vec<Cow<'a, [u8]>>,
-    views: &'a [View],
+    views: Vec<Place>,
+    /// Bytes that may yet be decompressed.
+    left: u64,
+}
+
+/// Where a view's bytes are.
+struct Place {
+    buffer: usize,
+    bytes: Range<usize>,
+    stride: Option<usize>,
 }
 
 impl<'a> Buffers<'a> {
-    /// Resolves every buffer and checks every view.
+    /// Resolves every buffer, checks every view and decompresses those that need it.
     pub fn new(
-        root: &'a Root,
+        root: &Root,
         binary: Option<Cow<'a, [u8]>>,
         resources: &'a Resources,
+        limits: &ImportLimits,
     ) -> Result<Self, SceneError> {
+        let views = root.buffer_views.iter().enumerate();
+        let compressed = views
+            .map(|(index, view)| Compressed::of(view, index))
+            .collect::<Result<Vec<_>, _>>()?;
+        let placeholders = placeholders(root, &compressed);
         let mut binary = binary;
         let mut buffers = Vec::new();
         for (index, object) in root.buffers.iter().enumerate() {
             // Only the first may be the binary chunk.
-            buffers.push(buffer(object, index, binary.take(), resources)?);
+            let binary = binary.take();
+            let has_bytes = object.uri.is_some() || binary.is_some();
+            let is_empty = is_fallback(object) || (placeholders[index] && !has_bytes);
+            buffers.push(match is_empty {
+                true => Cow::Borrowed(&[][..]),
+                false => buffer(object, index, binary, resources)?,
+            });
         }
-        for (index, view) in root.buffer_views.iter().enumerate() {
-            let (buffer, length) = (view.buffer.value(), view.byte_length.0);
-            let offset = view.byte_offset.unwrap_or_default().0;
-            let available = buffers[buffer].len() as u64;
-            if offset.checked_add(length).is_none_or(|end| end > available) {
-                return Err(malformed(
-                    format!("bufferViews[{index}]"),
-                    format!(
-                        "{length} bytes from offset {offset} do not fit buffer {buffer} of {available} bytes"
-                    ),
-                ));
-            }
+        let mut all = Self { buffers, views: Vec::new(), left: limits.decoded_bytes() };
+        for (index, (view, compressed)) in root.buffer_views.iter().zip(compressed).enumerate() {
+            let stride = view.byte_stride.map(|stride| stride.0);
+            let place = match compressed {
+                Some(compressed) => all.decompress(&compressed, stride)?,
+                None => {
+                    let offset = view.byte_offset.unwrap_or_default().0;
+                    let at = format!("bufferViews[{index}]");
+                    let bytes =
+                        all.stretch(&at, view.buffer.value(), offset, view.byte_length.0)?;
+                    Place { buffer: view.buffer.value(), bytes, stride }
+                }
+            };
+            all.views.push(place);
         }
-        Ok(Self { buffers, views: &root.buffer_views })
+        Ok(all)
     }
 
     /// Bytes of a view and its stride where it has one.
     pub fn view(&self, index: Index<View>) -> (&[u8], Option<usize>) {
-        let view = &self.views[index.value()];
-        let offset = view.byte_offset.unwrap_or_default().0 as usize;
-        let bytes = &self.buffers[view.buffer.value()][offset..];
-        (&bytes[..view.byte_length.0 as usize], view.byte_stride.map(|stride| stride.0))
+        let Place { buffer, bytes, stride } = &self.views[index.value()];
+        (&self.buffers[*buffer][bytes.clone()], *stride)
     }
+
+    /// Whether there is a view of that index.
+    pub fn has_view(&self, index: usize) -> bool {
+        index < self.views.len()
+    }
+
+    /// How many bytes may yet be decompressed.
+    pub fn left(&self) -> u64 {
+        self.left
+    }
+
+    /// Counts bytes that are about to be decompressed.
+    pub fn spend(&mut self, at: &str, bytes: u64) -> Result<(), SceneError> {
+        let Some(left) = self.left.checked_sub(bytes) else {
+            return Err(SceneError::too_large(
+                at,
+                format!("is {bytes} bytes once decompressed; only {} more are allowed", self.left),
+                "simplify the meshes, or send them in several scenes",
+            ));
+        };
+        self.left = left;
+        Ok(())
+    }
+
+    /// Adds bytes, tightly packed, as a view of their own.
+    pub fn add(&mut self, bytes: Vec<u8>) -> Index<View> {
+        let place = self.whole(bytes, None);
+        self.views.push(place);
+        Index::new(self.views.len() as u32 - 1)
+    }
+
+    fn whole(&mut self, bytes: Vec<u8>, stride: Option<usize>) -> Place {
+        let (buffer, length) = (self.buffers.len(), bytes.len());
+        self.buffers.push(Cow::Owned(bytes));
+        Place { buffer, bytes: 0..length, stride }
+    }
+
+    fn decompress(
+        &mut self,
+        compressed: &Compressed,
+        stride: Option<usize>,
+    ) -> Result<Place, SceneError> {
+        let Compressed { at, buffer, offset, length, .. } = compressed;
+        self.spend(at, compressed.decoded_length())?;
+        let bytes = self.stretch(at, *buffer, *offset, *length)?;
+        let decoded = compressed.decode(&self.buffers[*buffer][bytes])?;
+        Ok(self.whole(decoded, stride))
+    }
+
+    /// Where bytes of a buffer are, which there have to be.
+    fn stretch(
+        &self,
+        at: &str,
+        buffer: usize,
+        offset: u64,
+        length: u64,
+    ) -> Result<Range<usize>, SceneError> {
+        let available = self.buffers.get(buffer).map_or(0, |bytes| bytes.len() as u64);
+        match offset.checked_add(length).filter(|end| *end <= available) {
+            Some(end) => Ok(offset as usize..end as usize),
+            None => Err(malformed(
+                at,
+                format!(
+                    "{length} bytes from offset {offset} do not fit buffer {buffer} of {available} bytes"
+                ),
+            )),
+        }
+    }
+}
+
+/// By buffer: whether it needs no bytes, since all its views are decompressed from other buffers.
+fn placeholders(root: &Root, compressed: &[Option<Compressed>]) -> Vec<bool> {
+    let (mut used, mut read) = (vec![false; root.buffers.len()], vec![false; root.buffers.len()]);
+    for (view, compressed) in root.buffer_views.iter().zip(compressed) {
+        used[view.buffer.value()] = true;
+        read[view.buffer.value()] |= compressed.is_none();
+    }
+    used.into_iter().zip(read).map(|(used, read)| used && !read).collect()
 }
 
 fn buffer<'a>(

@@ -39,16 +39,10 @@ pub const EXTENSIONS: &[Extension] = &[
         "EXT_mesh_gpu_instancing",
         Support::Refused("export instances as nodes that share a mesh"),
     ),
-    extension(
-        "EXT_meshopt_compression",
-        Support::Refused("export the scene without meshopt compression"),
-    ),
-    extension("EXT_texture_avif", Support::Refused("export textures as PNG, JPEG or WebP")),
+    extension("EXT_meshopt_compression", Support::Implemented),
+    extension("EXT_texture_avif", Support::Refused("export textures as PNG, JPEG, WebP or KTX2")),
     extension("EXT_texture_webp", Support::Implemented),
-    extension(
-        "KHR_draco_mesh_compression",
-        Support::Refused("export the scene without Draco mesh compression"),
-    ),
+    extension("KHR_draco_mesh_compression", Support::Implemented),
     extension("KHR_lights_punctual", Support::Implemented),
     extension(
         "KHR_materials_anisotropy",
@@ -87,14 +81,8 @@ pub const EXTENSIONS: &[Extension] = &[
         ),
     ),
     extension("KHR_mesh_quantization", Support::Implemented),
-    extension(
-        "KHR_meshopt_compression",
-        Support::Refused("export the scene without meshopt compression"),
-    ),
-    extension(
-        "KHR_texture_basisu",
-        Support::Refused("export textures as PNG, JPEG or WebP instead of KTX2"),
-    ),
+    extension("KHR_meshopt_compression", Support::Implemented),
+    extension("KHR_texture_basisu", Support::Implemented),
     extension("KHR_texture_transform", Support::Implemented),
     extension("KHR_xmp_json_ld", Support::Implemented),
 ];

@@ -19,6 +19,21 @@ impl Default for ImportLimits {
     }
 }
 
+/// Bytes that a file may have decompressed, however few triangles are allowed.
+const DECODED_BASE_BYTES: u64 = 64 << 20;
+/// Bytes that a file may have decompressed for each triangle that is allowed. Its indices and three
+/// corners of its own take 228, with position, normal, tangent, two sets of texture coordinates and a
+/// colour as floats.
+const DECODED_BYTES_PER_TRIANGLE: u64 = 256;
+
+impl ImportLimits {
+    /// Most bytes that a file's compressed geometry may have once decompressed, all of it together.
+    pub(super) fn decoded_bytes(&self) -> u64 {
+        let triangles = self.max_triangles as u64;
+        DECODED_BASE_BYTES.saturating_add(triangles.saturating_mul(DECODED_BYTES_PER_TRIANGLE))
+    }
+}
+
 /// What an import is asked for.
 #[derive(Clone, Debug, Default)]
 pub struct ImportOptions {

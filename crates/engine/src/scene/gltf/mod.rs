@@ -1,9 +1,10 @@
 //! glTF 2.0 / GLB import. The input is hostile: every index, offset and length is checked, no
 //! URI leaves the upload, and memory is bounded by the size of the file and [`ImportLimits`].
 //!
-//! The way of the bytes: `container` (chunks, buffers, URIs) → `document` (the JSON part,
-//! typed and validated) → `accessor` (typed reads) → `node` and `lights` (what stands where),
-//! `material`, `textures` and `picture` (surfaces) → `attributes`, `tangents` and `geometry`
+//! The way of the bytes: `container` (chunks, buffers, URIs; `meshopt` decompresses buffer views) →
+//! `document` (the JSON part, typed and validated) → `draco` (decompresses primitives) → `accessor`
+//! (typed reads) → `node` and `lights` (what stands where),
+//! `material`, `textures`, `picture` and `ktx2` (surfaces) → `attributes`, `tangents` and `geometry`
 //! (world-space triangles). `extensions` lists what is known beyond the format's core.
 
 mod accessor;
@@ -11,14 +12,17 @@ mod attributes;
 mod baked;
 mod container;
 mod document;
+mod draco;
 mod extensions;
 mod factors;
 mod geometry;
+mod ktx2;
 mod lights;
 mod limits;
 mod local;
 mod material;
 mod material_extensions;
+mod meshopt;
 mod node;
 mod picture;
 mod tangents;
@@ -62,12 +66,13 @@ pub fn import_with(
 ) -> Result<Scene, SceneError> {
     let mut warnings = Warnings::default();
     let (json, binary) = container::open(bytes, &mut warnings)?;
-    let document = document::read(&json)?;
+    let mut document = document::read(&json)?;
+    extensions::check(&document.root, &mut warnings)?;
+    let mut buffers = container::Buffers::new(&document.root, binary, resources, &options.limits)?;
+    let made = draco::decompress(&mut document.root, &mut buffers, &options.limits, &mut warnings)?;
     let root = &document.root;
-    extensions::check(root, &mut warnings)?;
     let variants = variants::Variants::new(root, options.variant.as_deref())?;
-    let buffers = container::Buffers::new(root, binary, resources)?;
-    let accessors = accessor::accessors(root, &buffers)?;
+    let accessors = accessor::accessors(root, &buffers, &made)?;
     let placed = node::place(root, &mut warnings)?;
 
     let mut images = picture::Images::new(root, &buffers, resources, &options.limits);

@@ -1,7 +1,8 @@
-//! Images: PNG, JPEG and WebP to 8-bit RGBA, dimensions checked before decoding.
+//! Images: PNG, JPEG, WebP and KTX2 to 8-bit RGBA, dimensions checked before decoding.
 
 use super::container::{Buffers, resolve};
 use super::document::{clip, malformed};
+use super::ktx2;
 use super::limits::{ImportLimits, Resources};
 use crate::scene::{SceneError, Texture};
 use gltf::json::{Image, Root};
@@ -10,7 +11,7 @@ use std::collections::BTreeMap;
 use std::io::Cursor;
 
 /// What a sender can do about an image that cannot be read.
-const FIX_IMAGE: &str = "embed a valid PNG, JPEG or WebP image";
+const FIX_IMAGE: &str = "embed a valid PNG, JPEG, WebP or Basis Universal KTX2 image";
 
 /// What a sender can do about an image over a limit.
 const FIX_SIZE: &str = "send smaller images";
@@ -126,50 +127,79 @@ impl<'a> Images<'a> {
             (None, Some(view)) => self.buffers.view(view).0,
             (None, None) => return Err(malformed(at, "has neither a uri nor a bufferView")),
         };
-        let refused = |what: String| SceneError::malformed(at, what, FIX_IMAGE);
-        let format = match image::guess_format(bytes) {
-            Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) => format,
-            _ => return Err(refused("is not a PNG, JPEG or WebP image".into())),
-        };
-        let broken = |error: image::ImageError| match error {
-            image::ImageError::Limits(_) => {
-                SceneError::too_large(at, "is too large to decode", FIX_SIZE)
-            }
-            error => refused(format!("cannot be decoded: {}", clip(&error.to_string()))),
-        };
-        let (width, height) = ImageReader::with_format(Cursor::new(bytes), format)
-            .into_dimensions()
-            .map_err(broken)?;
-        let texels = u64::from(width) * u64::from(height);
-        if texels == 0 {
-            return Err(refused("has no texels".into()));
+        if bytes.starts_with(&ktx2::MAGIC) {
+            let refused = |what: String| SceneError::malformed(at, what, FIX_IMAGE);
+            let (width, height) = ktx2::size(bytes).map_err(refused)?;
+            self.texels += admitted(width, height, self.texels, &self.limits, at)?;
+            let texels = ktx2::decode(bytes).map_err(refused)?;
+            return Ok(Texture { width, height, texels });
         }
-        let (one, total) = (self.limits.max_texture_texels, self.limits.max_total_texels);
-        if texels > one || self.texels + texels > total {
-            return Err(SceneError::too_large(
-                at,
-                format!(
-                    "has {width} × {height} texels; {one} are allowed for one image, {total} for all"
-                ),
-                FIX_SIZE,
-            ));
-        }
+        let (texture, texels) = decode_by_image(bytes, self.texels, &self.limits, at)?;
         self.texels += texels;
-        let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
-        let mut limits = Limits::default();
-        limits.max_image_width = Some(width);
-        limits.max_image_height = Some(height);
-        limits.max_alloc = Some(texels * DECODER_BYTES_PER_TEXEL + DECODER_BASE_BYTES);
-        reader.limits(limits);
-        // Codecs are the one place where foreign code reads foreign bytes: a panic there costs
-        // the upload, not the process.
-        let decoded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| reader.decode()))
-            .map_err(|_| refused("cannot be decoded: the decoder gave up".into()))?
-            .map_err(broken)?
-            .into_rgba8();
-        let texels = decoded.pixels().map(|pixel| pixel.0).collect();
-        Ok(Texture { width: decoded.width(), height: decoded.height(), texels })
+        Ok(texture)
     }
+}
+
+/// The texels of an image of that size, where it may have so many beside the `others`.
+fn admitted(
+    width: u32,
+    height: u32,
+    others: u64,
+    limits: &ImportLimits,
+    at: &str,
+) -> Result<u64, SceneError> {
+    let texels = u64::from(width) * u64::from(height);
+    if texels == 0 {
+        return Err(SceneError::malformed(at, "has no texels", FIX_IMAGE));
+    }
+    let (one, total) = (limits.max_texture_texels, limits.max_total_texels);
+    if texels > one || texels > total.saturating_sub(others) {
+        return Err(SceneError::too_large(
+            at,
+            format!(
+                "has {width} × {height} texels; {one} are allowed for one image, {total} for all"
+            ),
+            FIX_SIZE,
+        ));
+    }
+    Ok(texels)
+}
+
+/// Decodes a PNG, JPEG or WebP; how many texels it has.
+fn decode_by_image(
+    bytes: &[u8],
+    others: u64,
+    limits: &ImportLimits,
+    at: &str,
+) -> Result<(Texture, u64), SceneError> {
+    let refused = |what: String| SceneError::malformed(at, what, FIX_IMAGE);
+    let format = match image::guess_format(bytes) {
+        Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) => format,
+        _ => return Err(refused("is not a PNG, JPEG, WebP or KTX2 image".into())),
+    };
+    let broken = |error: image::ImageError| match error {
+        image::ImageError::Limits(_) => {
+            SceneError::too_large(at, "is too large to decode", FIX_SIZE)
+        }
+        error => refused(format!("cannot be decoded: {}", clip(&error.to_string()))),
+    };
+    let (width, height) =
+        ImageReader::with_format(Cursor::new(bytes), format).into_dimensions().map_err(broken)?;
+    let texels = admitted(width, height, others, limits, at)?;
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+    let mut limits = Limits::default();
+    limits.max_image_width = Some(width);
+    limits.max_image_height = Some(height);
+    limits.max_alloc = Some(texels * DECODER_BYTES_PER_TEXEL + DECODER_BASE_BYTES);
+    reader.limits(limits);
+    // Codecs are where foreign code reads foreign bytes: a panic there costs the upload, not the
+    // process.
+    let decoded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| reader.decode()))
+        .map_err(|_| refused("cannot be decoded: the decoder gave up".into()))?
+        .map_err(broken)?
+        .into_rgba8();
+    let (width, height) = decoded.dimensions();
+    Ok((Texture { width, height, texels: decoded.pixels().map(|pixel| pixel.0).collect() }, texels))
 }
 
 fn stored_mean(texture: &Texture) -> [f32; 4] {

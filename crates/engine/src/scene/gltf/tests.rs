@@ -1,5 +1,6 @@
 //! Imports of whole files.
 
+mod compressed;
 mod surfaces;
 
 use super::warnings::MAX_WARNINGS;

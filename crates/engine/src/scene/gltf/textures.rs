@@ -11,6 +11,9 @@ use gltf::json::texture::{Info, MagFilter, WrappingMode};
 use gltf::json::validation::Checked;
 use gltf::json::{self, Root};
 
+/// Extensions that name an image to be taken instead of the one that all readers know, the best last.
+const SOURCES: [&str; 2] = ["KHR_texture_basisu", "EXT_texture_webp"];
+
 /// A material's reference to a texture, of whatever kind.
 pub(super) struct Reference {
     /// Index of the texture.
@@ -62,20 +65,20 @@ impl<'a> Textures<'a, '_> {
         let at = || format!("textures[{index}]");
         let mut image = texture.source.value();
         let extensions = texture.extensions.as_ref();
-        if let Some(webp) = extensions.and_then(|all| all.others.get("EXT_texture_webp"))
-            && let Some(source) = webp.get("source")
-        {
+        for name in SOURCES {
+            let object = extensions.and_then(|all| all.others.get(name));
+            let Some(source) = object.and_then(|object| object.get("source")) else { continue };
             let index = source.as_u64().and_then(|source| usize::try_from(source).ok());
             image = index.filter(|index| self.images.has(*index)).ok_or_else(|| {
-                let at = format!("{}.extensions.EXT_texture_webp.source", at());
+                let at = format!("{}.extensions.{name}.source", at());
                 malformed(at, "is not the index of an image")
             })?;
         }
         if !self.images.has(image) {
             return Err(SceneError::malformed(
                 at(),
-                "has no PNG, JPEG or WebP source",
-                "export textures as PNG, JPEG or WebP",
+                "has no PNG, JPEG, WebP or KTX2 source",
+                "export textures as PNG, JPEG, WebP or KTX2",
             ));
         }
         Ok((texture, image))
