@@ -9,6 +9,7 @@
 
 pub mod access;
 pub mod api;
+pub mod archive;
 pub mod artifacts;
 pub mod backup;
 pub mod builtin;

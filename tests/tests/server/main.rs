@@ -1,6 +1,7 @@
 //! The server: the real program over HTTP, under requests, faults, deaths and limits. One program, so
 //! that it is linked once and its tests share the cores.
 
+mod archives;
 mod backup;
 mod bytes;
 mod charts;

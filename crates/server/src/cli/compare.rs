@@ -29,7 +29,7 @@ const MOST_RUNS: u64 = 100_000;
 /// Arguments of `hemilux compare`.
 #[derive(Args)]
 pub struct Arguments {
-    /// A .glb or .gltf file, or the name of a built-in scene.
+    /// A .glb or .gltf file, a .zip or a folder with one, or the name of a built-in scene.
     scene: String,
     /// Folder for the table, charts and pictures; made where it is not there.
     #[arg(short, long, value_name = "DIR")]

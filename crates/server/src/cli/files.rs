@@ -3,7 +3,7 @@
 use std::path::Path;
 
 /// Largest file that is read, bytes.
-const MAX_FILE_BYTES: u64 = 1 << 30;
+pub const MAX_FILE_BYTES: u64 = 1 << 30;
 
 /// The bytes of a file.
 ///

@@ -8,6 +8,7 @@ mod health;
 mod keys;
 mod process;
 mod render;
+mod scene_files;
 mod serve;
 mod settings;
 

@@ -3,10 +3,10 @@
 mod surroundings;
 mod view;
 
-use super::files::read_file;
 use super::process::Failure;
+use super::scene_files;
+use crate::panic_text;
 use crate::worker::{devices, scenes};
-use crate::{builtin, panic_text};
 use clap::Args;
 use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::image::{Exposure, Picture, Units};
@@ -16,7 +16,6 @@ use hemilux_engine::render::{
 use hemilux_engine::scene::{Background, Scene, Warning};
 use hemilux_engine::transport::render;
 use indicatif::{ProgressBar, ProgressStyle};
-use percent_encoding::percent_decode_str;
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -35,7 +34,7 @@ const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(10);
 /// Arguments of `hemilux render`.
 #[derive(Args)]
 pub struct Arguments {
-    /// A .glb or .gltf file, or the name of a built-in scene.
+    /// A .glb or .gltf file, a .zip or a folder with one, or the name of a built-in scene.
     scene: String,
     /// Where the picture goes; ends in .png or .exr. Can be repeated.
     #[arg(short, long = "output", required = true, value_name = "OUT.{png,exr}")]
@@ -254,33 +253,9 @@ fn write_outputs(arguments: &Arguments, picture: &Picture) -> Result<(), Failure
 }
 
 pub(super) fn read_scene(name: &str, variant: Option<&str>) -> Result<Scene, Failure> {
-    let path = Path::new(name);
-    let refuse = |refusal| Failure::failed(format!("{name}: {refusal}"));
-    if let Some(bytes) = builtin::scene(name).filter(|_| !path.exists()) {
-        return scenes::load_file(bytes, &BTreeMap::new(), variant).map_err(refuse);
-    }
-    let bytes = read_file(path).map_err(|error| {
-        let known = builtin::names();
-        let hint = if path.extension().is_none() {
-            format!("; built-in scenes are {known:?}")
-        } else {
-            String::new()
-        };
-        Failure::failed(format!("cannot read {name}: {error}{hint}"))
-    })?;
-    let folder = path.parent().unwrap_or(Path::new(".")).join(".");
-    let resources = scenes::resource_names(&bytes)
-        .into_iter()
-        .filter_map(|uri| {
-            // Only files beside or below the scene; the importer names those that are missing.
-            let name = percent_decode_str(&uri).decode_utf8().ok()?;
-            let inside = folder.join(&*name).canonicalize().ok()?;
-            let folder = folder.canonicalize().ok()?;
-            let bytes = inside.starts_with(folder).then(|| read_file(&inside).ok())??;
-            Some((uri, bytes))
-        })
-        .collect();
-    scenes::load_file(&bytes, &resources, variant).map_err(refuse)
+    let (main, resources) = scene_files::read(name)?;
+    scenes::load_file(&main, &resources, variant)
+        .map_err(|refusal| Failure::failed(format!("{name}: {refusal}")))
 }
 
 /// Shows progress on the terminal, or as lines now and then where there is none; hears Ctrl-C.

@@ -80,10 +80,10 @@ export async function counts() {
   return found;
 }
 
-const isGltf = (name) => /\.(glb|gltf)$/i.test(name);
+const isScene = (name) => /\.(glb|gltf|zip)$/i.test(name);
 
 /** The file of a selection that is the scene; the others are what it refers to. */
-export const mainFile = (files) => files.find((file) => isGltf(file.name));
+export const mainFile = (files) => files.find((file) => isScene(file.name));
 
 /** Whether a file is a map of a sky by its name. */
 export const isSky = (file) => /\.(exr|hdr)$/i.test(file.name);

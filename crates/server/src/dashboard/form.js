@@ -79,9 +79,9 @@ export class JobForm {
     for (const { control } of Object.values(fields)) control.addEventListener("input", changed);
     this.settings = new MethodSettings(changed);
     method.addEventListener("change", () => this.showSettings());
-    this.files = h("input", { type: "file", id: "files", class: "visually-hidden", multiple: true, accept: ".glb,.gltf,.bin,.exr,.hdr,.png,.jpg,.jpeg,.webp,model/gltf-binary,model/gltf+json", on: { change: () => this.take([...this.files.files]) } });
+    this.files = h("input", { type: "file", id: "files", class: "visually-hidden", multiple: true, accept: ".glb,.gltf,.zip,.bin,.exr,.hdr,.png,.jpg,.jpeg,.webp,.ktx2,model/gltf-binary,model/gltf+json", on: { change: () => this.take([...this.files.files]) } });
     this.dropText = h("span", {}, h("strong", {}, "Upload a scene"), " or drop it here");
-    this.dropHint = h("span", { class: "hint" }, ".glb, or a .gltf together with its files");
+    this.dropHint = h("span", { class: "hint" }, ".glb, .zip, or a .gltf together with its files");
     this.drop = h("label", { class: "drop", for: "files" }, icon("upload"), this.dropText, this.dropHint, h("span", { class: "bar", "aria-hidden": "true" }, h("span", { class: "bar-fill" })));
     for (const event of ["dragenter", "dragover"]) this.drop.addEventListener(event, (e) => this.dragged(e, true));
     this.drop.addEventListener("dragleave", (e) => this.dragged(e, false));
@@ -127,7 +127,7 @@ export class JobForm {
       setAttribute(time.control, "max", about.max_seconds);
       method.control.replaceChildren(...about.methods.map((name) => h("option", { value: name }, name)));
       this.showSettings();
-      setText(this.dropHint, `.glb, or a .gltf together with its files; at most ${about.max_upload_mb} MiB`);
+      setText(this.dropHint, `.glb, .zip, or a .gltf together with its files; at most ${about.max_upload_mb} MiB`);
       this.listScenes();
       this.listSkies();
     } catch (problem) {
@@ -213,7 +213,7 @@ export class JobForm {
     const sky = files.length === 1 && api.isSky(files[0]);
     const main = sky ? files[0] : api.mainFile(files);
     if (!main) {
-      this.mark("scene", "choose a .glb file, a .gltf file with what it refers to, or a sky as .exr or .hdr");
+      this.mark("scene", "choose a .glb or .zip file, a .gltf file with what it refers to, or a sky as .exr or .hdr");
       return;
     }
     const limit = (this.about?.max_upload_mb ?? Infinity) * 2 ** 20;
@@ -237,7 +237,7 @@ export class JobForm {
       this.listScenes(scene.id);
       this.key = newKey();
       const { control } = this.fields.name;
-      if (!control.value) control.value = main.name.replace(/\.(glb|gltf)$/i, "").slice(0, MAX_LABEL_CHARS);
+      if (!control.value) control.value = main.name.replace(/\.(glb|gltf|zip)$/i, "").slice(0, MAX_LABEL_CHARS);
       this.dropText.replaceChildren(h("strong", {}, main.name), " is stored");
       announce("The scene is stored");
     } catch (problem) {

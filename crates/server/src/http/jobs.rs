@@ -43,7 +43,7 @@ pub struct JobWithScene {
     /// A JobRequest as JSON, without `scene`.
     #[schema(value_type = String, content_media_type = "application/json", example = r#"{"width": 64, "height": 64, "time_budget_s": 1}"#)]
     job: String,
-    /// The .gltf or .glb file. Further parts are its resources, named by the relative URIs that
+    /// The .gltf or .glb file, or a .zip with it. Further parts are its resources, named by the relative URIs that
     /// the scene uses.
     #[schema(value_type = String, format = Binary, content_media_type = "application/octet-stream")]
     scene: Vec<u8>,

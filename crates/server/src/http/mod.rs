@@ -32,6 +32,7 @@ mod solutions;
 mod spool;
 mod trace;
 mod traces;
+mod unzip;
 mod upload;
 mod webhooks;
 

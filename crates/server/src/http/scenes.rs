@@ -21,8 +21,8 @@ use utoipa::{IntoParams, ToSchema};
 #[derive(ToSchema)]
 #[allow(dead_code, reason = "stands for the request in the API's description")]
 pub struct SceneFiles {
-    /// The .gltf or .glb file. Further parts are its resources, named by the relative URIs that
-    /// the scene uses.
+    /// The .gltf or .glb file, or a .zip with it and its resources. Beside a .gltf or .glb, further
+    /// parts are its resources, named by the relative URIs that the scene uses.
     #[schema(value_type = String, format = Binary, content_media_type = "application/octet-stream")]
     scene: Vec<u8>,
 }
@@ -39,7 +39,10 @@ pub struct NameQuery {
 /// Store a scene.
 ///
 /// Send one `.glb` (or a `.gltf` with embedded data) as the body, or a multipart form with the
-/// scene and its resources, 128 parts at most. The id is the hash of the content: sending the same scene again
+/// scene and its resources, 128 parts at most. Either may be a `.zip` with one `.glb` or `.gltf` and
+/// its resources, in any folder: files that are stored or deflated, 4,096 at most, together no larger
+/// once unpacked than an upload may be; no links, no encryption, no paths out of the archive. Of
+/// several scenes in it, the one that lies less deep than all others is taken. The id is the hash of the content: sending the same scene again
 /// stores nothing and answers 200; where it is given another name, it has that from then on. A
 /// scene that cannot be imported is not kept.
 #[utoipa::path(
@@ -50,6 +53,7 @@ pub struct NameQuery {
             (Vec<u8> = "model/gltf-binary"),
             (Vec<u8> = "application/octet-stream"),
             (Vec<u8> = "model/gltf+json"),
+            (Vec<u8> = "application/zip"),
             (SceneFiles = "multipart/form-data"),
         )
     ),
@@ -72,12 +76,16 @@ pub async fn create_scene(
             name = name.or_else(|| parts.scene_name.take());
             parts.store(&app, &caller).await?
         }
-        "model/gltf-binary" | "application/octet-stream" | "model/gltf+json" => {
+        "model/gltf-binary"
+        | "application/octet-stream"
+        | "model/gltf+json"
+        | "application/zip"
+        | "application/x-zip-compressed" => {
             upload::scene_from_body(&app, &caller, request.into_body()).await?
         }
         other => {
             let detail = format!(
-                "send model/gltf-binary, model/gltf+json, application/octet-stream or multipart/form-data, not {other:?}"
+                "send model/gltf-binary, model/gltf+json, application/zip, application/octet-stream or multipart/form-data, not {other:?}"
             );
             return Err(Problem::unsupported_media(detail));
         }

@@ -173,6 +173,11 @@ impl Spool {
 }
 
 impl Piece {
+    /// Where the piece begins in its spool's file, and its bytes.
+    pub fn place(&self) -> (u64, u64) {
+        (self.start, self.size)
+    }
+
     /// Reads the piece from its spool's file, without moving the file's position.
     pub fn reader<'a>(&self, file: &'a File) -> impl Read + use<'a> {
         Stretch { file, at: self.start, left: self.size }

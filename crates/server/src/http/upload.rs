@@ -8,6 +8,7 @@ use super::kept::{Received, check_quota, keep, refused, store_received, stored};
 use super::problem::Problem;
 use super::slots::{NoSlot, Slot, Slots};
 use super::spool::{Allowance, Pace, Piece, Spool, check_disk, disk_trouble, unnamed_file};
+use super::unzip;
 use crate::access::Caller;
 use crate::api::FieldError;
 use crate::api::environments::EnvironmentMap;
@@ -79,8 +80,12 @@ pub async fn scene_from_body(
     caller: &Caller,
     body: Body,
 ) -> Result<(Scene, bool), Problem> {
-    let empty = || Problem::bad_scene("the body is empty; send a .glb or .gltf file");
+    let empty = || Problem::bad_scene("the body is empty; send a .glb, .gltf or .zip file");
     let (_slot, received) = whole_body(app, caller, body, empty).await?;
+    let place = (0, received.size);
+    if let Some((scene, format)) = unzip::unpacked(app, &received.file, place).await? {
+        return store_scene(app, caller, scene, format).await;
+    }
     store_scene(app, caller, received, SceneFormat::Gltf).await
 }
 
@@ -182,7 +187,7 @@ impl Arrival {
 }
 
 /// Takes a multipart request in. The scene is the part named `scene`, or the one whose name or
-/// file name ends in .gltf or .glb; other parts are resources, their names the relative URIs that
+/// file name ends in .gltf, .glb or .zip; other parts are resources, their names the relative URIs that
 /// the scene uses.
 pub async fn parts(
     app: &App,
@@ -247,7 +252,7 @@ impl Parts {
             return if self.job.replace(json).is_some() { Err(repeated("job")) } else { Ok(()) };
         }
         let piece = arrival.file(field, &mut self.spool).await?;
-        let is_scene = name == "scene" || is_gltf(&name) || is_gltf(&file_name);
+        let is_scene = name == "scene" || is_scene(&name) || is_scene(&file_name);
         if is_scene && self.scene.is_none() {
             self.scene = Some(piece);
             let file_name = if file_name.is_empty() && name != "scene" { name } else { file_name };
@@ -269,10 +274,17 @@ impl Parts {
     pub async fn store(self, app: &App, caller: &Caller) -> Result<(Scene, bool), Problem> {
         let Self { scene, resources, spool, _slot, .. } = self;
         let Some(scene) = scene else {
-            let rule = "send the scene as a part named scene, or ending in .gltf or .glb";
+            let rule = "send the scene as a part named scene, or ending in .gltf, .glb or .zip";
             return Err(Problem::invalid(vec![FieldError::new("scene", rule)]));
         };
         let file = spool.into_file().await;
+        if let Some((unpacked, format)) = unzip::unpacked(app, &file, scene.place()).await? {
+            if let Some(other) = resources.keys().next() {
+                let rule = "comes beside a zip archive, which brings its own files";
+                return Err(Problem::invalid(vec![FieldError::new(other, rule)]));
+            }
+            return store_scene(app, caller, unpacked, format).await;
+        }
         if resources.is_empty() {
             // Then there is nothing else in the file.
             let received = Received { file, sha256: scene.sha256, size: scene.size };
@@ -308,9 +320,9 @@ fn repeated(name: &str) -> Problem {
     Problem::invalid(vec![FieldError::new(name, "comes twice; each part may come once")])
 }
 
-fn is_gltf(name: &str) -> bool {
+fn is_scene(name: &str) -> bool {
     let name = name.to_ascii_lowercase();
-    name.ends_with(".gltf") || name.ends_with(".glb")
+    [".gltf", ".glb", ".zip"].iter().any(|ending| name.ends_with(ending))
 }
 
 /// Keeps a scene of the program's own, which nobody needs protection from and every job may ask

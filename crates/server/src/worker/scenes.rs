@@ -30,6 +30,8 @@ impl std::fmt::Display for SceneRefusal {
     }
 }
 
+impl std::error::Error for SceneRefusal {}
+
 impl SceneRefusal {
     fn damaged(what: impl Into<String>, fix: &str) -> Self {
         Self { at: "file".into(), what: what.into(), fix: fix.into(), too_large: false }
