@@ -1,4 +1,6 @@
-//! The real service inside the fuzzing process, and one connection to it.
+//! The real service inside the fuzzing process, and one connection to it; files for decoders.
+
+pub mod compressed;
 
 use clap::Parser;
 use hemilux::config::Config;
@@ -43,7 +45,9 @@ fn address() -> SocketAddr {
                 .build()
                 .expect("a runtime");
             let stop = CancellationToken::new();
-            let ready = move |address| drop(listens.send(address));
+            let ready = move |address| {
+                let _ = listens.send(address);
+            };
             if let Err(error) =
                 runtime.block_on(hemilux::service::serve(arguments.config, stop, ready))
             {
@@ -73,11 +77,7 @@ pub fn post(path: &str, content_type: &str, body: &[u8]) {
     let mut answer = Vec::new();
     let _ = stream.read_to_end(&mut answer);
     let status = answer.get(9..12).unwrap_or(b"???");
-    assert!(
-        matches!(status.first(), Some(b'2'..=b'4')),
-        "{}",
-        String::from_utf8_lossy(&answer)
-    );
+    assert!(matches!(status.first(), Some(b'2'..=b'4')), "{}", String::from_utf8_lossy(&answer));
     assert!(
         status[0] != b'4' || String::from_utf8_lossy(&answer).contains("application/problem+json"),
         "an error without a problem document"
