@@ -39,7 +39,7 @@ impl SceneRefusal {
 /// What is asked of an import: so many triangles at most, and the materials of that variant.
 pub fn options(max_triangles: usize, variant: Option<&str>) -> ImportOptions {
     let limits = ImportLimits { max_triangles, ..ImportLimits::default() };
-    ImportOptions { limits, variant: variant.map(str::to_owned) }
+    ImportOptions { limits, variant: variant.map(str::to_owned), ..ImportOptions::default() }
 }
 
 /// Imports a file with the resources that came with it and the materials of a variant, under the

@@ -2,25 +2,33 @@
 //! URI leaves the upload, and memory is bounded by the size of the file and [`ImportLimits`].
 //!
 //! The way of the bytes: `container` (chunks, buffers, URIs) → `document` (the JSON part,
-//! typed and validated) → `accessor` (typed reads) → `node` and `lights` (what stands where),
-//! `material`, `textures` and `picture` (surfaces) → `attributes`, `tangents` and `geometry`
-//! (world-space triangles). `extensions` lists what is known beyond the format's core.
+//! typed and validated) → `accessor` (typed reads) → `animation` and `pose` (what an animation
+//! moves) → `node`, `instancing` and `lights` (what stands where), `material`, `textures` and
+//! `picture` (surfaces) → `attributes`, `morph`, `tangents` and `geometry` (shapes) → `skin` and
+//! `placing` (world-space triangles). `extensions` lists what is known beyond the format's core.
 
 mod accessor;
+mod animation;
 mod attributes;
 mod baked;
+mod choice;
 mod container;
 mod document;
 mod extensions;
 mod factors;
 mod geometry;
+mod instancing;
 mod lights;
 mod limits;
 mod local;
 mod material;
 mod material_extensions;
+mod morph;
 mod node;
 mod picture;
+mod placing;
+mod pose;
+mod skin;
 mod tangents;
 #[cfg(test)]
 mod tests;
@@ -29,6 +37,7 @@ mod variants;
 mod warnings;
 
 pub use baked::BakedMesh;
+pub use choice::Choice;
 pub use extensions::{EXTENSIONS, Extension, Support, extensions_as_markdown};
 pub use limits::{ImportLimits, ImportOptions, Resources};
 
@@ -48,13 +57,13 @@ pub fn import(
     resources: &Resources,
     limits: &ImportLimits,
 ) -> Result<Scene, SceneError> {
-    import_with(bytes, resources, &ImportOptions { limits: *limits, variant: None })
+    import_with(bytes, resources, &ImportOptions { limits: *limits, ..ImportOptions::default() })
 }
 
 /// As [`import`], with everything that can be asked for.
 ///
 /// # Errors
-/// As [`import`], and where the file has no variant of the name asked for.
+/// As [`import`], and where the file has no variant, scene or animation of the name asked for.
 pub fn import_with(
     bytes: &[u8],
     resources: &Resources,
@@ -62,13 +71,20 @@ pub fn import_with(
 ) -> Result<Scene, SceneError> {
     let mut warnings = Warnings::default();
     let (json, binary) = container::open(bytes, &mut warnings)?;
-    let document = document::read(&json)?;
+    let mut document = document::read(&json)?;
+    let animations = std::mem::take(&mut document.animations);
     let root = &document.root;
     extensions::check(root, &mut warnings)?;
     let variants = variants::Variants::new(root, options.variant.as_deref())?;
     let buffers = container::Buffers::new(root, binary, resources)?;
     let accessors = accessor::accessors(root, &buffers)?;
-    let placed = node::place(root, &mut warnings)?;
+    let animations = animation::read(animations, root)?;
+    let posed = pose::Posed { root, accessors: &accessors, animations: &animations };
+    let pose = posed.chosen(options.animation.as_ref(), options.time, &mut warnings)?;
+    let scene = options.scene.as_ref();
+    let graph = node::Graph { root, accessors: &accessors, pose: &pose, scene };
+    let placed = node::place(graph, &mut warnings)?;
+    let skins = skin::matrices(root, &accessors, &placed.worlds, &placed.instances)?;
 
     let mut images = picture::Images::new(root, &buffers, resources, &options.limits);
     let materials = material::materials(&document, &mut images, &mut warnings)?;
@@ -78,15 +94,17 @@ pub fn import_with(
         root,
         accessors: &accessors,
         instances: &placed.instances,
+        skins: &skins,
+        pose: &pose,
+        more_targets: &document.more_targets,
         variants: &variants,
     };
     geometry.build(&options.limits, &mut scene, &mut warnings)?;
     close_holes(&mut scene, &images);
     scene.textures = images.textures;
     scene.variants = variants::Variants::names(root);
-    if !root.animations.is_empty() {
-        warnings.push("animations", "are ignored; everything is shown at rest");
-    }
+    scene.animations = animation::names(&animations, &accessors);
+    scene.scenes = root.scenes.iter().map(|scene| scene.name.clone()).collect();
     if scene.triangles.is_empty() {
         warnings.push("meshes", "there is no triangle to be seen");
     }
