@@ -1,6 +1,9 @@
 //! Scene files that are broken, hostile or just odd, and what must become of each.
 
+mod motion;
 mod surfaces;
+
+pub use motion::with_motion;
 
 use Expect::{Accepted, Refused};
 use hemilux_engine::scene::made::assemble;
@@ -168,6 +171,7 @@ pub fn cases() -> Vec<Case> {
     surfaces::materials(&mut cases);
     surfaces::images(&mut cases);
     surfaces::material_extensions(&mut cases);
+    motion::motion(&mut cases);
     cases.0
 }
 

@@ -1,14 +1,23 @@
 //! Broken, hostile and odd scene files: each is refused or taken as it must be, and none panics.
 
 use glam::Vec4;
-use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
+use hemilux_engine::scene::gltf::{
+    Choice, ImportLimits, ImportOptions, Resources, import, import_with,
+};
 use hemilux_engine::scene::{LightKind, Scene, SceneError, Triangle, made};
-use hemilux_tests::malformed::{Expect, cases, triangle};
+use hemilux_tests::malformed::{Expect, cases, triangle, with_motion};
 use serde_json::{Value, json};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 fn import_bytes(bytes: &[u8]) -> Result<Scene, SceneError> {
     import(bytes, &Resources::new(), &ImportLimits::default())
+}
+
+/// As the first animation has it at half a second.
+fn import_moving(bytes: &[u8]) -> Result<Scene, SceneError> {
+    let animation = Some(Choice::Index(0));
+    let options = ImportOptions { animation, time: 0.5, ..ImportOptions::default() };
+    import_with(bytes, &Resources::new(), &options)
 }
 
 #[test]
@@ -123,7 +132,7 @@ impl Dice {
 
 /// A file that goes through as many branches of the import as will fit into a few kilobytes.
 fn rich() -> (Value, Vec<u8>) {
-    let (mut root, binary) = triangle();
+    let (mut root, mut binary) = triangle();
     root["extensionsUsed"] = json!(["KHR_materials_ior", "EXT_unknown"]);
     root["extensionsRequired"] = json!(["KHR_mesh_quantization", "KHR_texture_transform"]);
     root["scenes"] = json!([{ "nodes": [0, 1, 2] }, { "nodes": [] }]);
@@ -131,7 +140,7 @@ fn rich() -> (Value, Vec<u8>) {
         { "mesh": 0, "rotation": [0, 0.6, 0, 0.8], "scale": [1, -1, 2], "children": [3] },
         { "camera": 0, "translation": [0, 0, 3], "name": "eye" },
         { "camera": 1, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 4, 5, 6, 1] },
-        { "mesh": 1, "skin": 0, "extensions": { "KHR_lights_punctual": { "light": 0 } } },
+        { "mesh": 1, "extensions": { "KHR_lights_punctual": { "light": 0 } } },
     ]);
     let lights = json!([
         { "type": "spot", "spot": { "innerConeAngle": 0.2, "outerConeAngle": 0.7 }, "range": 4,
@@ -185,17 +194,17 @@ fn rich() -> (Value, Vec<u8>) {
             "diffuseFactor": [1, 0.5, 0, 0.5], "glossinessFactor": 0.7,
             "diffuseTexture": { "index": 0 }, "specularGlossinessTexture": { "index": 1 } } } },
     ]);
+    with_motion(&mut root, &mut binary);
     (root, binary)
 }
 
 /// Runs one case; a panic names the seed that repeats it.
 fn survive(bytes: &[u8], seed: u64, accepted: &mut usize) {
     let outcome = catch_unwind(AssertUnwindSafe(|| {
-        if let Ok(scene) = import_bytes(bytes) {
+        if let Ok(scene) = import_moving(bytes) {
             check_valid(&scene);
-            return true;
         }
-        false
+        import_bytes(bytes).inspect(check_valid).is_ok()
     }));
     match outcome {
         Ok(taken) => *accepted += usize::from(taken),
@@ -210,6 +219,7 @@ fn flipped_bytes_never_panic() {
     for file in &files {
         check_valid(&import_bytes(file).unwrap());
     }
+    check_valid(&import_moving(&files[0]).unwrap());
     let mut accepted = 0;
     for seed in 1..=6000u64 {
         let mut dice = Dice(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));

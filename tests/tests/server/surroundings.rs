@@ -1,5 +1,5 @@
-//! What surrounds a scene and which of its materials it shows: the sun of a place and a moment,
-//! stored maps of skies, variants.
+//! What surrounds a scene and what of its file it shows: the sun of a place and a moment, stored
+//! maps of skies, variants, animations, the scenes of a file.
 
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
@@ -9,6 +9,7 @@ use hemilux_tests::malformed::triangle;
 use hemilux_tests::server::{Answer, Server, program};
 use serde_json::{Value, json};
 use std::io::Cursor;
+use std::path::Path;
 use std::process::Command;
 
 /// A shining triangle that is red, or in the variant `green` green.
@@ -68,25 +69,110 @@ fn a_variant_is_chosen_by_name_and_is_another_job() {
     assert_eq!(none["errors"][0]["field"], "variant");
 }
 
+/// The mean colour of a small picture of a file by the command line, or what that said.
+fn rendered(glb: &Path, more: &[&str]) -> Result<[f32; 3], String> {
+    let exr = glb.with_extension("exr");
+    let mut command = Command::new(program());
+    command.arg("render").arg(glb).arg("-o").arg(&exr).args(["--size", "24x24", "-q"]);
+    let done = command.args(["--iterations", "4", "--device", "cpu"]).args(more).output();
+    let done = done.unwrap();
+    let said = String::from_utf8_lossy(&done.stderr).into_owned();
+    if done.status.success() { Ok(of_exr(&std::fs::read(&exr).unwrap())) } else { Err(said) }
+}
+
 #[test]
 fn the_command_line_shows_a_variant_and_a_day() {
     let folder = tempfile::tempdir().unwrap();
-    let (glb, exr) = (folder.path().join("two.glb"), folder.path().join("out.exr"));
+    let glb = folder.path().join("two.glb");
     std::fs::write(&glb, two_colours()).unwrap();
-    let render = |more: &[&str]| {
-        let mut command = Command::new(program());
-        command.arg("render").arg(&glb).arg("-o").arg(&exr).args(["--size", "24x24", "-q"]);
-        let done = command.args(["--iterations", "4", "--device", "cpu"]).args(more).output();
-        let done = done.unwrap();
-        let said = String::from_utf8_lossy(&done.stderr).into_owned();
-        if done.status.success() { Ok(of_exr(&std::fs::read(&exr).unwrap())) } else { Err(said) }
-    };
+    let render = |more: &[&str]| rendered(&glb, more);
     let [red, green, _] = render(&["--variant", "green"]).unwrap();
     assert!(green > 0.01 && red < 1e-4, "{red} {green}");
     let refused = render(&["--variant", "blue"]).unwrap_err();
     assert!(refused.contains("\"red\"") && refused.contains("\"green\""), "{refused}");
     let [red, _, blue] = render(&["--sun-at", "48.1,11.6,2026-06-21T12:00:00Z"]).unwrap();
     assert!(red > 100.0 && blue > red, "a clear sky is blue, and light is in lux: {red} {blue}");
+}
+
+/// A shining triangle that an animation moves out of the camera's sight within a second, and
+/// another scene, where it is nine times as large and stays.
+fn passing_by() -> Vec<u8> {
+    let (mut root, mut binary) = triangle();
+    root["nodes"].as_array_mut().unwrap().push(json!({"mesh": 0, "scale": [9, 9, 9]}));
+    root["scenes"].as_array_mut().unwrap().push(json!({"name": "close", "nodes": [1, 2]}));
+    binary.resize(binary.len().next_multiple_of(4), 0);
+    let begin = binary.len();
+    for x in [0.0f32, 1.0, 0.0, 0.0, 0.0, 50.0, 0.0, 0.0] {
+        binary.extend(x.to_le_bytes());
+    }
+    root["buffers"][0]["byteLength"] = json!(binary.len());
+    let views = root["bufferViews"].as_array_mut().unwrap();
+    views.push(json!({"buffer": 0, "byteOffset": begin, "byteLength": 8}));
+    views.push(json!({"buffer": 0, "byteOffset": begin + 8, "byteLength": 24}));
+    let accessors = root["accessors"].as_array_mut().unwrap();
+    accessors.push(json!({"bufferView": 4, "componentType": 5126, "count": 2, "type": "SCALAR"}));
+    accessors.push(json!({"bufferView": 5, "componentType": 5126, "count": 2, "type": "VEC3"}));
+    let channel = json!({"sampler": 0, "target": {"node": 0, "path": "translation"}});
+    let sampler = json!({"input": 3, "output": 4});
+    root["animations"] = json!([{"name": "leave", "channels": [channel], "samplers": [sampler]}]);
+    assemble(&root, &binary)
+}
+
+#[test]
+fn an_animation_and_a_scene_of_the_file_are_chosen_and_are_other_jobs() {
+    let server = Server::start();
+    let stored = server.post_scene(&passing_by()).json();
+    let leave = json!([{"index": 0, "name": "leave", "seconds": 1.0}]);
+    assert_eq!(stored["animations"], leave, "{stored}");
+    let scenes = json!([{"index": 0, "name": null}, {"index": 1, "name": "close"}]);
+    assert_eq!(stored["gltf_scenes"], scenes, "{stored}");
+    let id = stored["id"].as_str().unwrap();
+    let job = |parts: Value| {
+        let mut job = small(id, "animation", json!("leave"));
+        let members = job.as_object_mut().unwrap();
+        members.extend(parts.as_object().unwrap().clone());
+        members.retain(|_, value| !value.is_null());
+        job
+    };
+    let run = |parts: Value| server.wait(&server.submit(&job(parts)));
+    let begin = run(json!({}));
+    let same = run(json!({"animation": 0, "time": 0}));
+    assert_eq!(same["result_of"], begin["id"], "the same in other words");
+    let end = run(json!({"time": 1.0}));
+    assert_eq!((&end["result_of"], &end["request"]["time"]), (&Value::Null, &json!(1.0)));
+    let close = run(json!({"animation": null, "gltf_scene": "close"}));
+    assert_eq!(close["result_of"], Value::Null);
+    let [[begin, ..], [end, ..], [close, ..]] =
+        [&begin, &end, &close].map(|job| mean(&server, job));
+    assert!(begin > 0.01 && end < 1e-4 && close > 2.0 * begin, "{begin} {end} {close}");
+    for (parts, field, text) in [
+        (json!({"animation": "stay"}), "animation", "1 of them: [0 \"leave\"]"),
+        (json!({"animation": 1}), "animation", "index 1, but the file has 1 of them"),
+        (json!({"gltf_scene": "far"}), "gltf_scene", "[0, 1 \"close\"]"),
+        (json!({"time": -1}), "time", "not negative"),
+        (json!({"animation": null, "time": 1}), "time", "choose one as `animation`"),
+    ] {
+        let refused = server.post("/v1/jobs", &job(parts)).problem(422);
+        assert_eq!(refused["errors"][0]["field"], field, "{refused}");
+        let detail = refused["errors"][0]["detail"].as_str().unwrap();
+        assert!(detail.contains(text), "{detail}");
+    }
+}
+
+#[test]
+fn the_command_line_shows_a_moment_of_an_animation() {
+    let folder = tempfile::tempdir().unwrap();
+    let glb = folder.path().join("leave.glb");
+    std::fs::write(&glb, passing_by()).unwrap();
+    let render = |more: &[&str]| rendered(&glb, more);
+    let rest = render(&[]).unwrap()[0];
+    let end = render(&["--animation", "0", "--time", "1"]).unwrap()[0];
+    let close = render(&["--scene", "close"]).unwrap()[0];
+    assert!(rest > 0.01 && end < 1e-4 && close > 2.0 * rest, "{rest} {end} {close}");
+    let refused = render(&["--animation", "stay"]).unwrap_err();
+    assert!(refused.contains("no animation \"stay\"; there are: 0 \"leave\""), "{refused}");
+    let refused = render(&["--scene", "2"]).unwrap_err();
+    assert!(refused.contains("no scene \"2\"; there are: 0, 1 \"close\""), "{refused}");
 }
 
 #[test]

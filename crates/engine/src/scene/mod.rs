@@ -46,8 +46,22 @@ pub struct Scene {
     /// Names of the sets of materials that the file offers, in its order; the triangles have those
     /// of the set that was chosen at import.
     pub variants: Vec<String>,
+    /// The animations that the file offers, in its order; at most one was chosen at import.
+    pub animations: Vec<AnimationName>,
+    /// Names of the scenes that the file offers, in its order, where they have names; one of them
+    /// was chosen at import.
+    pub scenes: Vec<Option<String>>,
     /// What was approximated or ignored at import.
     pub warnings: Vec<Warning>,
+}
+
+/// An animation that a file offers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AnimationName {
+    /// Its name, if it has one.
+    pub name: Option<String>,
+    /// When its last key is, in seconds; from then on nothing moves.
+    pub seconds: f32,
 }
 
 /// A vertex with everything that is interpolated over a triangle.

@@ -3,6 +3,7 @@
 
 use super::environment::{MapOfSky, SkyRequest};
 use super::jobs::{CameraRequest, ExplicitCamera, OptionValue};
+use super::parts::PartRequest;
 use super::shown::BackgroundRequest;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Unexpected, Visitor};
@@ -11,12 +12,56 @@ use std::fmt;
 /// What a camera may be, for errors.
 const A_CAMERA: &str =
     "the index of a camera, the name of one, or an object with eye, target and yfov_degrees";
+/// What names a part of a file, for errors.
+const A_PART: &str = "the index of one in the file, or the name of one";
 /// What a sky may be, for errors.
 const A_SKY: &str =
     "\"none\", \"studio\", an array of three radiances, or an object with the id of an environment";
 
 /// What a background may be, for errors.
 const A_BACKGROUND: &str = "\"sky\", \"transparent\", or an array of three radiances";
+
+fn index<E: Error>(number: u64) -> Result<u32, E> {
+    let unfit = |_| E::invalid_value(Unexpected::Unsigned(number), &"an index below 4294967296");
+    number.try_into().map_err(unfit)
+}
+
+fn signed_index<E: Error>(number: i64) -> Result<u32, E> {
+    let unfit = |_| E::invalid_value(Unexpected::Signed(number), &"an index from 0 on");
+    u64::try_from(number).map_err(unfit).and_then(index)
+}
+
+impl<'de> Deserialize<'de> for PartRequest {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(PartVisitor)
+    }
+}
+
+struct PartVisitor;
+
+impl Visitor<'_> for PartVisitor {
+    type Value = PartRequest;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(A_PART)
+    }
+
+    fn visit_u64<E: Error>(self, number: u64) -> Result<Self::Value, E> {
+        index(number).map(PartRequest::Index)
+    }
+
+    fn visit_i64<E: Error>(self, number: i64) -> Result<Self::Value, E> {
+        signed_index(number).map(PartRequest::Index)
+    }
+
+    fn visit_str<E: Error>(self, name: &str) -> Result<Self::Value, E> {
+        Ok(PartRequest::Name(name.to_owned()))
+    }
+
+    fn visit_string<E: Error>(self, name: String) -> Result<Self::Value, E> {
+        Ok(PartRequest::Name(name))
+    }
+}
 
 impl<'de> Deserialize<'de> for CameraRequest {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -33,14 +78,12 @@ impl<'de> Visitor<'de> for CameraVisitor {
         f.write_str(A_CAMERA)
     }
 
-    fn visit_u64<E: Error>(self, index: u64) -> Result<Self::Value, E> {
-        let unfit = |_| E::invalid_value(Unexpected::Unsigned(index), &"an index below 4294967296");
-        index.try_into().map(CameraRequest::Index).map_err(unfit)
+    fn visit_u64<E: Error>(self, number: u64) -> Result<Self::Value, E> {
+        index(number).map(CameraRequest::Index)
     }
 
-    fn visit_i64<E: Error>(self, index: i64) -> Result<Self::Value, E> {
-        let unfit = |_| E::invalid_value(Unexpected::Signed(index), &"an index from 0 on");
-        u64::try_from(index).map_err(unfit).and_then(|index| self.visit_u64(index))
+    fn visit_i64<E: Error>(self, number: i64) -> Result<Self::Value, E> {
+        signed_index(number).map(CameraRequest::Index)
     }
 
     fn visit_str<E: Error>(self, name: &str) -> Result<Self::Value, E> {
@@ -170,6 +213,10 @@ mod tests {
             let read: CameraRequest = serde_json::from_str(&value.to_string()).unwrap();
             assert_eq!(serde_json::to_value(read).unwrap(), value);
         }
+        for value in [json!(0), json!(u32::MAX), json!("walk"), json!("")] {
+            let read: PartRequest = serde_json::from_str(&value.to_string()).unwrap();
+            assert_eq!(serde_json::to_value(read).unwrap(), value);
+        }
         for value in
             [json!("none"), json!("studio"), json!([0.5, 1.0, 2.0]), json!({"environment": "ab"})]
         {
@@ -197,6 +244,12 @@ mod tests {
         assert!(camera(json!(1_u64 << 32)).contains("below 4294967296"));
         assert!(camera(json!({"eye": [0, 0, 0]})).contains("missing field `target`"));
         assert!(camera(json!({"fov": 1})).contains("unknown field `fov`, expected one of `eye`"));
+        for value in [json!(true), json!([1]), json!(1.5), json!({}), json!(null)] {
+            let error = serde_json::from_value::<PartRequest>(value).unwrap_err().to_string();
+            assert!(error.contains(A_PART), "{error}");
+        }
+        let error = serde_json::from_value::<PartRequest>(json!(-1)).unwrap_err().to_string();
+        assert!(error.contains("an index from 0 on"), "{error}");
         let sky = |value: Value| serde_json::from_value::<SkyRequest>(value).unwrap_err();
         for value in [json!(null), json!("blue"), json!(1)] {
             assert!(sky(value.clone()).to_string().contains(A_SKY), "{value}");

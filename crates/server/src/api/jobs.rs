@@ -1,6 +1,7 @@
 //! Jobs as clients ask for them and as the API shows them.
 
 use super::environment::EnvironmentRequest;
+use super::parts::PartRequest;
 use super::scenes::CameraName;
 use super::shown::{BackgroundRequest, UnitsRequest};
 use super::webhooks::WebhookTarget;
@@ -37,6 +38,21 @@ pub struct JobRequest {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(nullable = false, max_length = 1024)]
     pub variant: Option<String>,
+    /// Which of the scenes in the file is shown: the index or the name of one of the scene's
+    /// `gltf_scenes`. Without it the file's default one, or else its first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub gltf_scene: Option<PartRequest>,
+    /// Which animation moves what is shown: the index or the name of one of the scene's
+    /// `animations`. Without it the file is shown at rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub animation: Option<PartRequest>,
+    /// The moment of the `animation`, seconds; without it the beginning. Before its first key a
+    /// property has its first value, after its last key its last.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false, minimum = 0, example = 1.5)]
+    pub time: Option<f64>,
     /// What surrounds the scene. Without it nothing where the scene has lights of its own, else a
     /// neutral studio, with a warning.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -509,8 +525,12 @@ impl JobRequest {
         self.environment.as_ref()?.map()
     }
 
-    /// Whether `cameras` has what [`JobRequest::camera`] asks for; the message if not.
+    /// Whether `cameras` has what [`JobRequest::camera`] asks for; the message if not. They are
+    /// those of the file's default scene: of another one the import says.
     pub fn camera_problem(&self, cameras: &[CameraName]) -> Option<String> {
+        if self.gltf_scene.is_some() {
+            return None;
+        }
         match self.camera.as_ref()? {
             CameraRequest::Index(index) if *index as usize >= cameras.len() => {
                 Some(format!("index {index}, but the scene has {} cameras", cameras.len()))

@@ -77,6 +77,7 @@ impl JobRequest {
         if self.variant.as_ref().is_some_and(|name| name.chars().count() > MAX_VARIANT_CHARS) {
             wrong("variant", format!("at most {MAX_VARIANT_CHARS} characters"));
         }
+        self.part_problems(&mut wrong);
         self.background.problems(&mut wrong);
         self.units.problems(self.environment.as_ref(), &mut wrong);
         if let Some(environment) = &self.environment {
@@ -214,6 +215,10 @@ mod tests {
             ),
             (serde_json::json!({"camera": "n".repeat(1025)}), "camera"),
             (serde_json::json!({"variant": "n".repeat(1025)}), "variant"),
+            (serde_json::json!({"gltf_scene": "n".repeat(1025)}), "gltf_scene"),
+            (serde_json::json!({"animation": "n".repeat(1025)}), "animation"),
+            (serde_json::json!({"animation": 0, "time": -0.5}), "time"),
+            (serde_json::json!({"time": 1}), "time"),
             (serde_json::json!({"environment": {"sky": [0, -1, 0]}}), "environment.sky"),
             (serde_json::json!({"environment": {"scale": -1}}), "environment.scale"),
             (

@@ -9,6 +9,8 @@ pub mod instant;
 pub mod jobs;
 pub mod keys;
 pub mod limits;
+mod part_checks;
+pub mod parts;
 pub mod request_hash;
 pub mod scenes;
 pub mod settings;

@@ -1,5 +1,6 @@
 //! Scenes as the API shows them.
 
+use super::parts::{AnimationName, SceneName};
 use super::uploads::Upload;
 use super::{Warning, instant};
 use jiff::Timestamp;
@@ -56,6 +57,16 @@ pub struct Scene {
     #[serde(default)]
     #[schema(required)]
     pub variants: Option<Vec<String>>,
+    /// Animations that a job can choose from as `animation`; `null` of scenes that were stored by a
+    /// release that did not look.
+    #[serde(default)]
+    #[schema(required)]
+    pub animations: Option<Vec<AnimationName>>,
+    /// Scenes of the file that a job can choose from as `gltf_scene`; `null` of scenes that were
+    /// stored by a release that did not look.
+    #[serde(default)]
+    #[schema(required)]
+    pub gltf_scenes: Option<Vec<SceneName>>,
     /// What was approximated or ignored.
     pub warnings: Vec<Warning>,
 }

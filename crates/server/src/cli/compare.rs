@@ -13,6 +13,7 @@ use hemilux_charts::comparison::{
 };
 use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, choose_camera};
 use hemilux_engine::scene::Scene;
+use hemilux_engine::scene::gltf::ImportOptions;
 use hemilux_engine::transport::{METHODS, REGISTRY, check, check_settings, find};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -80,7 +81,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if (contenders.len() * budgets.len()) as u64 * seeds > MOST_RUNS {
         return Err(Failure::usage(format!("more than {MOST_RUNS} runs; ask for fewer seeds")));
     }
-    let scene = Arc::new(read_scene(&arguments.scene, None)?);
+    let scene = Arc::new(read_scene(&arguments.scene, &ImportOptions::default())?);
     let camera = camera_choice(arguments.camera.as_deref(), &scene);
     choose_camera(&scene, &camera, [1, 1]).map_err(Failure::usage)?;
     if let Some(size) = arguments.size {

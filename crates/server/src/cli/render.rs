@@ -1,5 +1,6 @@
 //! `hemilux render`.
 
+mod parts;
 mod surroundings;
 mod view;
 
@@ -13,6 +14,7 @@ use hemilux_engine::image::{Exposure, Picture, Units};
 use hemilux_engine::render::{
     Begin, Limits, Observer, Plan, Progress, RenderError, RenderRequest, Rendered,
 };
+use hemilux_engine::scene::gltf::ImportOptions;
 use hemilux_engine::scene::{Background, Scene, Warning};
 use hemilux_engine::transport::render;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -24,6 +26,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use parts::Parts;
 use surroundings::{Surroundings, parse_three};
 use view::View;
 pub(super) use view::camera_choice;
@@ -43,6 +46,8 @@ pub struct Arguments {
     /// (KHR_materials_variants).
     #[arg(long, value_name = "NAME")]
     variant: Option<String>,
+    #[command(flatten)]
+    parts: Parts,
     #[command(flatten)]
     view: View,
     #[command(flatten)]
@@ -177,7 +182,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let what = "--sun-at gives light in lux, which is photometric; leave --units out";
         return Err(Failure::usage(what));
     }
-    let scene = read_scene(&arguments.scene, arguments.variant.as_deref())?;
+    let options = arguments.parts.options(arguments.variant.clone());
+    let scene = read_scene(&arguments.scene, &options)?;
     let device_id = devices::choose_one(&arguments.device).map_err(Failure::usage)?;
     let camera = arguments.view.camera(&scene);
     let request = RenderRequest {
@@ -252,9 +258,9 @@ fn write_outputs(arguments: &Arguments, picture: &Picture) -> Result<(), Failure
     Ok(())
 }
 
-pub(super) fn read_scene(name: &str, variant: Option<&str>) -> Result<Scene, Failure> {
+pub(super) fn read_scene(name: &str, options: &ImportOptions) -> Result<Scene, Failure> {
     let (main, resources) = scene_files::read(name)?;
-    scenes::load_file(&main, &resources, variant)
+    scenes::load_file(&main, &resources, options)
         .map_err(|refusal| Failure::failed(format!("{name}: {refusal}")))
 }
 

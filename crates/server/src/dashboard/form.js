@@ -50,6 +50,8 @@ export class JobForm {
     const scene = h("select", { on: { change: () => this.chose() } });
     const camera = h("select", {}, h("option", { value: "" }, "The scene's first"));
     const variant = h("select", {}, h("option", { value: "" }, "As the file shows it"));
+    const part = h("select", {}, h("option", { value: "" }, "The file's default"));
+    const animation = h("select", { on: { change: () => this.choseAnimation() } }, h("option", { value: "" }, "None: at rest"));
     const sky = h("select", {}, SKIES.map(([value, name]) => h("option", { value }, name)));
     const background = h("select", {}, BACKGROUNDS.map(([value, name]) => h("option", { value }, name)));
     const units = h("select", {}, [["", "Photometric (cd/m²)"], ["radiometric", "Radiometric (W/(m² sr))"]].map(([value, name]) => h("option", { value }, name)));
@@ -58,6 +60,9 @@ export class JobForm {
       scene: field("scene", "Stored or built-in scene", scene),
       camera: field("camera", "Camera", camera),
       variant: field("variant", "Materials", variant, { hint: "Of the sets that the scene offers." }),
+      gltf_scene: field("gltf_scene", "Scene in the file", part),
+      animation: field("animation", "Animation", animation),
+      time: field("time", "Moment of it", number(0, { min: 0 }), { unit: "s" }),
       environment: field("environment", "Sky", sky, { hint: "By default none where the scene has lights, else the studio. A map (.exr, .hdr) is uploaded as a scene is." }),
       background: field("background", "Background", background, { hint: "What the camera sees beside the surfaces; light stays as it is." }),
       units: field("units", "Units of the EXR", units, { hint: "Written into its header; nothing is converted." }),
@@ -93,7 +98,7 @@ export class JobForm {
     this.summary = h("div", { class: "notice bad", role: "alert", tabindex: "-1", hidden: true });
     this.submit = h("button", { type: "submit", class: "button primary" }, "Start job");
     this.more = h("details", { class: "more-fields" }, h("summary", {}, "More settings"),
-      h("div", { class: "field-grid" }, fields.method.root, fields.snapshots.root, fields.camera.root, fields.variant.root, fields.environment.root, fields.background.root, fields.units.root, fields.seed.root, fields.priority.root, fields.labels.root),
+      h("div", { class: "field-grid" }, fields.method.root, fields.snapshots.root, fields.camera.root, fields.variant.root, fields.gltf_scene.root, fields.animation.root, fields.time.root, fields.environment.root, fields.background.root, fields.units.root, fields.seed.root, fields.priority.root, fields.labels.root),
       h("fieldset", {}, h("legend", {}, "Settings of the method"), this.settings.root));
     const group = (title, ...rows) => h("fieldset", {}, h("legend", {}, title), rows);
     this.heading = h("h2", { tabindex: "-1" }, "New job");
@@ -174,19 +179,32 @@ export class JobForm {
     const variants = (scene?.variants ?? []).map((name) => h("option", { value: name }, name));
     this.fields.variant.control.replaceChildren(h("option", { value: "" }, "As the file shows it"), ...variants);
     this.fields.variant.root.hidden = variants.length === 0;
+    const option = ({ index, name }) => h("option", { value: index }, name ?? `Number ${index}`);
+    const parts = scene?.gltf_scenes ?? [];
+    this.fields.gltf_scene.control.replaceChildren(h("option", { value: "" }, "The file's default"), ...parts.map(option));
+    this.fields.gltf_scene.root.hidden = parts.length < 2;
+    const animations = scene?.animations ?? [];
+    this.fields.animation.control.replaceChildren(h("option", { value: "" }, "None: at rest"), ...animations.map(option));
+    this.fields.animation.root.hidden = animations.length === 0;
+    this.choseAnimation();
     if (!scene) {
       this.sceneFacts.replaceChildren();
       return;
     }
-    const parts = [
+    const facts = [
       bytes(scene.size), `${count(scene.triangles)} triangles`, `${count(scene.lights)} of them light sources`,
       `${count(scene.cameras.length)} ${scene.cameras.length === 1 ? "camera" : "cameras"}`,
     ];
     const warnings = scene.warnings.map(({ at, what }) => h("li", {}, h("code", {}, at), " ", what));
     this.sceneFacts.replaceChildren(
-      h("p", { class: "hint" }, parts.join(" · ")),
+      h("p", { class: "hint" }, facts.join(" · ")),
       h("button", { type: "button", class: "button small quiet", title: "Jobs that use it keep it", on: { click: () => this.letGo(scene) } }, "Remove this scene"),
       ...(warnings.length ? [h("details", { class: "hint" }, h("summary", {}, `${warnings.length} things are approximated or ignored`), h("ul", { class: "warnings" }, warnings))] : []));
+  }
+
+  /** Asks for a moment where something moves. */
+  choseAnimation() {
+    this.fields.time.root.hidden = this.fields.animation.control.value === "";
   }
 
   /** Takes the scene off the list; on the server it stays for the jobs that use it. */
@@ -303,6 +321,14 @@ export class JobForm {
     if (camera !== "") job.camera = Number(camera);
     const variant = fields.variant.control.value;
     if (variant !== "") job.variant = variant;
+    const part = fields.gltf_scene.control.value;
+    if (part !== "") job.gltf_scene = Number(part);
+    const animation = fields.animation.control.value;
+    if (animation !== "") {
+      job.animation = Number(animation);
+      const time = numeric("time");
+      if (time !== null) job.time = time;
+    }
     const sky = fields.environment.control.value;
     const isStored = this.environments.some(({ id }) => id === sky);
     if (sky !== "") job.environment = { sky: isStored ? { environment: sky } : sky === "white" ? [1, 1, 1] : sky };

@@ -112,6 +112,8 @@ export class JobView {
       ["Picture", pixels(request.width, request.height)],
       ["Camera", camera === null ? "the scene's first" : typeof camera === "object" ? "its own" : String(camera)],
       ...(request.variant ? [["Materials", request.variant]] : []),
+      ...(request.gltf_scene !== undefined ? [["Scene in the file", String(request.gltf_scene)]] : []),
+      ...(request.animation !== undefined ? [["Animation", `${request.animation} at ${request.time ?? 0} s`]] : []),
       ...(request.environment ? [["Surroundings", surroundings(request.environment)]] : []),
       ...(request.background ? [["Background", Array.isArray(request.background) ? `radiance ${request.background.join(", ")}` : request.background]] : []),
       ...(request.units ? [["Units", request.units]] : []),

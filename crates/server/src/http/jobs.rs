@@ -11,7 +11,7 @@ use crate::api::environments::EnvironmentMap;
 use crate::api::jobs::{CameraRequest, Job, JobPage, JobRequest};
 use crate::api::keys::Scope;
 use crate::api::request_hash::RequestHash;
-use crate::api::scenes::{CameraName, Scene};
+use crate::api::scenes::Scene;
 use crate::api::webhooks::host_and_port;
 use crate::builtin;
 use crate::hash::sha256_hex;
@@ -81,13 +81,16 @@ pub async fn create_job(
     if let Some(detail) = job.variant_problem(scene.variants.as_deref()) {
         return Err(Problem::invalid(vec![FieldError::new("variant", detail)]));
     }
+    if let Some((field, detail)) = job.part_problem(&scene) {
+        return Err(Problem::invalid(vec![FieldError::new(field, detail)]));
+    }
     let map = named_map(&app, &caller, &job).await?;
     check_memory(&app, &job, &scene, map.as_ref())?;
     job.scene = Some(scene.id.clone());
     let webhook = job.webhook.clone().or_else(|| caller.key().and_then(|key| key.webhook.clone()));
     let unserialisable = |error: serde_json::Error| Problem::internal(error.to_string());
     let request_hash = RequestHash::of(&job).map_err(unserialisable)?;
-    let render_key = render_key(caller.owner(), &job, &scene.cameras).map_err(unserialisable)?;
+    let render_key = render_key(caller.owner(), &job, &scene).map_err(unserialisable)?;
     let new = NewJob {
         id: Uuid::now_v7(),
         scene_id: scene.id,
@@ -207,15 +210,18 @@ pub fn own_queue_full(app: &App, caller: &Caller) -> Problem {
 fn render_key(
     owner: &str,
     job: &JobRequest,
-    cameras: &[CameraName],
+    stored: &Scene,
 ) -> Result<Option<String>, serde_json::Error> {
     let determined = job.max_iterations.is_some() && job.time_budget_s.is_none();
     if job.fresh || !determined || job.snapshots.is_some() {
         return Ok(None);
     }
     let Some(settings) = worker::settings_in_force(job) else { return Ok(None) };
+    let cameras = &stored.cameras;
     let position = |name: &str| cameras.iter().position(|camera| camera.name == name);
     let camera = match &job.camera {
+        // The cameras that are known are those of the file's default scene.
+        other if job.gltf_scene.is_some() => other.clone(),
         None if !cameras.is_empty() => Some(CameraRequest::Index(0)),
         Some(CameraRequest::Name(name)) => {
             position(name).map(|index| CameraRequest::Index(index as u32))
@@ -226,7 +232,8 @@ fn render_key(
     let JobRequest { scene, variant, environment, background, units, method, .. } = job;
     let limits = (job.target_error, job.max_iterations);
     let size = (job.width, job.height);
-    let shown = ((scene, variant), environment, camera, size, (background, units));
+    let shown =
+        ((scene, variant, job.shown_parts(stored)), environment, camera, size, (background, units));
     let asked = (shown, method, limits, job.seed, settings);
     let whole = serde_json::to_vec(&(env!("CARGO_PKG_VERSION"), owner, asked))?;
     Ok(Some(sha256_hex(&whole)))

@@ -24,6 +24,8 @@ pub fn scene(content: &[u8]) -> Scene {
         bounds: None,
         cameras: Vec::new(),
         variants: None,
+        animations: None,
+        gltf_scenes: None,
         warnings: Vec::new(),
     }
 }

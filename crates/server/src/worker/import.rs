@@ -19,7 +19,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Longest record of a scene, bytes: names of cameras and variants, warnings.
+/// Longest record of a scene, bytes: names of cameras, variants, animations and scenes, warnings.
 const MAX_RECORD_BYTES: u64 = 1 << 20;
 /// What is read of the process's last words, bytes.
 const MAX_WORDS_BYTES: u64 = 4 << 10;
@@ -288,7 +288,9 @@ pub fn run(kind: FileKind, bounds: ImportBounds) -> io::Result<()> {
     if record.len() as u64 > MAX_RECORD_BYTES {
         record = serde_json::to_vec(&Finding::Refused(SceneRefusal {
             at: "nodes".into(),
-            what: format!("names of cameras and variants take more than {MAX_RECORD_BYTES} bytes"),
+            what: format!(
+                "names of cameras, variants, animations and scenes take more than {MAX_RECORD_BYTES} bytes"
+            ),
             fix: "send fewer of them, with shorter names".into(),
             too_large: true,
         }))?;

@@ -162,7 +162,7 @@ fn attempt(
     };
     let mut parts = parts.into_iter().map(Content::into_bytes);
     let scene_bytes = parts.next().transpose().map_err(unread)?.unwrap_or_default();
-    let options = scenes::options(task.max_triangles, task.request.variant.as_deref());
+    let options = scenes::options(task.max_triangles, Some(&task.request));
     let scene = scenes::load(task.scene_format, &scene_bytes, &options)
         .map_err(|refusal| Failure::new("scene", refusal.to_string()))?;
     drop(scene_bytes);

@@ -2,10 +2,12 @@
 
 use crate::api::Warning;
 use crate::api::environments::{EnvironmentMap, MapFormat};
+use crate::api::jobs::JobRequest;
+use crate::api::parts::{AnimationName, PartRequest, SceneName};
 use crate::api::scenes::{Bounds, CameraName, Scene, SceneFormat};
 use crate::bundle;
 use hemilux_engine::scene;
-use hemilux_engine::scene::gltf::{ImportLimits, ImportOptions, Resources, import_with};
+use hemilux_engine::scene::gltf::{Choice, ImportLimits, ImportOptions, Resources, import_with};
 use hemilux_engine::scene::sky_map::SkyMap;
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read};
@@ -38,24 +40,38 @@ impl SceneRefusal {
     }
 }
 
-/// What is asked of an import: so many triangles at most, and the materials of that variant.
-pub fn options(max_triangles: usize, variant: Option<&str>) -> ImportOptions {
+/// What is asked of an import: so many triangles at most, and what a job wants to see of the file;
+/// without a job the file as it is at rest.
+pub fn options(max_triangles: usize, job: Option<&JobRequest>) -> ImportOptions {
     let limits = ImportLimits { max_triangles, ..ImportLimits::default() };
-    ImportOptions { limits, variant: variant.map(str::to_owned) }
+    let at_rest = ImportOptions { limits, ..ImportOptions::default() };
+    let Some(job) = job else { return at_rest };
+    ImportOptions {
+        variant: job.variant.clone(),
+        scene: job.gltf_scene.as_ref().map(choice),
+        animation: job.animation.as_ref().map(choice),
+        time: job.time.unwrap_or(0.0),
+        ..at_rest
+    }
 }
 
-/// Imports a file with the resources that came with it and the materials of a variant, under the
-/// default limits.
+fn choice(part: &PartRequest) -> Choice {
+    match part {
+        PartRequest::Index(index) => Choice::Index(*index),
+        PartRequest::Name(name) => Choice::Name(name.clone()),
+    }
+}
+
+/// Imports a file with the resources that came with it.
 ///
 /// # Errors
 /// As [`load`].
 pub fn load_file(
     main: &[u8],
     resources: &Resources,
-    variant: Option<&str>,
+    options: &ImportOptions,
 ) -> Result<scene::Scene, SceneRefusal> {
-    let options = options(ImportLimits::default().max_triangles, variant);
-    guarded(|| import_with(main, resources, &options).map_err(refusal))
+    guarded(|| import_with(main, resources, options).map_err(refusal))
 }
 
 /// Relative URIs that a .gltf file names, as written; none where it is a .glb or no JSON.
@@ -153,8 +169,25 @@ pub fn describe(id: String, format: SceneFormat, size: u64, scene: &scene::Scene
             .map(|(camera, index)| CameraName { index, name: camera.name.clone() })
             .collect(),
         variants: Some(scene.variants.clone()),
+        animations: Some(animations(scene)),
+        gltf_scenes: Some(gltf_scenes(scene)),
         warnings: scene.warnings.iter().map(warning).collect(),
     }
+}
+
+fn animations(scene: &scene::Scene) -> Vec<AnimationName> {
+    let animations = scene.animations.iter().zip(0..);
+    let named = animations.map(|(animation, index)| AnimationName {
+        index,
+        name: animation.name.clone(),
+        seconds: animation.seconds,
+    });
+    named.collect()
+}
+
+fn gltf_scenes(scene: &scene::Scene) -> Vec<SceneName> {
+    let scenes = scene.scenes.iter().zip(0..);
+    scenes.map(|(name, index)| SceneName { index, name: name.clone() }).collect()
 }
 
 /// The map of a sky in a file. The decoder reads hostile input and answers for itself.

@@ -259,6 +259,14 @@ impl Accessor<'_> {
         values
     }
 
+    /// An element of a matrix of four columns of floats.
+    pub fn matrix(&self, element: usize) -> [f32; 16] {
+        let bytes = self.element_bytes_of(element);
+        std::array::from_fn(|place| {
+            bytes.get(4 * place..).map_or(0.0, |bytes| read(ComponentType::F32, bytes, false))
+        })
+    }
+
     /// A scalar element as a vertex index.
     pub fn index(&self, element: usize) -> u32 {
         read_index(self.component, self.element_bytes_of(element))

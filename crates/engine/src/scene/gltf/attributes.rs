@@ -1,7 +1,8 @@
 //! A mesh's primitives: how their vertices join, and which accessors they are read from.
 
 use super::accessor::Accessor;
-use super::document::{malformed, valid};
+use super::document::{MoreTargets, malformed, valid};
+use super::morph;
 use super::variants::Variants;
 use super::warnings::Warnings;
 use crate::scene::SceneError;
@@ -9,6 +10,9 @@ use gltf::Semantic;
 use gltf::json;
 use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::validation::Checked;
+
+/// Most sets of four joints of a vertex.
+const MAX_SETS: u32 = 8;
 
 /// How vertices join to triangles.
 #[derive(Clone, Copy, PartialEq)]
@@ -57,6 +61,10 @@ pub(super) struct Primitive {
     pub uv: [Option<usize>; 2],
     /// Of vertex colours.
     pub color: Option<usize>,
+    /// Of joints and of their weights, set by set; empty without.
+    pub influences: Vec<(usize, usize)>,
+    /// Its morph targets.
+    pub targets: Vec<morph::Target>,
     /// Of vertex indices; without them the vertices are used in turn.
     pub indices: Option<usize>,
     /// Its material in the chosen variant.
@@ -72,6 +80,8 @@ pub(super) struct Tables<'a> {
     pub accessors: &'a [Accessor<'a>],
     /// Its variants.
     pub variants: &'a Variants,
+    /// What the crate does not know of its morph targets.
+    pub more_targets: &'a MoreTargets,
 }
 
 /// The primitives of a mesh that make triangles.
@@ -84,15 +94,15 @@ pub(super) fn primitives(
     let mut primitives = Vec::new();
     for (place, object) in mesh.primitives.iter().enumerate() {
         let at = format!("meshes[{index}].primitives[{place}]");
-        primitives.extend(primitive(object, at, tables, warnings)?);
+        primitives.extend(primitive(object, (at, (index, place)), tables, warnings)?);
     }
     Ok(primitives)
 }
 
 fn primitive(
     object: &json::mesh::Primitive,
-    at: String,
-    Tables { accessors, variants }: Tables<'_>,
+    (at, of): (String, (usize, usize)),
+    Tables { accessors, variants, more_targets }: Tables<'_>,
     warnings: &mut Warnings,
 ) -> Result<Option<Primitive>, SceneError> {
     let attributes = Attributes::of(object, &at, accessors)?;
@@ -112,10 +122,8 @@ fn primitive(
     };
     let vertices = accessors[position].count;
     attributes.check_counts(vertices, accessors)?;
-    if object.targets.as_ref().is_some_and(|targets| !targets.is_empty()) {
-        let what = "morph targets are ignored; the base shape is shown";
-        warnings.push(format!("{at}.targets"), what);
-    }
+    let morphs = morph::Place { at: &at, of, accessors, more: more_targets };
+    let targets = morphs.targets(object, vertices)?;
     let count = indices.map_or(vertices, |index| accessors[index].count);
     if mode == Mode::List && !count.is_multiple_of(3) {
         warnings.push(
@@ -124,7 +132,7 @@ fn primitive(
         );
     }
     let triangles = mode.triangles(count);
-    let Attributes { normal, tangent, uv, color, .. } = attributes;
+    let Attributes { normal, tangent, uv, color, influences, .. } = attributes;
     Ok(Some(Primitive {
         at,
         mode,
@@ -133,6 +141,8 @@ fn primitive(
         tangent,
         uv,
         color,
+        influences,
+        targets,
         indices,
         material,
         triangles,
@@ -148,6 +158,7 @@ struct Attributes {
     tangent: Option<usize>,
     uv: [Option<usize>; 2],
     color: Option<usize>,
+    influences: Vec<(usize, usize)>,
 }
 
 impl Attributes {
@@ -173,7 +184,27 @@ impl Attributes {
             }
             Ok(Some(index.value()))
         };
+        let mut influences = Vec::new();
+        for set in 0.. {
+            let joints = attribute(Semantic::Joints(set), &[Type::Vec4], &[U8, U16])?;
+            let weights = attribute(Semantic::Weights(set), &[Type::Vec4], &[F32, U8, U16])?;
+            match (joints, weights) {
+                (None, None) => break,
+                _ if set == MAX_SETS => {
+                    let what = format!("more than {MAX_SETS} sets of joints");
+                    return Err(SceneError::too_large(at, what, "limit the joints of a vertex"));
+                }
+                (Some(joints), Some(weights)) => influences.push((joints, weights)),
+                (joints, _) => {
+                    let there = if joints.is_some() { "JOINTS" } else { "WEIGHTS" };
+                    let missing = if joints.is_some() { "WEIGHTS" } else { "JOINTS" };
+                    let what = format!("has {there}_{set}, but no {missing}_{set}");
+                    return Err(malformed(at, what));
+                }
+            }
+        }
         Ok(Self {
+            influences,
             position: attribute(Semantic::Positions, &[Type::Vec3], QUANTIZED)?,
             normal: attribute(Semantic::Normals, &[Type::Vec3], &[F32, I8, I16])?,
             tangent: attribute(Semantic::Tangents, &[Type::Vec4], &[F32, I8, I16])?,
@@ -188,6 +219,17 @@ impl Attributes {
 
     /// Refuses attributes that have not one element for each position.
     fn check_counts(&self, vertices: usize, accessors: &[Accessor<'_>]) -> Result<(), SceneError> {
+        for (set, (joints, weights)) in self.influences.iter().enumerate() {
+            for (name, index) in [("JOINTS", joints), ("WEIGHTS", weights)] {
+                let count = accessors[*index].count;
+                if count != vertices {
+                    return Err(malformed(
+                        format!("{}.{name}_{set}", self.at),
+                        format!("has {count} elements for {vertices} positions"),
+                    ));
+                }
+            }
+        }
         for (name, index) in [
             ("NORMAL", self.normal),
             ("TANGENT", self.tangent),

@@ -4,8 +4,9 @@ use crate::scene::SceneError;
 use gltf::json::mesh::Semantic;
 use gltf::json::validation::{Checked, Error, Validate};
 use gltf::json::{Index, Material, Path, Root};
-use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use serde_json::{Number, Value, json};
+use std::collections::HashMap;
 
 /// What a sender can do about a file that breaks the format.
 pub(super) const FIX_FILE: &str = "check the file with a glTF validator and export it again";
@@ -26,11 +27,13 @@ const LISTS: &[(&str, &str)] = &[
     ("camera", "cameras"),
     ("children", "nodes"),
     ("index", "textures"),
+    ("joints", "nodes"),
     ("material", "materials"),
     ("mesh", "meshes"),
     ("nodes", "nodes"),
     ("sampler", "samplers"),
     ("scene", "scenes"),
+    ("skin", "skins"),
     ("source", "images"),
 ];
 
@@ -48,16 +51,23 @@ const TERMS: &[(&str, &str)] = &[
     ("invalid type: map", "invalid type: object"),
 ];
 
+/// By the crate's word at the end of a path within a morph target: the format's.
+const TARGET_MEMBERS: &[(&str, &str)] =
+    &[(".positions", ".POSITION"), (".normals", ".NORMAL"), (".tangents", ".TANGENT")];
+
 /// Parts of the paths of what the import never reads; that is not held against the file.
 const UNREAD: &[&str] = &[
     // Covers `extensionsRequired` too, which is checked where hints are given.
     "extensions",
-    "skin",
+    ".skeleton",
     "occlusionTexture",
-    ".target",
     ".minFilter",
     "<invalid semantic name>",
 ];
+
+/// The end of the path of what else it never reads: what a buffer view is for. Morph targets, whose
+/// paths go on behind the same word, are read.
+const UNREAD_END: &str = "].target";
 
 /// A malformed input, to be mended by exporting the file again.
 pub(super) fn malformed(at: impl Into<String>, what: impl Into<String>) -> SceneError {
@@ -91,11 +101,20 @@ pub(super) struct Document {
     pub root: Root,
     /// By material: whether its `extras.phong` is true.
     pub phong: Vec<bool>,
+    /// The list of animations as it stands, in which the crate knows no channels without a node.
+    pub animations: Value,
+    /// What the crate does not know of morph targets.
+    pub more_targets: MoreTargets,
 }
 
-/// Reads the JSON part. In what it returns, every index of a node, mesh, camera, material,
+/// Attributes of morph targets beside positions, normals and tangents: by mesh and primitive, the
+/// target, the attribute's name and its accessor, which may be out of range.
+pub(super) type MoreTargets = HashMap<(usize, usize), Vec<(usize, &'static str, u64)>>;
+
+/// Reads the JSON part. In what it returns, every index of a node, mesh, camera, skin, material,
 /// texture, accessor or buffer view that the import follows is in range, but for the
-/// `source` of a texture, which may be absent, and for those within extensions.
+/// `source` of a texture, which may be absent, for those within extensions, and for those of
+/// animations and of [`MoreTargets`].
 pub(super) fn read(text: &[u8]) -> Result<Document, SceneError> {
     check_size(text)?;
     let mut json: Value = serde_json::from_slice(text).map_err(|error| {
@@ -111,7 +130,8 @@ pub(super) fn read(text: &[u8]) -> Result<Document, SceneError> {
     let materials = json.get("materials").and_then(Value::as_array).into_iter().flatten();
     let phong = materials.map(|object| object.pointer("/extras/phong") == Some(&json!(true)));
     let phong = phong.collect();
-    adapt(&mut json);
+    let animations = adapt(&mut json);
+    let more_targets = more_targets(&json);
     // Even an empty material is large once typed.
     let materials = length(&json, "materials");
     let most = MAX_PARSED_BYTES / (3 * size_of::<Material>());
@@ -122,20 +142,26 @@ pub(super) fn read(text: &[u8]) -> Result<Document, SceneError> {
             "share materials among meshes",
         ));
     }
+    let root: Root = typed(&json, "")?;
+    validate(&root, &json)?;
+    Ok(Document { root, phong, animations, more_targets })
+}
+
+/// What stands at `at`, typed; `at` is empty for the whole file.
+pub(super) fn typed<T: DeserializeOwned>(json: &Value, at: &str) -> Result<T, SceneError> {
     // Keeping track of the path is slow, so it is done for files that turn out to be wrong.
-    let root = Root::deserialize(&json)
-        .or_else(|_| serde_path_to_error::deserialize(&json))
-        .map_err(|error: serde_path_to_error::Error<serde_json::Error>| {
-            let at = match error.path().to_string() {
-                path if path == "." => "JSON".to_owned(),
-                path => clip(&path),
+    T::deserialize(json).or_else(|_| serde_path_to_error::deserialize(json)).map_err(
+        |error: serde_path_to_error::Error<serde_json::Error>| {
+            let at = match (at, error.path().to_string().as_str()) {
+                ("", ".") => "JSON".to_owned(),
+                (at, ".") => at.to_owned(),
+                (at, path) => clip(&format!("{at}{path}")),
             };
             let what = error.into_inner().to_string();
             let what = TERMS.iter().fold(what, |what, (serde, ours)| what.replace(serde, ours));
             malformed(at, clip(&what))
-        })?;
-    validate(&root, &json)?;
-    Ok(Document { root, phong })
+        },
+    )
 }
 
 /// Refuses what might take too much memory once parsed.
@@ -181,15 +207,12 @@ fn check_version(json: &Value) -> Result<(), SceneError> {
     ))
 }
 
-/// Makes what the format allows, or exporters write, fit the crate's structs.
-fn adapt(json: &mut Value) {
+/// Makes what the format allows, or exporters write, fit the crate's structs. Returns the list of
+/// animations, which is taken out.
+fn adapt(json: &mut Value) -> Value {
     // `nodes` is optional by the format and required by the crate.
     for scene in list(json, "scenes").filter_map(Value::as_object_mut) {
         scene.entry("nodes").or_insert_with(|| json!([]));
-    }
-    // Only their number is of use, and the crate knows no channels without a target node.
-    for animation in list(json, "animations").filter(|animation| animation.is_object()) {
-        *animation = json!({ "channels": [], "samplers": [] });
     }
     // Unused here; validation would copy them for every primitive.
     for accessor in list(json, "accessors").filter_map(Value::as_object_mut) {
@@ -197,6 +220,28 @@ fn adapt(json: &mut Value) {
         accessor.remove("max");
     }
     normalise(json, false);
+    json.as_object_mut().and_then(|root| root.remove("animations")).unwrap_or_default()
+}
+
+/// The attributes of morph targets that the crate does not know.
+fn more_targets(json: &Value) -> MoreTargets {
+    fn items<'a>(value: &'a Value, key: &str) -> impl Iterator<Item = (usize, &'a Value)> {
+        value.get(key).and_then(Value::as_array).into_iter().flatten().enumerate()
+    }
+    let mut found = MoreTargets::new();
+    for (mesh, object) in items(json, "meshes") {
+        for (primitive, object) in items(object, "primitives") {
+            for (target, object) in items(object, "targets") {
+                for name in ["TEXCOORD_0", "TEXCOORD_1", "COLOR_0"] {
+                    if let Some(value) = object.get(name) {
+                        let accessor = value.as_u64().unwrap_or(u64::MAX);
+                        found.entry((mesh, primitive)).or_default().push((target, name, accessor));
+                    }
+                }
+            }
+        }
+    }
+    found
 }
 
 fn list<'a>(json: &'a mut Value, key: &str) -> impl Iterator<Item = &'a mut Value> {
@@ -240,12 +285,18 @@ fn validate(root: &Root, json: &Value) -> Result<(), SceneError> {
                 return;
             }
             let at = path().0.replace("[\"", ".").replace("\"]", "");
-            if !UNREAD.iter().any(|part| at.contains(part)) {
+            let is_unread = at.ends_with(UNREAD_END) || UNREAD.iter().any(|part| at.contains(part));
+            if !is_unread {
                 first = Some((at, error));
             }
         });
     }
-    let Some((at, error)) = first else { return Ok(()) };
+    let Some((mut at, error)) = first else { return Ok(()) };
+    if at.contains("].targets[") {
+        for (ours, theirs) in TARGET_MEMBERS {
+            at = at.replace(ours, theirs);
+        }
+    }
     let pointer = format!("/{}", at.replace(['.', '['], "/").replace(']', ""));
     let value = json.pointer(&pointer).map_or("the value".into(), |value| clip(&value.to_string()));
     let what = match error {

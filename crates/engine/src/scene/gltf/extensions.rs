@@ -35,13 +35,14 @@ const fn extension(name: &'static str, support: Support) -> Extension {
 
 /// All of them, by name. Warnings, refusals and the table of docs/gltf.md are made of it.
 pub const EXTENSIONS: &[Extension] = &[
-    extension(
-        "EXT_mesh_gpu_instancing",
-        Support::Refused("export instances as nodes that share a mesh"),
-    ),
+    extension("EXT_mesh_gpu_instancing", Support::Implemented),
     extension("EXT_meshopt_compression", Support::Implemented),
     extension("EXT_texture_avif", Support::Refused("export textures as PNG, JPEG, WebP or KTX2")),
     extension("EXT_texture_webp", Support::Implemented),
+    extension(
+        "KHR_animation_pointer",
+        Support::Ignored("only what the format itself animates is moved; all else is at rest"),
+    ),
     extension("KHR_draco_mesh_compression", Support::Implemented),
     extension("KHR_lights_punctual", Support::Implemented),
     extension(
@@ -85,6 +86,7 @@ pub const EXTENSIONS: &[Extension] = &[
     extension("KHR_texture_basisu", Support::Implemented),
     extension("KHR_texture_transform", Support::Implemented),
     extension("KHR_xmp_json_ld", Support::Implemented),
+    extension("MSFT_lod", Support::Implemented),
 ];
 
 /// What becomes of the extension of that name; `None` of an unknown one.

@@ -1,29 +1,24 @@
-//! Meshes to world-space triangles: counter-clockwise from the front, shading normals on the
-//! front side, no degenerate triangles.
+//! Meshes to world-space triangles: which vertices a primitive's triangles use, in which shape, and
+//! how often. `placing` gives them their places.
 
 use super::accessor::Accessor;
 use super::attributes::{Primitive, Tables, primitives};
-use super::document::{FIX_FILE, malformed};
-use super::limits::{ImportLimits, MAX_COORDINATE};
+use super::document::{MoreTargets, malformed};
+use super::limits::ImportLimits;
 use super::local::{Local, LocalVertex};
+use super::morph;
 use super::node::Instance;
+use super::placing::{Placement, Placing};
+use super::pose::Pose;
+use super::skin::Bones;
 use super::tangents;
 use super::variants::Variants;
 use super::warnings::Warnings;
-use crate::scene::{Scene, SceneError, TextureSlot, Triangle, Vertex};
-use glam::{DMat3, DVec3, Vec2, Vec3, Vec4};
+use crate::scene::{Scene, SceneError, TextureSlot};
+use glam::{DMat4, Vec2, Vec3, Vec4};
 use gltf::json::Root;
 use gltf::json::accessor::Type;
 use std::collections::HashMap;
-
-/// A triangle whose area is below this, in square metres, is degenerate.
-const MIN_AREA: f64 = 1e-16;
-/// A triangle whose area is below this share of its longest side's square is degenerate: its
-/// height is lost in the rounding of its corners.
-const MIN_AREA_RATIO: f64 = 1e-9;
-
-/// Least cosine between a shading normal and its triangle's own.
-const MIN_NORMAL_COSINE: f32 = 1e-3;
 
 /// Meshes of a file, and where they stand.
 pub(super) struct Geometry<'a> {
@@ -33,8 +28,26 @@ pub(super) struct Geometry<'a> {
     pub accessors: &'a [Accessor<'a>],
     /// Where meshes stand.
     pub instances: &'a [Instance],
+    /// By skin, what takes vertices to the world.
+    pub skins: &'a [Vec<DMat4>],
+    /// What an animation moves.
+    pub pose: &'a Pose,
+    /// What the crate does not know of morph targets.
+    pub more_targets: &'a MoreTargets,
     /// Which materials primitives get.
     pub variants: &'a Variants,
+}
+
+/// An instance with the weights of its mesh's morph targets.
+#[derive(Clone, Copy)]
+struct Shown<'a> {
+    instance: &'a Instance,
+    weights: &'a [f32],
+}
+
+/// Instances one after another that have the same shape.
+fn runs<'s, 'a>(shown: &'s [Shown<'a>]) -> impl Iterator<Item = &'s [Shown<'a>]> {
+    shown.chunk_by(|one, other| one.weights == other.weights)
 }
 
 impl Geometry<'_> {
@@ -45,7 +58,8 @@ impl Geometry<'_> {
         scene: &mut Scene,
         warnings: &mut Warnings,
     ) -> Result<(), SceneError> {
-        let tables = Tables { accessors: self.accessors, variants: self.variants };
+        let (accessors, variants) = (self.accessors, self.variants);
+        let tables = Tables { accessors, variants, more_targets: self.more_targets };
         let meshes = self
             .root
             .meshes
@@ -54,13 +68,15 @@ impl Geometry<'_> {
             .map(|(index, mesh)| primitives(mesh, index, tables, warnings))
             .collect::<Result<Vec<_>, _>>()?;
         self.check_size(&meshes, limits)?;
-        let mut by_mesh: Vec<Vec<&Instance>> = meshes.iter().map(|_| Vec::new()).collect();
-        for instance in self.instances {
-            by_mesh[instance.mesh].push(instance);
+        let weights = morph::weights(self.root, self.pose, self.instances)?;
+        let mut by_mesh: Vec<Vec<Shown<'_>>> = meshes.iter().map(|_| Vec::new()).collect();
+        for (instance, weights) in self.instances.iter().zip(weights) {
+            by_mesh[instance.mesh].push(Shown { instance, weights });
         }
+        self.check_displacements(&meshes, &by_mesh)?;
         let mut default_material = None;
-        for (primitives, instances) in meshes.iter().zip(by_mesh) {
-            if instances.is_empty() {
+        for (primitives, shown) in meshes.iter().zip(by_mesh) {
+            if shown.is_empty() {
                 continue;
             }
             for primitive in primitives.iter().filter(|primitive| primitive.triangles > 0) {
@@ -70,37 +86,98 @@ impl Geometry<'_> {
                         scene.materials.len() - 1
                     })
                 });
-                let mut local = read(primitive, self.accessors, material as u32)?;
+                let local = read(primitive, self.accessors, material as u32)?;
                 warn_of_missing_uv(primitive, scene, material, warnings);
-                if let Some(map) = &scene.materials[material].normal_map {
-                    let slot = map.slot;
-                    self.add_tangents(primitive, &slot, &mut local, warnings);
-                }
-                emit_all(primitive, &local, &instances, scene, warnings)?;
+                self.show(primitive, local, &shown, (&mut *scene, &mut *warnings))?;
             }
         }
         Ok(())
     }
 
-    /// Gives the vertices of a primitive with a normal map their tangents: the file's, or else
-    /// computed ones. Without either, the map has no effect.
+    /// Adds a primitive wherever its mesh is shown.
+    fn show(
+        &self,
+        primitive: &Primitive,
+        mut local: Local,
+        shown: &[Shown<'_>],
+        (scene, warnings): (&mut Scene, &mut Warnings),
+    ) -> Result<(), SceneError> {
+        let normal_map = scene.materials[local.material as usize].normal_map;
+        let slot = normal_map.map(|map| map.slot);
+        let has_normals = local.has_normals;
+        let mut placing = Placing::new(scene);
+        let mut rest = shown.len();
+        let mut said = Warnings::default();
+        for run in runs(shown) {
+            rest -= run.len();
+            // The last run needs no copy.
+            let mut shape = if rest > 0 { local.clone() } else { std::mem::take(&mut local) };
+            let (weights, targets) = (run[0].weights, &primitive.targets);
+            morph::displace(&mut shape, targets, weights, self.accessors)?;
+            if let Some(slot) = &slot {
+                let mut own = Warnings::default();
+                if self.add_tangents(primitive, slot, &mut shape, &mut own) {
+                    morph::displace_tangents(&mut shape, targets, weights, self.accessors)?;
+                }
+                // What is wrong with tangents is said once.
+                said = said.or(own);
+            }
+            for Shown { instance, .. } in run {
+                self.place(primitive, &shape, instance, &mut placing)?;
+            }
+        }
+        warnings.append(said);
+        if primitive.influences.is_empty() && shown.iter().any(|s| s.instance.skin.is_some()) {
+            let what = "has no joints (JOINTS_0), though a node shows it with a skin; it stays at the node";
+            warnings.push(format!("{}.attributes", primitive.at), what);
+        }
+        placing.warn(&primitive.at, has_normals, warnings);
+        Ok(())
+    }
+
+    /// Adds an instance of a primitive in its shape, with all its copies.
+    fn place(
+        &self,
+        primitive: &Primitive,
+        shape: &Local,
+        instance: &Instance,
+        placing: &mut Placing<'_>,
+    ) -> Result<(), SceneError> {
+        let node = instance.node;
+        if let Some(skin) = instance.skin.filter(|_| !primitive.influences.is_empty()) {
+            let (sets, accessors) = (&primitive.influences[..], self.accessors);
+            let bones = Bones { matrices: &self.skins[skin], sets, accessors };
+            return placing.add(shape, &Placement::Skinned(bones), node);
+        }
+        let Some(copies) = &instance.copies else {
+            return placing.add(shape, &Placement::Rigid(instance.to_world), node);
+        };
+        for copy in 0..copies.count {
+            let to_world = instance.to_world * copies.matrix(copy, self.accessors)?;
+            placing.add(shape, &Placement::Rigid(to_world), node)?;
+        }
+        Ok(())
+    }
+
+    /// Gives the vertices of a primitive with a normal map their tangents: the file's, which is
+    /// what it returns, or else computed ones. Without either, the map has no effect.
     fn add_tangents(
         &self,
         primitive: &Primitive,
         slot: &TextureSlot,
         local: &mut Local,
         warnings: &mut Warnings,
-    ) {
+    ) -> bool {
         if primitive.uv[slot.uv_set as usize].is_none() {
             let at = format!("{}.attributes.TEXCOORD_{}", primitive.at, slot.uv_set);
             warnings.push(at, "is missing, so the material's normal map has no effect");
-            return;
+            return false;
         }
         // Without normals, the format says, tangents are to be computed with them.
         let given = primitive.tangent.filter(|_| primitive.normal.is_some());
         if let Some(accessor) = given.map(|index| &self.accessors[index]) {
             if tangents::read(accessor, local) {
-                return;
+                return true;
             }
             warnings.push(
                 format!("{}.attributes.TANGENT", primitive.at),
@@ -111,6 +188,39 @@ impl Geometry<'_> {
             let what = "has too many triangles at one vertex to compute tangents; the material's normal map has no effect";
             warnings.push(&primitive.at, what);
         }
+        false
+    }
+
+    /// Refuses more displacements by morph targets than are allowed.
+    fn check_displacements(
+        &self,
+        meshes: &[Vec<Primitive>],
+        shown: &[Vec<Shown<'_>>],
+    ) -> Result<(), SceneError> {
+        let mut total: u64 = 0;
+        for (primitives, shown) in meshes.iter().zip(shown) {
+            // No more vertices are read than triangles have corners.
+            let vertices = |primitive: &Primitive| {
+                let there = self.accessors[primitive.position].count as u64;
+                there.min(3 * primitive.triangles as u64)
+            };
+            let vertices: u64 = primitives.iter().map(vertices).sum();
+            for run in runs(shown) {
+                let targets = morph::active_count(run[0].weights);
+                total = total.saturating_add(vertices.saturating_mul(targets));
+            }
+        }
+        if total <= morph::MAX_DISPLACEMENTS {
+            return Ok(());
+        }
+        Err(SceneError::too_large(
+            "meshes",
+            format!(
+                "morph targets displace {total} vertices, counted once for each target with a weight; {} are allowed",
+                morph::MAX_DISPLACEMENTS
+            ),
+            "simplify the meshes, or give fewer morph targets a weight",
+        ))
     }
 
     /// Refuses more triangles than are allowed.
@@ -123,8 +233,9 @@ impl Geometry<'_> {
         let triangles: Vec<u64> =
             meshes.iter().map(|mesh| mesh.iter().map(|p| p.triangles as u64).sum()).collect();
         let instances = self.instances.iter();
-        let total: u64 =
-            instances.fold(0, |sum, instance| sum.saturating_add(triangles[instance.mesh]));
+        let total: u64 = instances.fold(0, |sum, instance| {
+            sum.saturating_add(triangles[instance.mesh].saturating_mul(instance.count()))
+        });
         let most = (limits.max_triangles as u64).min(u64::from(u32::MAX) / 3);
         if total > most {
             return Err(SceneError::too_large(
@@ -255,106 +366,4 @@ fn vertex(
     let (color, alpha) = (color.truncate(), color.w);
     let position = position.as_dvec3();
     Ok(LocalVertex { position, normal, uv, color, alpha, tangent: Vec4::ZERO })
-}
-
-/// Adds a primitive's instances.
-fn emit_all(
-    primitive: &Primitive,
-    local: &Local,
-    instances: &[&Instance],
-    scene: &mut Scene,
-    warnings: &mut Warnings,
-) -> Result<(), SceneError> {
-    let (mut dropped, mut turned) = (0, 0);
-    for instance in instances {
-        let counts = emit(local, instance, scene)?;
-        dropped += counts.0;
-        turned += counts.1;
-    }
-    if dropped > 0 {
-        warnings.push(&primitive.at, format!("{dropped} triangles without area are left out"));
-    }
-    if turned > 0 && local.has_normals {
-        warnings.push(
-            format!("{}.attributes.NORMAL", primitive.at),
-            format!(
-                "{turned} corners have no usable normal on the front side that the winding gives; the flat normal is used there"
-            ),
-        );
-    }
-    Ok(())
-}
-
-/// Adds one instance; returns how many triangles were dropped and how many corners got the flat
-/// normal though the file has another.
-fn emit(
-    local: &Local,
-    instance: &Instance,
-    scene: &mut Scene,
-) -> Result<(usize, usize), SceneError> {
-    let linear = DMat3::from_mat4(instance.to_world);
-    // Normals are covectors. A singular transform has no inverse; its surfaces are flat.
-    let normal_to_world = Some(linear.inverse().transpose())
-        .filter(|matrix| matrix.is_finite() && linear.determinant() != 0.0);
-    let mirrored = linear.determinant() < 0.0;
-    let handedness = if mirrored { -1.0 } else { 1.0 };
-    let mut world = Vec::with_capacity(local.vertices.len());
-    for vertex in &local.vertices {
-        let position = instance.to_world.transform_point3(vertex.position);
-        if !position.is_finite() || position.abs().max_element() > MAX_COORDINATE {
-            return Err(SceneError::malformed(
-                format!("nodes[{}]", instance.node),
-                format!("places a vertex at {position}, beyond {MAX_COORDINATE:e} m"),
-                FIX_FILE,
-            ));
-        }
-        let normal = normal_to_world
-            .map_or(DVec3::ZERO, |matrix| (matrix * vertex.normal.as_dvec3()).normalize_or_zero());
-        let tangent = linear * vertex.tangent.truncate().as_dvec3();
-        let tangent = tangent
-            .try_normalize()
-            .map_or(Vec4::ZERO, |tangent| tangent.as_vec3().extend(handedness * vertex.tangent.w));
-        world.push((position.as_vec3(), normal.as_vec3(), tangent));
-    }
-    let mut shared: Vec<Option<u32>> = vec![None; local.vertices.len()];
-    let (mut dropped, mut turned) = (0, 0);
-    for corners in &local.triangles {
-        let mut corners = *corners;
-        if mirrored {
-            corners.swap(1, 2);
-        }
-        let positions = corners.map(|corner| world[corner as usize].0);
-        let Some(flat) = geometric_normal(positions) else {
-            dropped += 1;
-            continue;
-        };
-        let vertices = corners.map(|corner| {
-            let (position, normal, tangent) = world[corner as usize];
-            let &LocalVertex { uv, color, alpha, .. } = &local.vertices[corner as usize];
-            let mut push = |normal| {
-                let index = scene.vertices.len() as u32;
-                let tangent = tangents::across(normal, tangent);
-                scene.vertices.push(Vertex { position, normal, uv, color, alpha, tangent });
-                index
-            };
-            // Also false for a NaN or zero normal.
-            if normal.dot(flat) > MIN_NORMAL_COSINE {
-                return *shared[corner as usize].get_or_insert_with(|| push(normal));
-            }
-            turned += 1;
-            push(flat)
-        });
-        scene.triangles.push(Triangle { vertices, material: local.material });
-    }
-    Ok((dropped, turned))
-}
-
-/// Unit normal of a triangle by its winding; `None` where it has no usable area.
-fn geometric_normal(positions: [Vec3; 3]) -> Option<Vec3> {
-    let [a, b, c] = positions.map(Vec3::as_dvec3);
-    let cross = (b - a).cross(c - a);
-    let area = 0.5 * cross.length();
-    let longest =
-        (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
-    (area > MIN_AREA.max(MIN_AREA_RATIO * longest)).then(|| cross.normalize().as_vec3())
 }

@@ -1,5 +1,6 @@
 //! What an import is given beside the file, and the bounds that it keeps.
 
+use super::choice::Choice;
 use std::collections::BTreeMap;
 
 /// Bounds on what an upload may contain; exceeding one is a [`crate::scene::SceneError`] with `too_large`.
@@ -42,6 +43,13 @@ pub struct ImportOptions {
     /// Name of the variant whose materials are shown (KHR_materials_variants); `None` for those
     /// that the file shows without one.
     pub variant: Option<String>,
+    /// The scene of the file that is shown; `None` for its default one, or else its first.
+    pub scene: Option<Choice>,
+    /// The animation that moves it; `None` for the file at rest.
+    pub animation: Option<Choice>,
+    /// The moment of the animation, seconds; finite and not negative. Before the first key of a
+    /// property its first value holds, after the last one its last.
+    pub time: f64,
 }
 
 /// Files that came with a `.gltf`, by the relative URI that it names them with.

@@ -4,6 +4,7 @@ use crate::radiometry::Rgb;
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
 /// A primitive's vertices in mesh space; only those that triangles use.
+#[derive(Clone, Default)]
 pub(super) struct Local {
     /// The vertices.
     pub vertices: Vec<LocalVertex>,

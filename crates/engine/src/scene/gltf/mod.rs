@@ -3,19 +3,23 @@
 //!
 //! The way of the bytes: `container` (chunks, buffers, URIs; `meshopt` decompresses buffer views) →
 //! `document` (the JSON part, typed and validated) → `draco` (decompresses primitives) → `accessor`
-//! (typed reads) → `node` and `lights` (what stands where),
-//! `material`, `textures`, `picture` and `ktx2` (surfaces) → `attributes`, `tangents` and `geometry`
-//! (world-space triangles). `extensions` lists what is known beyond the format's core.
+//! (typed reads) → `animation` and `pose` (what an animation moves) → `node`, `instancing` and
+//! `lights` (what stands where), `material`, `textures`, `picture` and `ktx2` (surfaces) →
+//! `attributes`, `morph`, `tangents` and `geometry` (shapes) → `skin` and `placing` (world-space
+//! triangles). `extensions` lists what is known beyond the format's core.
 
 mod accessor;
+mod animation;
 mod attributes;
 mod baked;
+mod choice;
 mod container;
 mod document;
 mod draco;
 mod extensions;
 mod factors;
 mod geometry;
+mod instancing;
 mod ktx2;
 mod lights;
 mod limits;
@@ -23,8 +27,12 @@ mod local;
 mod material;
 mod material_extensions;
 mod meshopt;
+mod morph;
 mod node;
 mod picture;
+mod placing;
+mod pose;
+mod skin;
 mod tangents;
 #[cfg(test)]
 mod tests;
@@ -33,6 +41,7 @@ mod variants;
 mod warnings;
 
 pub use baked::BakedMesh;
+pub use choice::Choice;
 pub use extensions::{EXTENSIONS, Extension, Support, extensions_as_markdown};
 pub use limits::{ImportLimits, ImportOptions, Resources};
 
@@ -52,13 +61,13 @@ pub fn import(
     resources: &Resources,
     limits: &ImportLimits,
 ) -> Result<Scene, SceneError> {
-    import_with(bytes, resources, &ImportOptions { limits: *limits, variant: None })
+    import_with(bytes, resources, &ImportOptions { limits: *limits, ..ImportOptions::default() })
 }
 
 /// As [`import`], with everything that can be asked for.
 ///
 /// # Errors
-/// As [`import`], and where the file has no variant of the name asked for.
+/// As [`import`], and where the file has no variant, scene or animation of the name asked for.
 pub fn import_with(
     bytes: &[u8],
     resources: &Resources,
@@ -67,13 +76,20 @@ pub fn import_with(
     let mut warnings = Warnings::default();
     let (json, binary) = container::open(bytes, &mut warnings)?;
     let mut document = document::read(&json)?;
+    let animations = std::mem::take(&mut document.animations);
     extensions::check(&document.root, &mut warnings)?;
     let mut buffers = container::Buffers::new(&document.root, binary, resources, &options.limits)?;
     let made = draco::decompress(&mut document.root, &mut buffers, &options.limits, &mut warnings)?;
     let root = &document.root;
     let variants = variants::Variants::new(root, options.variant.as_deref())?;
     let accessors = accessor::accessors(root, &buffers, &made)?;
-    let placed = node::place(root, &mut warnings)?;
+    let animations = animation::read(animations, root)?;
+    let posed = pose::Posed { root, accessors: &accessors, animations: &animations };
+    let pose = posed.chosen(options.animation.as_ref(), options.time, &mut warnings)?;
+    let scene = options.scene.as_ref();
+    let graph = node::Graph { root, accessors: &accessors, pose: &pose, scene };
+    let placed = node::place(graph, &mut warnings)?;
+    let skins = skin::matrices(root, &accessors, &placed.worlds, &placed.instances)?;
 
     let mut images = picture::Images::new(root, &buffers, resources, &options.limits);
     let materials = material::materials(&document, &mut images, &mut warnings)?;
@@ -83,15 +99,17 @@ pub fn import_with(
         root,
         accessors: &accessors,
         instances: &placed.instances,
+        skins: &skins,
+        pose: &pose,
+        more_targets: &document.more_targets,
         variants: &variants,
     };
     geometry.build(&options.limits, &mut scene, &mut warnings)?;
     close_holes(&mut scene, &images);
     scene.textures = images.textures;
     scene.variants = variants::Variants::names(root);
-    if !root.animations.is_empty() {
-        warnings.push("animations", "are ignored; everything is shown at rest");
-    }
+    scene.animations = animation::names(&animations, &accessors);
+    scene.scenes = root.scenes.iter().map(|scene| scene.name.clone()).collect();
     if scene.triangles.is_empty() {
         warnings.push("meshes", "there is no triangle to be seen");
     }

@@ -1,8 +1,12 @@
 //! The node graph: which meshes, lights and cameras stand where.
 
+use super::accessor::Accessor;
+use super::choice::Choice;
 use super::document::{self, malformed, valid};
+use super::instancing::Copies;
 use super::lights;
 use super::limits::MAX_COORDINATE;
+use super::pose::{NodePose, Pose};
 use super::warnings::Warnings;
 use crate::scene::{Camera, Projection, PunctualLight, SceneError};
 use glam::{DMat4, DQuat, DVec3, DVec4, Mat4};
@@ -21,8 +25,19 @@ pub(super) struct Instance {
     pub node: usize,
     /// Its mesh.
     pub mesh: usize,
-    /// Mesh to world.
+    /// Mesh to world; of no use to what has joints.
     pub to_world: DMat4,
+    /// Its skin.
+    pub skin: Option<usize>,
+    /// Where it stands about its node, if it stands there more than once.
+    pub copies: Option<Copies>,
+}
+
+impl Instance {
+    /// How often its mesh is shown.
+    pub fn count(&self) -> u64 {
+        self.copies.as_ref().map_or(1, |copies| copies.count as u64)
+    }
 }
 
 /// What the chosen scene shows.
@@ -33,10 +48,26 @@ pub(super) struct Placed {
     pub lights: Vec<PunctualLight>,
     /// Cameras, in node order.
     pub cameras: Vec<Camera>,
+    /// By node, what takes it to the world.
+    pub worlds: Vec<DMat4>,
+}
+
+/// What the nodes are read with.
+#[derive(Clone, Copy)]
+pub(super) struct Graph<'a> {
+    /// The file.
+    pub root: &'a Root,
+    /// Its accessors.
+    pub accessors: &'a [Accessor<'a>],
+    /// What an animation moves.
+    pub pose: &'a Pose,
+    /// The scene that is shown; `None` for the file's default one.
+    pub scene: Option<&'a Choice>,
 }
 
 /// Reads the node graph and walks the chosen scene.
-pub(super) fn place(root: &Root, warnings: &mut Warnings) -> Result<Placed, SceneError> {
+pub(super) fn place(graph: Graph<'_>, warnings: &mut Warnings) -> Result<Placed, SceneError> {
+    let root = graph.root;
     let projections = root
         .cameras
         .iter()
@@ -51,16 +82,15 @@ pub(super) fn place(root: &Root, warnings: &mut Warnings) -> Result<Placed, Scen
         .iter()
         .enumerate()
         .map(|(index, node)| {
-            let at = format!("nodes[{index}]");
-            warn_of_ignored(node, &at, warnings);
-            local_matrix(node, &at, warnings)
+            local_matrix(node, graph.pose.of(index), &format!("nodes[{index}]"), warnings)
         })
         .collect::<Result<Vec<_>, _>>()?;
-    check_forest(nodes)?;
-    let (roots, at) = roots(root, warnings);
+    let worlds = worlds(nodes, &matrices)?;
+    let (roots, at) = roots(root, graph.scene, warnings)?;
 
     let mut seen = vec![false; nodes.len()];
-    let mut placed = Placed { instances: Vec::new(), lights: Vec::new(), cameras: Vec::new() };
+    let mut placed =
+        Placed { instances: Vec::new(), lights: Vec::new(), cameras: Vec::new(), worlds };
     let (mut camera_nodes, mut light_nodes) = (Vec::new(), Vec::new());
     let mut stack: Vec<_> = roots.into_iter().rev().map(|node| (node, DMat4::IDENTITY)).collect();
     while let Some((index, parent)) = stack.pop() {
@@ -69,8 +99,10 @@ pub(super) fn place(root: &Root, warnings: &mut Warnings) -> Result<Placed, Scen
         }
         let node = &nodes[index];
         let to_world = parent * matrices[index];
+        placed.worlds[index] = to_world;
         if let Some(mesh) = node.mesh {
-            placed.instances.push(Instance { node: index, mesh: mesh.value(), to_world });
+            let mesh = mesh.value();
+            placed.instances.push(instance(graph, (index, mesh), to_world, warnings)?);
         }
         if let Some(camera) = node.camera {
             camera_nodes.push((index, camera.value(), to_world));
@@ -86,6 +118,22 @@ pub(super) fn place(root: &Root, warnings: &mut Warnings) -> Result<Placed, Scen
     placed.lights = lights::placed(root, &lights, light_nodes, warnings)?;
     placed.cameras = cameras(root, &projections, camera_nodes, warnings);
     Ok(placed)
+}
+
+/// The mesh of a node.
+fn instance(
+    Graph { root, accessors, .. }: Graph<'_>,
+    (node, mesh): (usize, usize),
+    to_world: DMat4,
+    warnings: &mut Warnings,
+) -> Result<Instance, SceneError> {
+    let skin = root.nodes[node].skin.map(|skin| skin.value());
+    let mut copies = Copies::of_node(root, node, accessors, warnings)?;
+    if skin.is_some() && copies.take().is_some() {
+        let what = "instances of a mesh with a skin are ignored; it is shown once";
+        warnings.push(format!("nodes[{node}].extensions.EXT_mesh_gpu_instancing"), what);
+    }
+    Ok(Instance { node, mesh, to_world, skin, copies })
 }
 
 /// The cameras of `nodes`: the node's index, the camera's, and the transform to the world.
@@ -130,40 +178,51 @@ fn children(node: &json::Node) -> impl DoubleEndedIterator<Item = usize> {
 }
 
 /// The nodes that the shown scene begins with, and where the file says so.
-fn roots(root: &Root, warnings: &mut Warnings) -> (Vec<usize>, String) {
-    let shown = root.scene.map_or(0, |scene| scene.value());
+fn roots(
+    root: &Root,
+    chosen: Option<&Choice>,
+    warnings: &mut Warnings,
+) -> Result<(Vec<usize>, String), SceneError> {
+    let names: Vec<_> = root.scenes.iter().map(|scene| scene.name.as_deref()).collect();
+    let chosen = chosen.map(|choice| choice.find("scenes", "scene", &names)).transpose()?;
+    let shown = chosen.unwrap_or_else(|| root.scene.map_or(0, |scene| scene.value()));
     if let Some(scene) = root.scenes.get(shown) {
-        let count = root.scenes.len();
-        if count > 1 {
-            let what = format!("only scene {shown} of {count} is shown; `scene` chooses");
+        let count = names.len();
+        if count > 1 && chosen.is_none() {
+            let what = format!(
+                "only scene {shown} of {count} is shown; `gltf_scene` of a job and `--scene` of the command line choose another by its name or index"
+            );
             warnings.push("scenes", what);
         }
         let nodes = scene.nodes.iter().map(Index::value).collect();
-        return (nodes, format!("scenes[{shown}].nodes"));
+        return Ok((nodes, format!("scenes[{shown}].nodes")));
     }
     warnings.push("scenes", "the file has no scene; all root nodes are shown");
-    let mut is_child = vec![false; root.nodes.len()];
-    for child in root.nodes.iter().flat_map(children) {
-        is_child[child] = true;
+    let mut is_shown = vec![true; root.nodes.len()];
+    for node in &root.nodes {
+        for other in children(node).chain(coarser(node)) {
+            if let Some(is_shown) = is_shown.get_mut(other) {
+                *is_shown = false;
+            }
+        }
     }
-    ((0..root.nodes.len()).filter(|node| !is_child[*node]).collect(), "scenes".into())
+    Ok(((0..root.nodes.len()).filter(|node| is_shown[*node]).collect(), "scenes".into()))
 }
 
-fn warn_of_ignored(node: &json::Node, at: &str, warnings: &mut Warnings) {
-    if node.skin.is_some() {
-        let what = "skinning is ignored; the mesh is shown as bound";
-        warnings.push(format!("{at}.skin"), what);
-    }
-    let Some(extensions) = &node.extensions else { return };
-    if extensions.others.contains_key("EXT_mesh_gpu_instancing") {
-        warnings.push(
-            format!("{at}.extensions.EXT_mesh_gpu_instancing"),
-            "instancing is ignored; the mesh is shown once, at the node itself",
-        );
-    }
+/// The nodes that show the same with less detail (MSFT_lod); those that are in no scene anyway need
+/// no care.
+fn coarser(node: &json::Node) -> impl Iterator<Item = usize> {
+    let extension = node.extensions.as_ref().and_then(|all| all.others.get("MSFT_lod"));
+    let ids = extension.and_then(|extension| extension.get("ids")?.as_array());
+    ids.into_iter().flatten().filter_map(|id| usize::try_from(id.as_u64()?).ok())
 }
 
-fn local_matrix(node: &json::Node, at: &str, warnings: &mut Warnings) -> Result<DMat4, SceneError> {
+fn local_matrix(
+    node: &json::Node,
+    pose: Option<&NodePose>,
+    at: &str,
+    warnings: &mut Warnings,
+) -> Result<DMat4, SceneError> {
     if let Some(numbers) = node.matrix {
         let matrix = DMat4::from_cols_array(&numbers.map(f64::from));
         if !matrix.row(3).abs_diff_eq(DVec4::W, 1e-4) {
@@ -174,27 +233,37 @@ fn local_matrix(node: &json::Node, at: &str, warnings: &mut Warnings) -> Result<
         }
         return Ok(matrix);
     }
-    let translation = node.translation.unwrap_or([0.0; 3]).map(f64::from);
-    let scale = node.scale.unwrap_or([1.0; 3]).map(f64::from);
+    let translation = DVec3::from_array(node.translation.unwrap_or([0.0; 3]).map(f64::from));
+    let scale = DVec3::from_array(node.scale.unwrap_or([1.0; 3]).map(f64::from));
+    let rotation = rotation(node, at, warnings)?;
+    let (translation, rotation, scale) = match pose {
+        None => (translation, rotation, scale),
+        Some(pose) => (
+            pose.translation.unwrap_or(translation),
+            pose.rotation.unwrap_or(rotation),
+            pose.scale.unwrap_or(scale),
+        ),
+    };
+    Ok(DMat4::from_scale_rotation_translation(scale, rotation, translation))
+}
+
+fn rotation(node: &json::Node, at: &str, warnings: &mut Warnings) -> Result<DQuat, SceneError> {
     let rotation = DQuat::from_array(node.rotation.unwrap_or_default().0.map(f64::from));
     let length = rotation.length();
-    let rotation_at = || format!("{at}.rotation");
+    let at = || format!("{at}.rotation");
     if !(length.is_finite() && length > 1e-6) {
-        return Err(malformed(rotation_at(), "is not a rotation: its length is 0 or not finite"));
+        return Err(malformed(at(), "is not a rotation: its length is 0 or not finite"));
     }
     if (length - 1.0).abs() > 1e-2 {
         let what = format!("the quaternion has length {length:.3}; it is normalised");
-        warnings.push(rotation_at(), what);
+        warnings.push(at(), what);
     }
-    Ok(DMat4::from_scale_rotation_translation(
-        DVec3::from_array(scale),
-        rotation / length,
-        DVec3::from_array(translation),
-    ))
+    Ok(rotation / length)
 }
 
-/// Refuses nodes with two parents, cycles and chains beyond [`MAX_NODE_DEPTH`], shown or not.
-fn check_forest(nodes: &[json::Node]) -> Result<(), SceneError> {
+/// What takes each node to the world, shown or not: joints need not be in the shown scene. Refuses
+/// nodes with two parents, cycles and chains beyond [`MAX_NODE_DEPTH`].
+fn worlds(nodes: &[json::Node], matrices: &[DMat4]) -> Result<Vec<DMat4>, SceneError> {
     let mut parents = vec![None; nodes.len()];
     for (index, node) in nodes.iter().enumerate() {
         for (place, child) in children(node).enumerate() {
@@ -207,6 +276,7 @@ fn check_forest(nodes: &[json::Node]) -> Result<(), SceneError> {
         }
     }
     // With one parent at most, what is not below a root is on or below a cycle.
+    let mut worlds = matrices.to_vec();
     let mut depth: Vec<usize> = vec![0; nodes.len()];
     let mut stack: Vec<_> = (0..nodes.len()).filter(|node| parents[*node].is_none()).collect();
     for root in &stack {
@@ -222,11 +292,12 @@ fn check_forest(nodes: &[json::Node]) -> Result<(), SceneError> {
         }
         for child in children(&nodes[index]) {
             depth[child] = depth[index] + 1;
+            worlds[child] = worlds[index] * matrices[child];
             stack.push(child);
         }
     }
     match depth.iter().position(|depth| *depth == 0) {
-        None => Ok(()),
+        None => Ok(worlds),
         Some(index) => Err(malformed(
             format!("nodes[{index}]"),
             "the node is its own ancestor, or below one that is",

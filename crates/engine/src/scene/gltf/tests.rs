@@ -1,6 +1,8 @@
 //! Imports of whole files.
 
+mod broken_motion;
 mod compressed;
+mod motion;
 mod surfaces;
 
 use super::warnings::MAX_WARNINGS;
@@ -457,7 +459,7 @@ fn what_the_format_allows_and_the_crate_does_not_is_taken() {
     let scene = file.import();
     assert_eq!(scene.triangles.len(), 2);
     let at: Vec<_> = scene.warnings.iter().map(|warning| warning.at.as_str()).collect();
-    assert_eq!(at, ["scenes", "animations"]);
+    assert_eq!(at, ["animations", "scenes"]);
     file.root["scene"] = json!(1);
     assert!(file.import().triangles.is_empty());
 }

@@ -22,6 +22,19 @@ impl Warnings {
         }
     }
 
+    /// These, or where there are none, the others.
+    pub fn or(self, others: Self) -> Self {
+        if self.list.is_empty() { others } else { self }
+    }
+
+    /// Adds those of a part of the import.
+    pub fn append(&mut self, part: Self) {
+        for Warning { at, what } in part.list {
+            self.push(at, what);
+        }
+        self.left_out += part.left_out;
+    }
+
     /// All of them.
     pub fn finish(mut self) -> Vec<Warning> {
         if self.left_out > 0 {
