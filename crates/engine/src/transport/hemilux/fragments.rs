@@ -7,7 +7,7 @@ use super::places::FragmentPlaces;
 use crate::hemicube::item;
 use crate::measurement::{Frame, View};
 use crate::patches::{FacetIndex, FacetPlace, PatchedScene};
-use crate::radiometry::Rgb;
+use crate::radiometry::{Rgb, importance};
 use crate::raster::PixelPlane;
 use crate::rays::{Spot, inset, unit_normal};
 use crate::scene::Camera;
@@ -44,6 +44,8 @@ pub struct Fragment {
     pub code: u32,
     /// Samples that see that side of that facet, a bit each.
     pub mask: u64,
+    /// The same with those that see other facets of it in the same plane.
+    in_plane: u64,
     /// Share of the pixel's samples.
     pub share: f32,
     /// Mean place, ray units, off the surface by the rounding error.
@@ -58,6 +60,23 @@ pub struct Fragment {
     pub lobe_factor: Rgb,
     /// Whether it reflects a lobe.
     pub glossy: bool,
+}
+
+/// How far beside a facet places of its plane are found by its barycentric coordinates; farther away
+/// rounding would take them off the plane.
+const BESIDE_FACET: f32 = 2.0;
+/// Cosine between the normals of facets in one plane, at least.
+const IN_PLANE_COSINE: f32 = 1.0 - 1e-6;
+/// Distance from each other's planes, in pixels, of facets in one plane, at most.
+const IN_PLANE_PIXELS: f32 = 1e-3;
+/// Steps of well-spread points of the square (Roberts 2018).
+const SQUARE_STEP: Vec2 = Vec2::new(0.754_877_7, 0.569_840_3);
+
+impl Fragment {
+    /// How much of its pixel's radiance its irradiance makes, but for the factor 1/π.
+    pub fn weight(&self) -> f32 {
+        self.share * importance(self.diffuse)
+    }
 }
 
 /// The lobe of a fragment that is glossy.
@@ -191,11 +210,21 @@ impl VisibleSurfaces {
         visible
     }
 
-    /// The surface point of a fragment's n-th sample, off the surface by the rounding error.
+    /// A surface point of a fragment, off the surface by the rounding error: that of its n-th sample,
+    /// or near it where all had their turn.
     pub fn sample_point(&self, fragment: &Fragment, n: u32) -> Vec3 {
-        let offset = self.sample(fragment.mask, n);
+        let mut offset = self.sample(fragment.in_plane, n);
+        let round = n / fragment.in_plane.count_ones().max(1);
+        if round > 0 {
+            // Elsewhere in the samples' squares: a shadow's edge may be finer than those.
+            let side = (self.samples.len() as f32).sqrt().recip();
+            offset += ((SQUARE_STEP * round as f32).fract() - 0.5) * side;
+        }
         let Some((facet, back)) = item::decode(fragment.code) else { return fragment.point };
-        let at = self.barycentric(facet, fragment.pixel, offset);
+        let at = match fragment.in_plane == fragment.mask {
+            true => self.barycentric(facet, fragment.pixel, offset),
+            false => self.in_plane_of(facet, fragment.pixel, offset),
+        };
         self.spot(facet, back, at).0
     }
 
@@ -326,23 +355,35 @@ impl VisibleSurfaces {
         self.samples[mask.trailing_zeros().min(self.samples.len() as u32 - 1) as usize]
     }
 
+    /// Barycentric coordinates in a facet of a place in a pixel, drawn into the facet.
     fn barycentric(&self, facet: u32, pixel: u32, offset: Vec2) -> Vec2 {
-        let column = (pixel % self.width) as f32 + offset.x;
-        let row = (pixel / self.width) as f32 + offset.y;
-        let placed = &self.placed[facet as usize];
-        let [a, b, c] = placed
-            .planes
-            .map(|plane| plane.constant + plane.per_column * column + plane.per_row * row);
-        let sum = a + b + c;
-        let u = (b / sum).clamp(0.0, 1.0);
-        let v = (c / sum).clamp(0.0, 1.0 - u);
-        // Edge-on facets may have no sum.
+        let at = self.unbounded(facet, pixel, offset);
+        let u = at.x.clamp(0.0, 1.0);
+        let v = at.y.clamp(0.0, 1.0 - u);
+        // Edge-on facets may have none.
         let middle = Vec2::splat(1.0 / 3.0);
         if u.is_finite() && v.is_finite() {
-            Vec2::new(u, v).lerp(middle, placed.inset)
+            Vec2::new(u, v).lerp(middle, self.placed[facet as usize].inset)
         } else {
             middle
         }
+    }
+
+    /// The same in the facet's plane, not far from it.
+    fn in_plane_of(&self, facet: u32, pixel: u32, offset: Vec2) -> Vec2 {
+        let at = self.unbounded(facet, pixel, offset);
+        let is_near = at.min_element() > -BESIDE_FACET && at.max_element() < 1.0 + BESIDE_FACET;
+        if is_near { at } else { self.barycentric(facet, pixel, offset) }
+    }
+
+    /// The same wherever in the plane that is.
+    fn unbounded(&self, facet: u32, pixel: u32, offset: Vec2) -> Vec2 {
+        let column = (pixel % self.width) as f32 + offset.x;
+        let row = (pixel / self.width) as f32 + offset.y;
+        let [a, b, c] = self.placed[facet as usize]
+            .planes
+            .map(|plane| plane.constant + plane.per_column * column + plane.per_row * row);
+        Vec2::new(b, c) / (a + b + c)
     }
 
     fn spot(&self, facet: u32, back: bool, at: Vec2) -> (Vec3, Vec3) {

@@ -1,8 +1,8 @@
 //! How bands of rows are rasterised and their samples grouped into fragments.
 
 use super::{
-    BAND, Fragment, GOLDEN_RATIO, Lobe, MOST_SAMPLES, NO_FRAGMENT, SMOOTH_COSINE, SampleGroup,
-    SampleMeans, VisibleSurfaces,
+    BAND, Fragment, GOLDEN_RATIO, IN_PLANE_COSINE, IN_PLANE_PIXELS, Lobe, MOST_SAMPLES,
+    NO_FRAGMENT, SMOOTH_COSINE, SampleGroup, SampleMeans, VisibleSurfaces,
 };
 use crate::hemicube::item;
 use crate::measurement::View;
@@ -129,7 +129,7 @@ impl VisibleSurfaces {
             });
             let fragment = near.map_or(fragments.len(), |near| first + near);
             match fragments.get_mut(fragment) {
-                Some(other) => other.merge(&one),
+                Some(other) => other.merge(&one, self.is_in_plane(other, &one)),
                 None => fragments.push(one),
             }
             fragment_of_group[number] = fragment;
@@ -148,6 +148,17 @@ impl VisibleSurfaces {
             fragment.shading_normal = fragment.shading_normal.normalize_or(fragment.normal);
         }
         shine
+    }
+
+    /// Whether two fragments' facets lie in one plane.
+    fn is_in_plane(&self, one: &Fragment, other: &Fragment) -> bool {
+        let facets = (item::decode(one.code), item::decode(other.code));
+        let (Some((facet, back)), Some((other_facet, other_back))) = facets else { return false };
+        let middle = Vec2::splat(1.0 / 3.0);
+        let (place, normal) = self.spot(facet, back, middle);
+        let (other_place, other_normal) = self.spot(other_facet, other_back, middle);
+        let least = IN_PLANE_PIXELS * self.frame.footprint(one.point, self.height);
+        normal.dot(other_normal) > IN_PLANE_COSINE && normal.dot(other_place - place).abs() < least
     }
 
     /// A fragment of a group of samples, and the emitted radiance that it adds to the pixel.
@@ -189,6 +200,7 @@ impl VisibleSurfaces {
             pixel,
             code,
             mask,
+            in_plane: mask,
             share,
             point,
             normal,
@@ -242,8 +254,8 @@ impl VisibleSurfaces {
 }
 
 impl Fragment {
-    /// Takes in another facet of the same surface in the same pixel.
-    fn merge(&mut self, other: &Fragment) {
+    /// Takes in another facet of the same surface in the same pixel, which may be in the same plane.
+    fn merge(&mut self, other: &Fragment, is_in_plane: bool) {
         let share = self.share + other.share;
         let (mine, theirs) = (self.share / share, other.share / share);
         self.normal = (self.normal * mine + other.normal * theirs).normalize_or(self.normal);
@@ -251,8 +263,13 @@ impl Fragment {
         self.shading_normal = shading.normalize_or(self.shading_normal);
         self.diffuse = self.diffuse * mine + other.diffuse * theirs;
         self.lobe_factor = self.lobe_factor * mine + other.lobe_factor * theirs;
+        let both = self.in_plane | other.in_plane;
         if other.mask.count_ones() > self.mask.count_ones() {
             (self.code, self.mask, self.point) = (other.code, other.mask, other.point);
+            self.in_plane = other.in_plane;
+        }
+        if is_in_plane {
+            self.in_plane = both;
         }
         self.share = share;
     }
