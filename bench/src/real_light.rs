@@ -211,6 +211,8 @@ fn measure(
             let pictures = [rendered.picture, reference.picture()];
             let path = arguments.out.join(format!("{}.png", made.name));
             std::fs::write(path, side_by_side(&made.name, pictures)?)?;
+            let file = arguments.references.join(format!("{}.glb", made.name));
+            std::fs::write(file, &made.glb)?;
         }
     }
     Ok(rows)

@@ -43,6 +43,8 @@ pub enum Stream {
     Light = 18,
     /// Directions of a lobe.
     Gloss = 19,
+    /// Where openings to the sky are looked for.
+    Opening = 20,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

@@ -2,6 +2,7 @@
 //! closed form, the sky, the sun, and lights without extent. A shadow ray goes to one of these
 //! groups, picked in proportion to what each shines on the surface.
 
+use super::openings::{Lookout, Openings, sample_sky, sky_pdf};
 use super::polygons::{LightPoint, PolygonLights, ShadowSample};
 use super::punctual::PunctualLights;
 use super::sky::SkyLight;
@@ -29,6 +30,8 @@ pub struct DirectLights {
     sky: Option<SkyLight>,
     sun: Option<SunLight>,
     punctual: Option<PunctualLights>,
+    /// Through which dark places see the sky, if there are any.
+    openings: Option<Openings>,
     /// Length of rays to what is infinitely far away, ray units.
     beyond: f32,
 }
@@ -36,7 +39,7 @@ pub struct DirectLights {
 /// What all lights shine on a surface without occlusion, by which they are picked.
 #[derive(Clone, Copy)]
 pub struct AllUnoccluded {
-    /// Irradiance of all together.
+    /// Irradiance of all together, but for a sky that is seen through openings.
     pub irradiance: Rgb,
     polygons: Unoccluded,
     /// Probability of each group; together less than 1 where a sharp lobe had better not be sampled
@@ -44,9 +47,28 @@ pub struct AllUnoccluded {
     shares: [f32; GROUPS],
     /// The lobe, if lights are picked by what it may reflect of them.
     lobe: Option<LobeAxis>,
+    /// Where the sky is seen through openings, if it is.
+    lookout: Option<Lookout>,
 }
 
 impl AllUnoccluded {
+    /// Whether the sky is seen through openings: its light is no part of `irradiance` then.
+    pub fn looks_out(&self) -> bool {
+        self.lookout.is_some()
+    }
+
+    /// Gives the sky half of the rays where it is seen through openings: what it shines without
+    /// occlusion, and what the sun does, say nothing of how much of either arrives.
+    fn with_half_for_sky(mut self) -> Self {
+        if self.lookout.is_some() && self.shares[1] > 0.0 {
+            let others: f32 = self.shares.iter().sum::<f32>() - self.shares[1];
+            let (sky, factor) = if others > 0.0 { (0.5, 0.5 / others) } else { (1.0, 0.0) };
+            self.shares = self.shares.map(|share| share * factor);
+            self.shares[1] = sky;
+        }
+        self
+    }
+
     /// The group for a uniform number, and the number that is left for picks within it.
     /// `None` where no light is to be sampled this time.
     fn group(&self, x: f32) -> Option<(usize, f32)> {
@@ -78,15 +100,23 @@ impl DirectLights {
 
     fn with(world: &World, polygons: Option<PolygonLights>) -> Option<Self> {
         let (scene, rays) = (&world.scene, &world.rays);
+        let sky = SkyLight::new(&world.environment);
         let this = Self {
             polygons,
-            sky: SkyLight::new(&world.environment),
+            openings: sky.as_ref().and_then(|_| Openings::find(world)),
+            sky,
             sun: SunLight::new(&world.environment),
             punctual: PunctualLights::new(scene, &world.environment, rays),
             beyond: rays.beyond(),
         };
         let any = this.polygons.is_some() || this.surrounds() || this.punctual.is_some();
         (any || scene.has_unlit()).then_some(this)
+    }
+
+    /// The same, to whom no opening is known.
+    #[cfg(test)]
+    pub fn without_openings(self) -> Self {
+        Self { openings: None, ..self }
     }
 
     /// Whether light comes from infinitely far away.
@@ -123,6 +153,7 @@ impl DirectLights {
             polygons,
             shares: [1.0, 0.0, 0.0, 0.0],
             lobe: None,
+            lookout: self.lookout(point, normal),
         };
         if self.has_only_polygons() {
             return all;
@@ -132,10 +163,16 @@ impl DirectLights {
             self.sun.as_ref().map_or(Rgb::ZERO, |sun| sun.unoccluded(normal)),
             self.punctual.as_ref().map_or(Rgb::ZERO, |lights| lights.unoccluded(point, normal)),
         ];
-        all.irradiance += others.iter().sum::<Rgb>();
+        let known = if all.looks_out() { &others[1..] } else { &others };
+        all.irradiance += known.iter().sum::<Rgb>();
         let [sky, sun, punctual] = others.map(importance);
         all.shares = self.shares([importance(polygons.irradiance), sky, sun, punctual]);
-        all
+        all.with_half_for_sky()
+    }
+
+    /// Where a surface sees the sky through openings.
+    fn lookout(&self, point: Vec3, normal: Vec3) -> Option<Lookout> {
+        self.openings.as_ref()?.seen_from(point, normal)
     }
 
     /// The same for a lobe: only to pick lights by, without an irradiance.
@@ -148,6 +185,7 @@ impl DirectLights {
             polygons,
             shares: [1.0, 0.0, 0.0, 0.0],
             lobe: Some(axis),
+            lookout: self.lookout(point, normal),
         };
         if self.has_only_polygons() {
             return all;
@@ -160,6 +198,7 @@ impl DirectLights {
             lights.worth(point, normal, |direction| lobe_share(axis, direction))
         });
         all.shares = self.shares([polygons.importance(), sky, sun, punctual]);
+        all = all.with_half_for_sky();
         // A sharp lobe finds the sky by itself.
         all.shares[1] *= (SKY_SOLID_ANGLE * (axis.exponent + 1.0).recip()).min(1.0);
         all
@@ -197,8 +236,10 @@ impl DirectLights {
             }
             1 => {
                 let sky = self.sky.as_ref()?;
-                let (direction, density) = sky.sample(normal, [xi.y, xi.z]);
-                self.far(sky.radiance(direction), point, (normal, direction), density)?
+                let xi = Vec3::new(x, xi.y, xi.z);
+                let (direction, density) = sample_sky(sky, all.lookout.as_ref(), normal, xi);
+                let light = self.far(sky.radiance(direction), point, (normal, direction), density);
+                LightPoint { is_apart: all.looks_out(), ..light? }
             }
             2 => {
                 let sun = self.sun.as_ref()?;
@@ -208,6 +249,7 @@ impl DirectLights {
                     end: point + direction * self.beyond,
                     irradiance: sun.irradiance() * cosine,
                     density: sun.pdf(),
+                    is_apart: false,
                 };
                 (cosine > 0.0).then_some(light)?
             }
@@ -219,7 +261,7 @@ impl DirectLights {
                 // A part of a soft light may be below the horizon.
                 let cosine = normal.dot(light.direction).max(0.0);
                 let irradiance = light.irradiance * cosine / probability;
-                LightPoint { end: light.end, irradiance, density: f32::INFINITY }
+                LightPoint { end: light.end, irradiance, density: f32::INFINITY, is_apart: false }
             }
         };
         Some(LightPoint {
@@ -242,6 +284,7 @@ impl DirectLights {
             end: point + direction * self.beyond,
             irradiance: radiance * (cosine / density),
             density,
+            is_apart: false,
         })
     }
 
@@ -275,16 +318,20 @@ impl DirectLights {
                 return ShadowSample::default();
             };
             let visibility = world.visibility(point, end);
-            return ShadowSample { unoccluded: irradiance, cast: irradiance, visibility };
+            let (unoccluded, cast, apart) = (irradiance, irradiance, Rgb::ZERO);
+            return ShadowSample { unoccluded, cast, visibility, apart };
         }
         let all = self.unoccluded(point, normal);
-        let light = match all.irradiance {
-            Rgb::ZERO => None,
-            _ => self.sample(&all, point, normal, xi),
-        };
-        let cast = light.as_ref().map_or(Rgb::ZERO, |light| light.irradiance);
-        let visibility = light.map_or(Rgb::ZERO, |light| world.visibility(point, light.end));
-        ShadowSample { unoccluded: all.irradiance, cast, visibility }
+        let mut sample = ShadowSample { unoccluded: all.irradiance, ..ShadowSample::default() };
+        let any = all.irradiance != Rgb::ZERO || all.looks_out();
+        if let Some(light) = any.then(|| self.sample(&all, point, normal, xi)).flatten() {
+            let visibility = world.visibility(point, light.end);
+            match light.is_apart {
+                true => sample.apart = light.irradiance * visibility,
+                false => (sample.cast, sample.visibility) = (light.irradiance, visibility),
+            }
+        }
+        sample
     }
 
     /// Density per solid angle at which [`DirectLights::sample`] picks the place of a light that a
@@ -306,8 +353,10 @@ impl DirectLights {
     /// unit `normal`.
     pub fn escaping(&self, all: &AllUnoccluded, normal: Vec3, direction: Vec3) -> [(Rgb, f32); 2] {
         let sky = self.sky.as_ref().map_or((Rgb::ZERO, 0.0), |sky| {
-            let density =
-                if all.shares[1] > 0.0 { all.shares[1] * sky.pdf(normal, direction) } else { 0.0 };
+            let density = match all.shares[1] > 0.0 {
+                true => all.shares[1] * sky_pdf(sky, all.lookout.as_ref(), normal, direction),
+                false => 0.0,
+            };
             (sky.radiance(direction), density)
         });
         let sun = self.sun.as_ref().filter(|sun| sun.covers(direction));

@@ -41,6 +41,9 @@ pub struct LightPoint {
     pub irradiance: Rgb,
     /// Density per solid angle at which it was picked.
     pub density: f32,
+    /// Whether it is no part of the irradiance without occlusion that goes with it, since most of
+    /// that never arrives: light of the sky that comes through openings.
+    pub is_apart: bool,
 }
 
 /// What one shadow ray found out about the direct light on a surface.
@@ -52,6 +55,8 @@ pub struct ShadowSample {
     pub cast: Rgb,
     /// What arrives of it: 1 where nothing is in between, less behind panes.
     pub visibility: Rgb,
+    /// Irradiance that arrives beside it, of light that [`LightPoint::is_apart`].
+    pub apart: Rgb,
 }
 
 impl ShadowSample {
@@ -59,7 +64,7 @@ impl ShadowSample {
     /// that arrives. Where the guess is right and all or nothing is occluded, there is no noise
     /// (docs/decisions/0017).
     pub fn irradiance(&self, share: f32) -> Rgb {
-        self.unoccluded * share + self.cast * (self.visibility - share)
+        self.unoccluded * share + self.cast * (self.visibility - share) + self.apart
     }
 }
 
@@ -170,6 +175,7 @@ impl PolygonLights {
             end: place + light.normal * (side * light.error),
             irradiance: light.radiance * (cosine / square.sqrt() * solid_angle / probability),
             density: probability / solid_angle,
+            is_apart: false,
         })
     }
 

@@ -2,6 +2,7 @@
 //! lights without extent. Each is sampled by itself, and what a path meets by chance is weighed
 //! against that.
 
+use super::openings::{Lookout, Openings, sample_sky, sky_pdf};
 use super::punctual::{PunctualLights, PunctualSample};
 use super::sky::SkyLight;
 use super::sun::SunLight;
@@ -18,6 +19,8 @@ pub struct SceneLights {
     sky: Option<SkyLight>,
     sun: Option<SunLight>,
     punctual: Option<PunctualLights>,
+    /// Through which dark places see the sky, if there are any.
+    openings: Option<Openings>,
     /// Length of rays to what is infinitely far away, ray units.
     beyond: f32,
 }
@@ -25,9 +28,11 @@ pub struct SceneLights {
 impl SceneLights {
     /// The lights of a world; `None` where nothing shines, and nothing shows itself without light.
     pub fn new(world: &World) -> Option<Self> {
+        let sky = SkyLight::new(&world.environment);
         let this = Self {
             triangles: TriangleLights::new(world),
-            sky: SkyLight::new(&world.environment),
+            openings: sky.as_ref().and_then(|_| Openings::find(world)),
+            sky,
             sun: SunLight::new(&world.environment),
             punctual: PunctualLights::new(&world.scene, &world.environment, &world.rays),
             beyond: world.rays.beyond(),
@@ -42,9 +47,18 @@ impl SceneLights {
     }
 
     /// A direction to the sky, well suited to a surface.
-    pub fn sample_sky(&self, surface: &Surface, xi: [f32; 2]) -> Option<LightSample> {
+    pub fn sample_sky(
+        &self,
+        surface: &Surface,
+        [x, y]: [f32; 2],
+        numbers: &mut Numbers,
+    ) -> Option<LightSample> {
         let sky = self.sky.as_ref()?;
-        let (direction, density) = sky.sample(surface.shading_normal, xi);
+        let normal = surface.shading_normal;
+        let lookout = self.lookout(surface.start(), normal);
+        // Numbers are drawn only where they are needed, for scenes without openings to keep theirs.
+        let pick = lookout.map_or(0.0, |_| numbers.uniform());
+        let (direction, density) = sample_sky(sky, lookout.as_ref(), normal, Vec3::new(pick, x, y));
         let radiance = sky.radiance(direction);
         let sample =
             LightSample { end: self.far(surface, direction), direction, radiance, density };
@@ -103,15 +117,23 @@ impl SceneLights {
         self.sun.is_some()
     }
 
+    /// Where a surface sees the sky through openings.
+    fn lookout(&self, point: Vec3, normal: Vec3) -> Option<Lookout> {
+        self.openings.as_ref()?.seen_from(point, normal)
+    }
+
     fn far(&self, surface: &Surface, direction: Vec3) -> Vec3 {
         surface.start() + direction * self.beyond
     }
 
     /// Radiance from infinitely far away along a unit `direction`, from sky and sun, each with the
-    /// density per solid angle at which it is sampled for a surface with the unit `normal`.
-    pub fn escaping(&self, normal: Option<Vec3>, direction: Vec3) -> [(Rgb, f32); 2] {
+    /// density per solid angle at which it is sampled for a surface, if it is `from` one: its place
+    /// and unit normal.
+    pub fn escaping(&self, from: Option<(Vec3, Vec3)>, direction: Vec3) -> [(Rgb, f32); 2] {
         let sky = self.sky.as_ref().map_or((Rgb::ZERO, 0.0), |sky| {
-            let density = normal.map_or(0.0, |normal| sky.pdf(normal, direction));
+            let density = from.map_or(0.0, |(point, normal)| {
+                sky_pdf(sky, self.lookout(point, normal).as_ref(), normal, direction)
+            });
             (sky.radiance(direction), density)
         });
         let sun = self.sun.as_ref().filter(|sun| sun.covers(direction));

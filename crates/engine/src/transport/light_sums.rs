@@ -6,7 +6,7 @@ use crate::radiometry::{Rgb, importance};
 use bytemuck::{Pod, Zeroable};
 
 /// Sums over shadow rays, as in [`ShadowSample`]: `seen` is the part of `cast` that is not
-/// occluded. Checkpoints store them as they are: the order of the fields is part of the format.
+/// occluded, `apart` what arrives beside it. Checkpoints store them as they are: the order of the fields is part of the format.
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct LightSums {
@@ -14,6 +14,7 @@ pub struct LightSums {
     unoccluded: Rgb,
     cast: Rgb,
     seen: Rgb,
+    apart: Rgb,
 }
 
 impl LightSums {
@@ -23,6 +24,7 @@ impl LightSums {
         self.unoccluded += sample.unoccluded;
         self.cast += sample.cast;
         self.seen += sample.cast * sample.visibility;
+        self.apart += sample.apart;
     }
 
     /// Number of shadow rays.
@@ -30,10 +32,11 @@ impl LightSums {
         self.count
     }
 
-    /// Mean irradiance: that without occlusion times the share that is seen of what was cast.
+    /// Mean irradiance: that without occlusion times the share that is seen of what was cast, and
+    /// what is apart from it.
     pub fn irradiance(&self) -> Rgb {
         let share = Rgb::select(self.cast.cmpgt(Rgb::ZERO), self.seen / self.cast, Rgb::ZERO);
-        self.unoccluded * share / self.count.max(1) as f32
+        (self.unoccluded * share + self.apart) / self.count.max(1) as f32
     }
 
     /// Share of the light that is seen, by importance.

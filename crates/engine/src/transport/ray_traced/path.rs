@@ -176,9 +176,9 @@ struct Flight {
     /// Density per solid angle that the direction was picked with; infinite where light can't be
     /// sampled instead.
     density: f32,
-    /// Unit shading normal where it began, for which lights were sampled, too; `None` of rays from
-    /// the camera.
-    normal: Option<Vec3>,
+    /// Place and unit shading normal where it began, for which lights were sampled, too; `None` of
+    /// rays from the camera.
+    from: Option<(Vec3, Vec3)>,
     carried: Carried,
     /// What it is in.
     inside: Option<Inside>,
@@ -222,7 +222,7 @@ impl Tracer<'_> {
             origin,
             direction,
             density: f32::INFINITY,
-            normal: None,
+            from: None,
             carried: Carried::START,
             inside: None,
             way: 0.0,
@@ -242,7 +242,7 @@ impl Tracer<'_> {
             walk.rays += 1;
             let hit = self.world.rays.closest(flight.eye, flight.origin, flight.direction);
             let Some(hit) = hit else {
-                if crossings == 0 && flight.normal.is_none() {
+                if crossings == 0 && flight.from.is_none() {
                     walk.missed = true;
                     return (self.world.beside_surfaces(flight.direction), None);
                 }
@@ -302,7 +302,7 @@ impl Tracer<'_> {
 
     /// What a ray brings that leaves the scene: sky and sun, as far as they were not sampled.
     fn escaped(&self, flight: &Flight) -> Rgb {
-        let Flight { direction, density, normal, carried, .. } = flight;
+        let Flight { direction, density, from, carried, .. } = flight;
         let of = |((radiance, other), carried): ((Rgb, f32), Rgb)| {
             if radiance == Rgb::ZERO {
                 Rgb::ZERO
@@ -312,7 +312,7 @@ impl Tracer<'_> {
         };
         // Maps have light of the sun, and none of the sky.
         let carried = [carried.all, carried.unmapped()];
-        self.lights.escaping(*normal, *direction).into_iter().zip(carried).map(of).sum()
+        self.lights.escaping(*from, *direction).into_iter().zip(carried).map(of).sum()
     }
 
     /// Radiance that the first surface reflects, by N rays: in proportion to what the diffuse
@@ -368,7 +368,7 @@ impl Tracer<'_> {
                 origin: surface.start(),
                 direction: scattered.direction,
                 density: scattered.pdf,
-                normal: Some(stop.surface.shading_normal),
+                from: Some((stop.surface.start(), stop.surface.shading_normal)),
                 carried,
                 inside: stop.inside,
                 way: 0.0,
@@ -427,7 +427,7 @@ impl Tracer<'_> {
         let surface = &stop.surface;
         let sun = [walk.numbers.uniform(), walk.numbers.uniform()];
         let samples = [
-            self.lights.sample_sky(surface, pair),
+            self.lights.sample_sky(surface, pair, &mut walk.numbers),
             self.lights.sample_sun(surface, sun),
             self.lights.sample_punctual(surface, &mut walk.numbers),
         ];

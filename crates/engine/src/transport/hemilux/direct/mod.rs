@@ -1,5 +1,6 @@
 //! Direct light on every fragment (tier 3).
 
 mod shadows;
+mod sums;
 
 pub use shadows::DirectLighting;

@@ -2,6 +2,7 @@
 //! share of it that shadow rays find unoccluded. There are few rays where they agree, and many
 //! where they do not.
 
+use super::sums::{SAME_SHARE, ShadowSums, StoredShadowSums, alike};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::{DirectLights, TRIES};
 use crate::filter::Plane;
@@ -11,13 +12,15 @@ use crate::rays::Segment;
 use crate::sampling::{BAYER, Seed, Shifted};
 use crate::surface::World;
 use crate::transport::hemilux::fragments::{Fragment, VisibleSurfaces};
-use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 /// Shadow rays of every fragment in the first pass, interleaved over tiles of 4 × 4 pixels.
 const FIRST_RAYS: u32 = 1;
 /// Shadow rays, in each pass, of a fragment where rays disagree.
 const MORE_RAYS: u32 = 6;
+/// Shares of these rays that a fragment gets at least and at most, by how far one ray of it may be
+/// off: the edge of a patch of sun in a room asks for more than all the rest.
+const SHARES_OF_MORE: [f32; 2] = [0.25, 16.0];
 /// The same in the first pass of a hasty job.
 const MORE_RAYS_IN_HASTE: u32 = 2;
 /// Shadow rays of every fragment in each pass where the setting `adaptive` is off.
@@ -39,64 +42,8 @@ const FEW_RAYS: u32 = 32;
 const CHUNK: usize = 1024;
 /// Shadow rays that are traced together, at least.
 const BATCH: usize = 512;
-/// Factor by which well-spread points are taken to lower the variance of random ones where lights
-/// are too many for the closed form.
-const WELL_SPREAD_FACTOR: f32 = 0.5;
 /// Factor by which neighbours are taken to lower the variance where they are too few to measure it.
 const NEIGHBOUR_VARIANCE_FACTOR: f32 = 0.15;
-/// Squared difference between a neighbour's share of blocked rays and the fragment's own, in units
-/// of its variance by chance, up to which the neighbour counts in full: 2.4 standard deviations.
-const ALIKE_VARIANCES: f32 = 6.0;
-/// The same from which it does not count, since a shadow's edge is in between: 4.9 standard
-/// deviations.
-const UNLIKE_VARIANCES: f32 = 24.0;
-/// Shares of blocked light of two rays that differ by less count as the same: panes take a little
-/// more of light that crosses them at another angle.
-const SAME_SHARE: f32 = 0.02;
-
-/// Bound on rays of a fragment read from a checkpoint: more than any run casts, so a larger number
-/// means damage.
-const MOST_RAYS_OF_ALL: u32 = 1 << 30;
-
-/// [`ShadowSums`] as checkpoints store them: without the closed form, which is computed again. The
-/// order of the fields is part of the format.
-#[derive(Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct StoredShadowSums {
-    seen: Rgb,
-    cast: Rgb,
-    squares: f32,
-    rays: u32,
-    blocked: f32,
-    first: f32,
-    disputed: u32,
-}
-
-/// Sums over the shadow rays of a fragment. Where lights are too many for the closed form
-/// ([`DirectLights::is_exact`]) the light points' irradiances are a Monte-Carlo estimate
-/// themselves.
-#[derive(Clone, Copy, Default)]
-pub struct ShadowSums {
-    /// Irradiance without occlusion in closed form; zero where lights are too many for that.
-    unoccluded: Rgb,
-    /// Σ irradiance that the unoccluded light points stand for.
-    seen: Rgb,
-    /// Σ irradiance that all light points stand for.
-    cast: Rgb,
-    /// Σ squared importance of the irradiance seen, where lights are too many for the closed form.
-    squares: f32,
-    /// Rays so far.
-    rays: u32,
-    /// Σ share of the light of each ray that something kept from arriving.
-    blocked: f32,
-    /// That share of the first ray; negative before that.
-    first: f32,
-    /// Whether that of another ray was another.
-    mixed: bool,
-    /// Whether rays here or in the neighbourhood disagreed when they were last compared.
-    disputed: bool,
-}
-
 /// Direct light on all fragments of a picture.
 pub struct DirectLighting {
     sums: Vec<ShadowSums>,
@@ -117,10 +64,9 @@ impl DirectLighting {
         adaptive: bool,
         hasty: bool,
     ) -> Self {
-        let unoccluded = |fragment: &Fragment| ShadowSums {
-            unoccluded: lights.unoccluded(fragment.point, fragment.shading_normal).irradiance,
-            first: -1.0,
-            ..ShadowSums::default()
+        let unoccluded = |fragment: &Fragment| {
+            let all = lights.unoccluded(fragment.point, fragment.shading_normal);
+            ShadowSums::new(all.irradiance, all.looks_out())
         };
         let sums = visible.fragments.par_iter().with_min_len(CHUNK).map(unoccluded).collect();
         // In small pictures neighbours are far apart, and rays are cheap.
@@ -132,18 +78,9 @@ impl DirectLighting {
 
     /// Writes what the shadow rays found.
     pub fn save(&self, to: &mut Writer) {
-        let stored = self.sums.iter().map(|sums| StoredShadowSums {
-            seen: sums.seen,
-            cast: sums.cast,
-            squares: sums.squares,
-            rays: sums.rays,
-            blocked: sums.blocked,
-            first: sums.first,
-            disputed: u32::from(sums.disputed) | u32::from(sums.mixed) << 1,
-        });
         to.value(self.passes);
         to.value(self.rays);
-        to.slice(&stored.collect::<Vec<_>>());
+        to.slice(&self.sums.iter().map(StoredShadowSums::of).collect::<Vec<_>>());
     }
 
     /// Reads what [`DirectLighting::save`] wrote of the same fragments.
@@ -151,16 +88,8 @@ impl DirectLighting {
         self.passes = from.value()?;
         self.rays = from.value()?;
         let stored: Vec<StoredShadowSums> = from.exactly(self.sums.len())?;
-        if stored.iter().any(|stored| stored.rays > MOST_RAYS_OF_ALL || !stored.blocked.is_finite())
-        {
-            return Err(CheckpointError::damaged("there can't be that many rays"));
-        }
-        for (sums, stored) in self.sums.iter_mut().zip(stored) {
-            (sums.seen, sums.cast, sums.squares) = (stored.seen, stored.cast, stored.squares);
-            (sums.rays, sums.blocked, sums.first) = (stored.rays, stored.blocked, stored.first);
-            (sums.disputed, sums.mixed) = (stored.disputed & 1 != 0, stored.disputed & 2 != 0);
-        }
-        Ok(())
+        let mut pairs = self.sums.iter_mut().zip(stored);
+        pairs.try_for_each(|(sums, stored)| stored.restore(sums))
     }
 
     /// Casts another pass of rays.
@@ -180,16 +109,33 @@ impl DirectLighting {
             self.cast(&caster, |_, _| FIRST_RAYS);
             self.mark_disputed(visible);
             let more = self.more_rays[0];
-            self.cast(&caster, |_, sums| if sums.disputed { more } else { 0 });
+            self.cast(&caster, |_, sums| if sums.is_uneven() { more } else { 0 });
         } else {
             self.mark_disputed(visible);
-            let (passes, more) = (self.passes, self.more_rays[1]);
+            let (passes, more) = (self.passes, self.more_rays[1] as f32);
+            let mean = self.mean_deviation(visible);
             self.cast(&caster, |fragment, sums| {
-                let is_rechecked = (fragment.pixel + passes).is_multiple_of(RECHECK_PASSES);
-                if sums.disputed { more } else { u32::from(is_rechecked) }
+                if !sums.is_uneven() {
+                    return u32::from((fragment.pixel + passes).is_multiple_of(RECHECK_PASSES));
+                }
+                let worth = sums.deviation() * fragment.weight() / mean;
+                (more * worth.clamp(SHARES_OF_MORE[0], SHARES_OF_MORE[1])).round() as u32
             });
         }
         self.passes += 1;
+    }
+
+    /// Mean over the fragments where rays disagree of what one more ray of each may be off in the
+    /// picture; positive.
+    fn mean_deviation(&self, visible: &VisibleSurfaces) -> f32 {
+        let of = |(sums, fragment): (&ShadowSums, &Fragment)| {
+            let deviation = f64::from(sums.deviation() * fragment.weight());
+            if sums.is_uneven() { (deviation, 1.0) } else { (0.0, 0.0) }
+        };
+        // One after the other: sums in parallel would depend on the number of threads.
+        let pairs = self.sums.iter().zip(&visible.fragments).map(of);
+        let (sum, count) = pairs.fold((0.0, 0.0), |all, one| (all.0 + one.0, all.1 + one.1));
+        ((sum / f64::max(count, 1.0)) as f32).max(f32::MIN_POSITIVE)
     }
 
     /// Casts as many shadow rays from each fragment as `count` says.
@@ -201,7 +147,7 @@ impl DirectLighting {
                 let (mut rays, mut batch) = (0, Batch::default());
                 for (index, fragment) in fragments.iter().enumerate() {
                     let count = count(fragment, &sums[index]);
-                    let dark = caster.lights.is_exact() && sums[index].unoccluded == Rgb::ZERO;
+                    let dark = caster.lights.is_exact() && sums[index].is_dark();
                     if count > 0 && !dark {
                         caster.aim(index, &mut sums[index], fragment, count, &mut batch);
                         rays += u64::from(count);
@@ -228,14 +174,14 @@ impl DirectLighting {
                 if mine.is_disputed() {
                     return true;
                 }
-                if mine.rays == 0 {
+                if mine.known_rays() == 0 {
                     return false;
                 }
                 let mut disagrees = false;
                 around(visible, index, NEIGHBOUR_REACH, |other, _, _| {
                     let other = &sums[other];
                     let off = other.blocked_share() - mine.blocked_share();
-                    disagrees |= other.rays > 0 && off.abs() > SAME_SHARE;
+                    disagrees |= other.known_rays() > 0 && off.abs() > SAME_SHARE;
                 });
                 disagrees
             })
@@ -244,8 +190,7 @@ impl DirectLighting {
     }
 
     /// Direct irradiance of a fragment and its estimated variance; where its own rays are few, with
-    /// the help of its neighbours' if `filtered`: what a plane through the shares around says of
-    /// it, where chance lets them be the same, and how far they are off that plane.
+    /// the help of its neighbours' if `filtered`.
     pub fn irradiance(
         &self,
         lights: &DirectLights,
@@ -257,97 +202,87 @@ impl DirectLighting {
         if sums.rays == 0 {
             return (Rgb::ZERO, Rgb::ZERO);
         }
-        let exact = lights.is_exact();
+        let (known, variance) = self.by_share(lights.is_exact(), visible, index, filtered);
+        if !sums.apart.is_any {
+            return (known, variance);
+        }
+        let (apart, other_variance) = self.through_openings(visible, index, filtered);
+        (known + apart, variance + other_variance)
+    }
+
+    /// Light of the sky that comes through openings, likewise: a plane through what arrives around,
+    /// where chance lets that be the same.
+    fn through_openings(
+        &self,
+        visible: &VisibleSurfaces,
+        index: usize,
+        filtered: bool,
+    ) -> (Rgb, Rgb) {
+        let sums = &self.sums[index];
+        let own = (sums.apart_mean(), sums.apart_variance());
+        if !filtered || sums.rays >= ENOUGH_RAYS {
+            return own;
+        }
+        let reach = if sums.rays < FEW_RAYS { NEIGHBOUR_REACH } else { 1 };
+        let mut others = Vec::with_capacity(24);
+        around(visible, index, reach, |other, across, down| {
+            let other = &self.sums[other];
+            if other.rays > 0 && other.apart.is_any {
+                others.push((other, across, down));
+            }
+        });
+        // Of a ray; one fragment's rays are too few to tell.
+        let all = others.iter().map(|(other, ..)| *other).chain([sums]);
+        let (squares, rays) = all.fold((0.0, 0.0), |(squares, rays), sums| {
+            (squares + sums.apart_scatter(), rays + (sums.rays as f32 - 1.0))
+        });
+        let scatter = squares / rays.max(1.0);
+        let mut plane = Plane::new();
+        plane.add(0, 0, own.0, sums.rays as f32);
+        for (other, across, down) in others {
+            let off = importance(other.apart_mean()) - importance(own.0);
+            let chance = scatter / other.rays as f32 + scatter / sums.rays as f32;
+            let weight = 1.0 / (1.0 + (across * across + down * down) as f32 * 0.5);
+            let weight = weight * other.rays as f32 * alike(off, chance);
+            plane.add(across, down, other.apart_mean(), weight);
+        }
+        let (light, variance) = plane.center();
+        (light, variance.unwrap_or(own.1 * NEIGHBOUR_VARIANCE_FACTOR))
+    }
+
+    /// Light whose irradiance without occlusion is known, likewise: what a plane through the shares
+    /// around says of it, where chance lets them be the same, and how far they are off that plane.
+    fn by_share(
+        &self,
+        exact: bool,
+        visible: &VisibleSurfaces,
+        index: usize,
+        filtered: bool,
+    ) -> (Rgb, Rgb) {
+        let sums = &self.sums[index];
         let factor = if exact { sums.unoccluded } else { Rgb::ONE };
         let share = sums.share(exact);
         if !(filtered && sums.is_disputed() && sums.rays < ENOUGH_RAYS) {
-            return (factor * share, self.own_variance(sums, exact));
+            return (factor * share, sums.own_variance(exact));
         }
         let reach = if sums.rays < FEW_RAYS { NEIGHBOUR_REACH } else { 1 };
         let mut plane = Plane::new();
-        plane.add(0, 0, share, sums.rays as f32);
+        plane.add(0, 0, share, sums.known_rays() as f32);
         around(visible, index, reach, |other, across, down| {
             let other = &self.sums[other];
             let weight = 1.0 / (1.0 + (across * across + down * down) as f32 * 0.5);
-            if other.rays > 0 {
+            if other.known_rays() > 0 {
                 let alike = if exact { sums.alike(other) } else { 1.0 };
-                plane.add(across, down, other.share(exact), other.rays as f32 * weight * alike);
+                let weight = other.known_rays() as f32 * weight * alike;
+                plane.add(across, down, other.share(exact), weight);
             }
         });
         let (share, variance) = plane.center();
         let variance = variance.map_or_else(
-            || self.own_variance(sums, exact) * NEIGHBOUR_VARIANCE_FACTOR,
+            || sums.own_variance(exact) * NEIGHBOUR_VARIANCE_FACTOR,
             |variance| factor * factor * variance,
         );
         (factor * share, variance)
-    }
-
-    /// Estimated variance of the irradiance by the rays of the fragment alone.
-    fn own_variance(&self, sums: &ShadowSums, exact: bool) -> Rgb {
-        if !exact {
-            let (mean, all) = (sums.seen / sums.rays.max(1) as f32, importance(sums.seen));
-            if sums.rays < 2 || all <= 0.0 {
-                return mean * mean;
-            }
-            let scatter = sums.squares * sums.rays as f32 / (all * all) - 1.0;
-            return mean * mean * (scatter.max(0.0) / (sums.rays - 1) as f32 * WELL_SPREAD_FACTOR);
-        }
-        if !sums.mixed {
-            return Rgb::ZERO;
-        }
-        let share = sums.blocked_share();
-        // Well-spread points do better than random ones: the variance falls by about n^−1.5.
-        let variance = share * (1.0 - share) / (sums.rays as f32).powf(1.5);
-        sums.unoccluded * sums.unoccluded * variance
-    }
-}
-
-impl ShadowSums {
-    /// Share of the direct light that arrives, `seen / cast`; where lights are too many for the
-    /// closed form, the estimated irradiance.
-    fn share(&self, exact: bool) -> Rgb {
-        if !exact {
-            return self.seen / self.rays as f32;
-        }
-        Rgb::select(self.cast.cmpgt(Rgb::ZERO), self.seen / self.cast, Rgb::ZERO)
-    }
-
-    /// Whether rays here or around disagreed when they were last compared, or do so here since.
-    fn is_disputed(&self) -> bool {
-        self.disputed || self.mixed
-    }
-
-    /// Weight of a neighbour, 0 to 1, by how likely chance alone explains the difference between
-    /// the two shares of blocked rays.
-    fn alike(&self, other: &ShadowSums) -> f32 {
-        let off = self.blocked_share() - other.blocked_share();
-        let chance = self.chance() + other.chance();
-        ((UNLIKE_VARIANCES - off * off / chance) / (UNLIKE_VARIANCES - ALIKE_VARIANCES))
-            .clamp(0.0, 1.0)
-    }
-
-    fn blocked_share(&self) -> f32 {
-        self.blocked / self.rays.max(1) as f32
-    }
-
-    /// Variance of the share of blocked rays; where all agree, as if one half of a ray did not.
-    fn chance(&self) -> f32 {
-        let share = (self.blocked + 0.5) / (self.rays + 1) as f32;
-        share * (1.0 - share) / self.rays.max(1) as f32
-    }
-
-    /// Adds what a shadow ray found; `irradiance` is what its light point stands for.
-    fn add_ray(&mut self, irradiance: Rgb, visibility: Rgb, exact: bool) {
-        let blocked = 1.0 - importance(visibility);
-        if self.first < 0.0 {
-            self.first = blocked;
-        }
-        self.mixed |= (blocked - self.first).abs() > SAME_SHARE;
-        self.blocked += blocked;
-        self.seen += irradiance * visibility;
-        if !exact {
-            self.squares += importance(irradiance * visibility).powi(2);
-        }
     }
 }
 
@@ -363,9 +298,9 @@ struct Caster<'a> {
 #[derive(Default)]
 struct Batch {
     segments: Vec<Segment>,
-    /// Of each ray, its fragment's index in the chunk, and the irradiance that its light point
-    /// stands for.
-    ends: Vec<(usize, Rgb)>,
+    /// Of each ray, its fragment's index in the chunk, the irradiance that its light point stands
+    /// for, and whether that is apart.
+    ends: Vec<(usize, Rgb, bool)>,
     visible: Vec<Rgb>,
 }
 
@@ -395,7 +330,7 @@ impl Caster<'_> {
                 if let Some((end, irradiance)) =
                     lights.one_of_many(from, fragment.shading_normal, xi)
                 {
-                    to.add(Segment { from, to: end }, index, irradiance);
+                    to.add(Segment { from, to: end }, (index, irradiance, false));
                 }
                 continue;
             }
@@ -403,27 +338,35 @@ impl Caster<'_> {
                 let xi = xi(sums.rays * TRIES + tries);
                 lights.sample(&unoccluded, from, fragment.shading_normal, xi)
             };
-            // Where the horizon cuts a light, the ratio of seen to cast asks for points above it.
-            let light = (0..TRIES).find_map(sample);
+            // Where the horizon cuts a light, the ratio of seen to cast asks for points above it;
+            // light apart is no such ratio.
+            let tries = if unoccluded.looks_out() { 1 } else { TRIES };
+            let light = (0..tries).find_map(sample);
             sums.rays += 1;
             let Some(light) = light else { continue };
-            sums.cast += light.irradiance;
-            to.add(Segment { from, to: light.end }, index, light.irradiance);
+            if !light.is_apart {
+                sums.cast += light.irradiance;
+            }
+            to.add(Segment { from, to: light.end }, (index, light.irradiance, light.is_apart));
         }
     }
 }
 
 impl Batch {
-    fn add(&mut self, segment: Segment, index: usize, irradiance: Rgb) {
+    fn add(&mut self, segment: Segment, end: (usize, Rgb, bool)) {
         self.segments.push(segment);
-        self.ends.push((index, irradiance));
+        self.ends.push(end);
     }
 
     /// Traces the rays, adds what they found to the fragments' sums and empties the batch.
     fn trace(&mut self, caster: &Caster<'_>, sums: &mut [ShadowSums]) {
         caster.world.visibility_many(&self.segments, &mut self.visible);
-        for ((index, irradiance), visibility) in self.ends.iter().zip(&self.visible) {
-            sums[*index].add_ray(*irradiance, *visibility, caster.lights.is_exact());
+        let exact = caster.lights.is_exact();
+        for ((index, irradiance, is_apart), visibility) in self.ends.iter().zip(&self.visible) {
+            match exact && *is_apart {
+                true => sums[*index].apart.add(*irradiance * *visibility),
+                false => sums[*index].add_ray(*irradiance, *visibility, exact),
+            }
         }
         self.segments.clear();
         self.ends.clear();

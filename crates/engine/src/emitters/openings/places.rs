@@ -1,0 +1,213 @@
+//! Which openings the places of a scene see: trees over the sites that looked around, one for each
+//! of six groups of normals, since a wall is dark on one side and not on the other.
+
+use super::search::{Site, View, leaves, nearest};
+use super::{Lookout, MOST_SEEN, Opening};
+use crate::random::{Numbers, Stream};
+use crate::sampling::cosine_direction;
+use crate::surface::World;
+use glam::Vec3;
+use rayon::prelude::*;
+use std::cmp::Reverse;
+use std::f32::consts::PI;
+
+/// Sites of a dark leaf, at most.
+const LEAF_SITES: usize = 8;
+/// With fewer views, openings that are seen from around count as seen.
+const ENOUGH_VIEWS: usize = 4;
+/// Directions by which a leaf's sites try whether openings help.
+const TRIALS: u32 = 32;
+/// Openings help where the variance of the sky's light falls at least by this factor.
+const LEAST_GAIN: f32 = 3.0;
+/// Share of directions that go through openings; the others are drawn by the sky's light.
+pub const THROUGH_OPENINGS: f32 = 0.8;
+
+/// A box of space, halved or a leaf.
+enum Node {
+    /// Places below `at` along `axis` are in node `below`, others in the one behind it.
+    Halved { axis: usize, at: f32, below: u32 },
+    /// Openings that are seen from there; none where they do not help.
+    Leaf { seen: [u8; MOST_SEEN], count: u8 },
+}
+
+/// Which openings are seen from where.
+pub struct Places {
+    nodes: Vec<Node>,
+    /// By group of normals, the root of its tree; `None` where no site is.
+    roots: [Option<u32>; 6],
+}
+
+/// What a tree is made of.
+struct Maker<'a> {
+    world: &'a World,
+    sites: &'a [Site],
+    openings: &'a [Opening],
+    /// By site, the openings that its views went through.
+    seen: Vec<Vec<u8>>,
+    nodes: Vec<Node>,
+}
+
+impl Places {
+    /// Finds out what each place sees; `None` where openings help nowhere.
+    pub fn new(
+        world: &World,
+        sites: &[Site],
+        views: &[View],
+        openings: &[Opening],
+    ) -> Option<Self> {
+        let mut seen = vec![Vec::new(); sites.len()];
+        for view in views {
+            seen[view.site].extend(nearest(openings, view.place).map(|index| index as u8));
+        }
+        let mut maker = Maker { world, sites, openings, seen, nodes: Vec::new() };
+        let roots = std::array::from_fn(|group| {
+            let is_in = |site: &usize| group_of(sites[*site].normal) == group;
+            let mut own: Vec<usize> = (0..sites.len()).filter(is_in).collect();
+            let root = maker.nodes.len() as u32;
+            maker.nodes.push(Node::Leaf { seen: [0; MOST_SEEN], count: 0 });
+            maker.grow(root as usize, &mut own, &[]);
+            (!own.is_empty()).then_some(root)
+        });
+        let nodes = maker.nodes;
+        let helps = |node: &Node| matches!(node, Node::Leaf { count, .. } if *count > 0);
+        nodes.iter().any(helps).then_some(Self { nodes, roots })
+    }
+
+    /// Indices of the openings that a surface sees; `None` where they do not help.
+    pub fn openings_at(&self, point: Vec3, normal: Vec3) -> Option<impl Iterator<Item = usize>> {
+        let mut node = self.roots[group_of(normal)]?;
+        loop {
+            match &self.nodes[node as usize] {
+                Node::Halved { axis, at, below } => {
+                    node = below + u32::from(point[*axis] >= *at);
+                }
+                Node::Leaf { seen, count } => {
+                    let seen = seen[..usize::from(*count)].iter();
+                    return (*count > 0).then_some(seen.map(|index| usize::from(*index)));
+                }
+            }
+        }
+    }
+}
+
+/// The group of a normal: which axis it is nearest to, and on which side.
+fn group_of(normal: Vec3) -> usize {
+    let axis = normal.abs().max_position();
+    2 * axis + usize::from(normal[axis] < 0.0)
+}
+
+impl Maker<'_> {
+    /// Makes a node of sites, halving the box along its longest side until none is dark, or they are
+    /// few and all are. `around`
+    /// are the openings that the box is known to see which it is a half of.
+    fn grow(&mut self, node: usize, sites: &mut [usize], around: &[u8]) {
+        let seen = self.seen_from(sites, around);
+        let dark = sites.iter().filter(|site| self.sites[**site].is_dark()).count();
+        let is_pure = dark == 0 || dark == sites.len();
+        if is_pure && (dark == 0 || sites.len() <= LEAF_SITES) {
+            self.nodes[node] = self.leaf(sites, &seen);
+            return;
+        }
+        let places = sites.iter().map(|site| self.sites[*site].start);
+        let (low, high) = places
+            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), place| {
+                (low.min(place), high.max(place))
+            });
+        let axis = (high - low).max_position();
+        let middle = sites.len() / 2;
+        sites.select_nth_unstable_by(middle, |a, b| {
+            self.sites[*a].start[axis].total_cmp(&self.sites[*b].start[axis]).then(a.cmp(b))
+        });
+        let at = self.sites[sites[middle]].start[axis];
+        let below = self.nodes.len() as u32;
+        self.nodes[node] = Node::Halved { axis, at, below };
+        for _ in 0..2 {
+            self.nodes.push(Node::Leaf { seen: [0; MOST_SEEN], count: 0 });
+        }
+        let (lower, upper) = sites.split_at_mut(middle);
+        self.grow(below as usize, lower, &seen);
+        self.grow(below as usize + 1, upper, &seen);
+    }
+
+    /// The openings that most views of sites went through and, where views are few, those that are
+    /// seen from around.
+    fn seen_from(&self, sites: &[usize], around: &[u8]) -> Vec<u8> {
+        let mut counts: Vec<(u8, usize)> = Vec::new();
+        for index in sites.iter().flat_map(|site| &self.seen[*site]) {
+            match counts.iter_mut().find(|(other, _)| other == index) {
+                Some((_, count)) => *count += 1,
+                None => counts.push((*index, 1)),
+            }
+        }
+        counts.sort_by_key(|(index, count)| (Reverse(*count), *index));
+        let views: usize = counts.iter().map(|(_, count)| count).sum();
+        let mut seen: Vec<u8> = counts.into_iter().map(|(index, _)| index).collect();
+        if views < ENOUGH_VIEWS {
+            let others = around.iter().filter(|index| !seen.contains(index));
+            seen.extend(others.copied().collect::<Vec<_>>());
+        }
+        seen.truncate(MOST_SEEN);
+        seen
+    }
+
+    /// A leaf that sees these openings, if it is dark and they help there.
+    fn leaf(&self, sites: &[usize], openings: &[u8]) -> Node {
+        let mut seen = [0; MOST_SEEN];
+        seen[..openings.len()].copy_from_slice(openings);
+        let is_dark = sites.first().is_some_and(|site| self.sites[*site].is_dark());
+        let helps = is_dark && !openings.is_empty() && self.gain(sites, openings) >= LEAST_GAIN;
+        Node::Leaf { seen, count: if helps { openings.len() as u8 } else { 0 } }
+    }
+
+    /// By which factor the variance of a uniform sky's light falls at sites, about, where most
+    /// directions go through those openings.
+    fn gain(&self, sites: &[usize], seen: &[u8]) -> f32 {
+        let squares = |site: &usize| {
+            let trial = Trial { world: self.world, site: &self.sites[*site] };
+            let openings = seen.iter().map(|index| self.openings[usize::from(*index)]);
+            let lookout = Lookout::new(openings, trial.site.start, trial.site.normal);
+            [trial.square(None, *site), trial.square(lookout, *site)]
+        };
+        let squares: Vec<[f32; 2]> = sites.par_iter().map(squares).collect();
+        let [plain, through] = [0, 1].map(|k| squares.iter().map(|pair| pair[k]).sum::<f32>());
+        match (plain > 0.0, through > 0.0) {
+            (_, false) => 0.0,
+            (false, true) => f32::INFINITY,
+            (true, true) => plain / through,
+        }
+    }
+}
+
+/// A site that tries a way of drawing directions.
+struct Trial<'a> {
+    world: &'a World,
+    site: &'a Site,
+}
+
+impl Trial<'_> {
+    /// Mean square of what a direction stands for of the irradiance by a uniform sky of radiance 1,
+    /// where most go through openings; where none do, that is π² times the share that leaves.
+    fn square(&self, lookout: Option<Lookout>, number: usize) -> f32 {
+        let Site { start, normal, .. } = self.site;
+        let Some(lookout) = lookout else {
+            return PI * PI * self.site.share();
+        };
+        let mut numbers = Numbers::new(0, Stream::Opening, u64::MAX - number as u64);
+        let mut sum = 0.0;
+        for _ in 0..TRIALS {
+            let mut next = || numbers.uniform();
+            let (pick, xi) = (next(), Vec3::new(next(), next(), next()));
+            let direction = match pick < THROUGH_OPENINGS {
+                true => lookout.sample(xi),
+                false => cosine_direction(*normal, [xi.y, xi.z]),
+            };
+            let cosine = normal.dot(direction);
+            if cosine > 0.0 && leaves(self.world, *start, direction) {
+                let density = THROUGH_OPENINGS * lookout.pdf(direction)
+                    + (1.0 - THROUGH_OPENINGS) * cosine / PI;
+                sum += (cosine / density).powi(2) / TRIALS as f32;
+            }
+        }
+        sum
+    }
+}

@@ -1,0 +1,106 @@
+use super::*;
+use crate::emitters::DirectLights;
+use crate::radiometry::importance;
+use crate::random::{Numbers, Stream};
+use crate::scene::gltf::{ImportLimits, Resources, import};
+use crate::scene::made::real::{RealScene, foliage, window};
+use std::sync::Arc;
+
+fn world(scene: RealScene) -> World {
+    let imported = import(&scene.glb, &Resources::default(), &ImportLimits::default());
+    World::surrounded(Arc::new(imported.expect("valid")), Arc::new(scene.environment))
+}
+
+#[test]
+fn a_window_is_found_where_it_is() {
+    let world = world(window());
+    let openings = Openings::find(&world).expect("there is a window");
+    assert!((1..=3).contains(&openings.count()), "{:?}", openings.openings);
+    let scale = world.rays.scale() as f32;
+    // The outer end of the hole in the wall, whose half diagonal is 28 cm.
+    let middle = world.rays.place(Vec3::new(2.0, 1.4, 3.7));
+    for opening in &openings.openings {
+        assert!(opening.center.distance(middle) < 0.45 * scale, "{opening:?} {middle}");
+        assert!(opening.radius < 0.6 * scale, "{opening:?}");
+    }
+    let back = world.rays.place(Vec3::new(2.0, 1.5, 0.001));
+    assert!(openings.seen_from(back, Vec3::Z).is_some());
+    let outside = world.rays.place(Vec3::new(2.0, 1.5, -0.201));
+    assert!(openings.seen_from(outside, Vec3::NEG_Z).is_none());
+}
+
+/// Leaves leave much of the sky open everywhere, and a tree's crown is no room.
+#[test]
+fn there_is_none_in_the_open() {
+    assert!(Openings::find(&world(foliage(2_000, 3))).is_none());
+}
+
+#[test]
+fn densities_of_directions_add_up_to_one() {
+    let opening = |center, radius| Opening { center, radius };
+    let seen = [opening(Vec3::new(1.0, 2.0, 0.5), 0.6), opening(Vec3::new(-3.0, 1.0, 0.0), 0.9)];
+    let lookout = Lookout::new(seen.into_iter(), Vec3::ZERO, Vec3::Y).expect("above");
+    let mut numbers = Numbers::new(1, Stream::Light, 0);
+    // ∫ p dω over all directions, and E[1/p] over samples, which is the cones' solid angle.
+    const SAMPLES: u32 = 200_000;
+    let (mut whole, mut angle) = (0.0f64, 0.0f64);
+    for _ in 0..SAMPLES {
+        let mut next = || numbers.uniform();
+        let height = 2.0 * next() - 1.0;
+        let (sin, cos) = (TAU * next()).sin_cos();
+        let across = (1.0 - height * height).sqrt();
+        let direction = Vec3::new(across * cos, height, across * sin);
+        whole += f64::from(lookout.pdf(direction) * 2.0 * TAU) / f64::from(SAMPLES);
+        let direction = lookout.sample(Vec3::new(next(), next(), next()));
+        assert!((direction.length() - 1.0).abs() < 1e-5);
+        angle += f64::from(lookout.pdf(direction).recip()) / f64::from(SAMPLES);
+    }
+    let exact: f64 = seen
+        .iter()
+        .map(|opening| {
+            let sine = f64::from(opening.radius / opening.center.length());
+            f64::from(TAU) * (1.0 - (1.0 - sine * sine).sqrt())
+        })
+        .sum();
+    assert!((whole - 1.0).abs() < 0.03, "{whole}");
+    assert!((angle / exact - 1.0).abs() < 0.01, "{angle} {exact}");
+}
+
+/// Mean and variance of a surface's light by one shadow ray each.
+fn one_ray(lights: &DirectLights, world: &World, point: Vec3, normal: Vec3) -> (f64, f64) {
+    const SAMPLES: u64 = 40_000;
+    let mut numbers = Numbers::new(5, Stream::Light, 0);
+    let (mut sum, mut squares) = (0.0f64, 0.0f64);
+    for _ in 0..SAMPLES {
+        let xi = Vec3::new(numbers.uniform(), numbers.uniform(), numbers.uniform());
+        let sample = lights.sample_by_shadow_ray(world, point, normal, xi);
+        let light = f64::from(importance(sample.irradiance(0.0)));
+        sum += light;
+        squares += light * light;
+    }
+    let mean = sum / SAMPLES as f64;
+    (mean, squares / SAMPLES as f64 - mean * mean)
+}
+
+/// By way of openings arrives what arrives without them, with a fraction of the noise.
+#[test]
+fn light_through_a_window_is_the_same_with_less_noise() {
+    let mut scene = window();
+    scene.environment.sun = None;
+    let world = world(scene);
+    let lights = DirectLights::new(&world).expect("there is a sky");
+    let plain = DirectLights::new(&world).expect("there is a sky").without_openings();
+    let places = [
+        (Vec3::new(2.0, 1.5, 0.001), Vec3::Z),
+        (Vec3::new(1.0, 0.001, 2.0), Vec3::Y),
+        (Vec3::new(3.999, 1.0, 1.5), Vec3::NEG_X),
+    ];
+    for (place, normal) in places {
+        let point = world.rays.place(place);
+        let (mean, variance) = one_ray(&lights, &world, point, normal);
+        let (other, other_variance) = one_ray(&plain, &world, point, normal);
+        let deviation = ((variance + other_variance) / 40_000.0).sqrt();
+        assert!((mean - other).abs() < 3.5 * deviation, "{place}: {mean} {other} ± {deviation}");
+        assert!(5.0 * variance < other_variance, "{place}: {variance} {other_variance}");
+    }
+}
