@@ -3,7 +3,7 @@ use crate::emitters::DirectLights;
 use crate::radiometry::importance;
 use crate::random::{Numbers, Stream};
 use crate::scene::gltf::{ImportLimits, Resources, import};
-use crate::scene::made::real::{RealScene, foliage, window};
+use crate::scene::made::real::{RealScene, checker, window};
 use std::sync::Arc;
 
 fn world(scene: RealScene) -> World {
@@ -29,10 +29,9 @@ fn a_window_is_found_where_it_is() {
     assert!(openings.seen_from(outside, Vec3::NEG_Z).is_none());
 }
 
-/// Leaves leave much of the sky open everywhere, and a tree's crown is no room.
 #[test]
 fn there_is_none_in_the_open() {
-    assert!(Openings::find(&world(foliage(2_000, 3))).is_none());
+    assert!(Openings::find(&world(checker())).is_none());
 }
 
 #[test]
