@@ -1,8 +1,8 @@
 //! Which openings the places of a scene see: trees over the sites that looked around, one for each
 //! of six groups of normals, since a wall is dark on one side and not on the other.
 
+use super::lookout::{Lookout, MOST_SEEN, Opening};
 use super::search::{Site, View, leaves, nearest};
-use super::{Lookout, MOST_SEEN, Opening};
 use crate::random::{Numbers, Stream};
 use crate::sampling::cosine_direction;
 use crate::surface::World;

@@ -1,7 +1,7 @@
 //! Looks for openings by rays: from sites all over the scene's surfaces, and along those rays of
 //! dark sites that leave the scene, to where they come into the open.
 
-use super::{MARGIN, Opening};
+use super::lookout::Opening;
 use crate::radiometry::importance;
 use crate::random::{Numbers, Stream};
 use crate::rays::{Spot, inset, unit_normal};
@@ -31,6 +31,9 @@ const ALL_ROUND: u32 = 32;
 const HALVINGS: u32 = 10;
 /// Largest radius of an opening, in distances from which it was seen.
 const WIDEST: f32 = 0.3;
+/// How much larger an opening's ball is made than what of it was found: rays seldom find the
+/// corners.
+const MARGIN: f32 = 1.25;
 /// How often what was found is shared out among the openings anew.
 const ROUNDS: usize = 3;
 /// Most openings.

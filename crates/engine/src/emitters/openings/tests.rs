@@ -4,6 +4,7 @@ use crate::radiometry::importance;
 use crate::random::{Numbers, Stream};
 use crate::scene::gltf::{ImportLimits, Resources, import};
 use crate::scene::made::real::{RealScene, checker, window};
+use std::f32::consts::TAU;
 use std::sync::Arc;
 
 fn world(scene: RealScene) -> World {
