@@ -57,7 +57,7 @@ impl Method for Hemilux {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        3
+        4
     }
 
     fn summary(&self) -> &'static str {
