@@ -69,6 +69,12 @@ const BESIDE_FACET: f32 = 2.0;
 const IN_PLANE_COSINE: f32 = 1.0 - 1e-6;
 /// Distance from each other's planes, in pixels, of facets in one plane, at most.
 const IN_PLANE_PIXELS: f32 = 1e-3;
+/// By how much, in pixels, places in a plane are lifted off it where they may be on another facet than
+/// the plane's: more than facets in one plane differ within a pixel by their distance
+/// ([`IN_PLANE_PIXELS`]) and their tilt ([`IN_PLANE_COSINE`]: .0014).
+const LIFT_PIXELS: f32 = 3e-3;
+/// Least cosine to the viewer by which a pixel is taken to be seen on a surface.
+const LEAST_SLANT: f32 = 0.05;
 /// Steps of well-spread points of the square (Roberts 2018).
 const SQUARE_STEP: Vec2 = Vec2::new(0.754_877_7, 0.569_840_3);
 
@@ -221,11 +227,14 @@ impl VisibleSurfaces {
             offset += ((SQUARE_STEP * round as f32).fract() - 0.5) * side;
         }
         let Some((facet, back)) = item::decode(fragment.code) else { return fragment.point };
-        let at = match fragment.in_plane == fragment.mask {
-            true => self.barycentric(facet, fragment.pixel, offset),
-            false => self.in_plane_of(facet, fragment.pixel, offset),
-        };
-        self.spot(facet, back, at).0
+        if fragment.in_plane == fragment.mask {
+            return self.spot(facet, back, self.barycentric(facet, fragment.pixel, offset)).0;
+        }
+        let (point, normal) =
+            self.spot(facet, back, self.in_plane_of(facet, fragment.pixel, offset));
+        // Not under the other facets of the plane, which is theirs but for a little.
+        let slant = normal.dot(self.frame.towards_eye(point)).max(LEAST_SLANT);
+        point + normal * (LIFT_PIXELS * self.frame.footprint(point, self.height) / slant)
     }
 
     /// The surface point of the sample that is nearest to the middle of a fragment's: what it
