@@ -45,6 +45,8 @@ pub enum Stream {
     Gloss = 19,
     /// Where openings to the sky are looked for.
     Opening = 20,
+    /// Directions of a lobe, along which nothing is in the way of the sky.
+    OpenLobe = 21,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

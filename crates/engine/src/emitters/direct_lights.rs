@@ -124,6 +124,25 @@ impl DirectLights {
         self.sky.is_some() || self.sun.is_some()
     }
 
+    /// Whether there is a sky that shines.
+    pub fn has_sky(&self) -> bool {
+        self.sky.is_some()
+    }
+
+    /// A unit direction of the sky, about in proportion to what it gives to a surface of that unit
+    /// normal, for two uniform numbers; `None` without a sky.
+    pub fn sky_direction(&self, normal: Vec3, xi: [f32; 2]) -> Option<Vec3> {
+        let (direction, density) = self.sky.as_ref()?.sample(normal, xi);
+        (density > 0.0).then_some(direction)
+    }
+
+    /// Radiance of the sky from a unit direction, and the density, 1/sr, at which
+    /// [`DirectLights::sky_direction`] picks it.
+    pub fn sky(&self, normal: Vec3, direction: Vec3) -> (Rgb, f32) {
+        let Some(sky) = &self.sky else { return (Rgb::ZERO, 0.0) };
+        (sky.radiance(direction), sky.pdf(normal, direction))
+    }
+
     /// Whether there are but polygons: then each step is theirs alone.
     fn has_only_polygons(&self) -> bool {
         !self.surrounds() && self.punctual.is_none()
@@ -250,6 +269,7 @@ impl DirectLights {
                     irradiance: sun.irradiance() * cosine,
                     density: sun.pdf(),
                     is_apart: false,
+                    is_sky: false,
                 };
                 (cosine > 0.0).then_some(light)?
             }
@@ -261,7 +281,13 @@ impl DirectLights {
                 // A part of a soft light may be below the horizon.
                 let cosine = normal.dot(light.direction).max(0.0);
                 let irradiance = light.irradiance * cosine / probability;
-                LightPoint { end: light.end, irradiance, density: f32::INFINITY, is_apart: false }
+                LightPoint {
+                    end: light.end,
+                    irradiance,
+                    density: f32::INFINITY,
+                    is_apart: false,
+                    is_sky: false,
+                }
             }
         };
         Some(LightPoint {
@@ -285,6 +311,7 @@ impl DirectLights {
             irradiance: radiance * (cosine / density),
             density,
             is_apart: false,
+            is_sky: true,
         })
     }
 

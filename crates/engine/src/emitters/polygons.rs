@@ -44,6 +44,8 @@ pub struct LightPoint {
     /// Whether it is no part of the irradiance without occlusion that goes with it, since most of
     /// that never arrives: light of the sky that comes through openings.
     pub is_apart: bool,
+    /// Whether it is of the sky.
+    pub is_sky: bool,
 }
 
 /// What one shadow ray found out about the direct light on a surface.
@@ -176,6 +178,7 @@ impl PolygonLights {
             irradiance: light.radiance * (cosine / square.sqrt() * solid_angle / probability),
             density: probability / solid_angle,
             is_apart: false,
+            is_sky: false,
         })
     }
 

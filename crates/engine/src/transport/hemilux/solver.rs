@@ -41,6 +41,8 @@ const MOST_CATCH_UP: u32 = 8;
 /// Passes of shadow rays in each iteration of a second camera while it reuses links and records of
 /// the first: only the shadows are new then.
 const KNOWN_SCENE_SHADOW_PASSES: u32 = 2;
+/// Most passes of lobe rays in an iteration.
+const MOST_LOBE_PASSES: u32 = 6;
 /// Time that drawing a picture is assumed to take, as a share of the first iteration, until one has
 /// been drawn and timed.
 const PICTURE_SHARE: f64 = 0.25;
@@ -73,6 +75,8 @@ pub struct Tiers {
     cache: IrradianceCache,
     direct: DirectLighting,
     gloss: Gloss,
+    /// Passes of lobe rays in an iteration.
+    lobe_passes: u32,
     options: HemiluxSettings,
     /// Whether the first picture had better come soon than be good.
     hasty: bool,
@@ -127,6 +131,7 @@ impl Tiers {
         Self {
             direct,
             gloss: Gloss::new(&world, &visible),
+            lobe_passes: 1,
             world,
             lights,
             visible,
@@ -182,7 +187,8 @@ impl Tiers {
     /// Reads the checkpoint's section for this camera: shadow rays and lobes.
     pub fn restore_bound(&mut self, mut from: Reader<'_>) -> Result<(), CheckpointError> {
         self.direct.restore(&mut from)?;
-        self.gloss.restore(&mut from)?;
+        self.gloss.restore(&self.visible, &mut from)?;
+        self.lobe_passes = from.value::<u32>()?.clamp(1, MOST_LOBE_PASSES);
         from.end()
     }
 
@@ -230,6 +236,23 @@ impl Tiers {
         tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays + by_light;
         tally.light_shots = self.direct.rays + by_light;
         self.done = tally.iterations;
+        if self.gloss.passes > 1 && self.done.is_power_of_two() {
+            self.balance();
+        }
+    }
+
+    /// Finds how many passes of lobe rays an iteration is to have beside its shadow rays and gather
+    /// rays, so that time goes where it lowers the error most: as many as in proportion to the error
+    /// that one pass of either leaves (for equal times).
+    fn balance(&mut self) {
+        let (passes, iterations) = (f64::from(self.gloss.passes), self.done as f64);
+        let Some(Errors { by_cause: [noise, _, shadows, lobes, _], .. }) = self.draw().errors
+        else {
+            return;
+        };
+        let others = noise.max(shadows) * iterations.sqrt();
+        let ratio = lobes * passes.sqrt() / others.max(f64::MIN_POSITIVE);
+        self.lobe_passes = (ratio.round() as u32).clamp(1, MOST_LOBE_PASSES);
     }
 
     /// Doubles the number of links and solves for all of them. Iterations do so whenever their
@@ -280,7 +303,10 @@ impl Tiers {
             self.gloss.pass(&self.coarse, &self.visible, self.seed, self.options.adaptive);
             self.gloss.brightness = self.brightness();
         }
-        if !(first && self.hasty) && self.gloss.may_matter(&self.visible, iterations) {
+        for _ in 0..self.lobe_passes {
+            if (first && self.hasty) || !self.gloss.may_matter(&self.visible, iterations) {
+                break;
+            }
             self.gloss.pass(&self.coarse, &self.visible, self.seed, self.options.adaptive);
         }
     }
@@ -380,6 +406,7 @@ impl Solver for Tiers {
         to.slice::<Rgb>(&[]);
         self.direct.save(&mut parts.bound);
         self.gloss.save(&mut parts.bound);
+        parts.bound.value(self.lobe_passes);
         Ok(())
     }
 

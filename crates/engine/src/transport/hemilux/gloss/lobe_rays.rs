@@ -11,9 +11,11 @@ use crate::surface::{Passage, PassageEnd, Reflection, Surface};
 use crate::transport::hemilux::coarse::CoarseSolution;
 use glam::Vec3;
 
-/// A path goes on by the next lobe if at least this share of its radiance would get to the first
-/// one; else that lobe is taken to be diffuse.
-const LEAST_CARRIED: f32 = 0.02;
+/// Probability at which a path goes on by the next lobe that it meets, as a multiple of that lobe's
+/// albedo: most paths have a weight of a half then.
+const SURVIVAL_PER_ALBEDO: f32 = 2.0;
+/// Lower bound of that probability, so that what is seen in dark plastic is not left to rare paths.
+const LEAST_SURVIVAL: f32 = 0.1;
 
 /// Probability at which a gather ray follows a lobe that it meets, as a multiple of the lobe's
 /// share of what the surface reflects.
@@ -21,7 +23,7 @@ const FOLLOWED_PER_SHARE: f32 = 2.0;
 /// Lower bound of that probability: its inverse, 10, is the largest weight of such a path.
 const LEAST_FOLLOWED: f32 = 0.1;
 /// Most lobes that a gather ray follows one after the other.
-const MOST_LOBES: u32 = 2;
+const MOST_LOBES: u32 = 8;
 
 /// Random numbers of a path from lobe to lobe, and its greatest length.
 pub struct LobePathNumbers {
@@ -34,6 +36,19 @@ pub struct LobePathNumbers {
     /// Whether a map has what emitters bring along it, as long as its lobes are sharp: then it began
     /// at a diffuse reflection.
     pub is_mapped: bool,
+}
+
+/// What a lobe reflects towards its viewer, as one path found it.
+#[derive(Clone, Copy, Default)]
+pub struct LobeRadiance {
+    /// Radiance.
+    pub radiance: Rgb,
+    /// What of it is light of the sky that comes to the first lobe itself.
+    pub sky: Rgb,
+    /// What that would be if nothing were in the way.
+    pub open_sky: Rgb,
+    /// 1 over the distance to what the path met first, 0 where that is nothing.
+    pub nearness: f32,
 }
 
 /// A lobe of a path: where light leaves it, and what lights are picked by there.
@@ -57,28 +72,42 @@ impl<'a> LobeAt<'a> {
     }
 
     /// What the lobe reflects of a light that is sampled.
-    fn by_lights(&self, xi: Vec3) -> Rgb {
+    fn by_lights(&self, xi: Vec3) -> LobeRadiance {
+        let mut found = LobeRadiance::default();
         if self.is_mapped {
-            return Rgb::ZERO;
+            return found;
         }
         let (start, normal) = (self.surface.start(), self.surface.shading_normal);
         let Some(light) = self.coarse.lights.sample(&self.unoccluded, start, normal, xi) else {
-            return Rgb::ZERO;
+            return found;
         };
         let direction = (light.end - start).normalize_or_zero();
         let (parts, density) =
             self.surface.reflection().evaluate_with_pdf(self.viewer, direction, 0.0);
         let value = parts.both();
         if value == Rgb::ZERO || self.surface.normal.dot(direction) <= 0.0 {
-            return Rgb::ZERO;
+            return found;
         }
-        let seen = self.coarse.world.visibility(start, light.end);
-        value * light.irradiance * seen * power_heuristic(light.density, density)
+        let open = value * light.irradiance * power_heuristic(light.density, density);
+        found.radiance = open * self.coarse.world.visibility(start, light.end);
+        if light.is_sky {
+            (found.sky, found.open_sky) = (found.radiance, open);
+        }
+        found
+    }
+
+    /// What a ray of that density would bring of the sky if nothing were in its way.
+    fn open_sky(&self, direction: Vec3, density: f32) -> Rgb {
+        let normal = self.surface.shading_normal;
+        let [(radiance, other), _] =
+            self.coarse.lights.escaping(&self.unoccluded, normal, direction);
+        radiance * power_heuristic(density, other)
     }
 
     /// What a ray of that density brings from where it left the scene. The sun is found by rays that
-    /// were bent only where the lobe is sharp; others meet it too seldom.
-    fn escaping(&self, sight: &Passage, density: f32) -> Rgb {
+    /// were bent only where the lobe is sharp; others meet it too seldom. What the sky brings comes
+    /// first.
+    fn escaping(&self, sight: &Passage, density: f32) -> [Rgb; 2] {
         let normal = self.surface.shading_normal;
         let far = self.coarse.lights.escaping(&self.unoccluded, normal, sight.direction);
         let finds_sun = !self.is_mapped && (!sight.is_bent || self.surface.reflection().is_sharp());
@@ -90,7 +119,8 @@ impl<'a> LobeAt<'a> {
                 false => Rgb::ZERO,
             }
         };
-        sight.left * far.into_iter().enumerate().map(weighed).sum::<Rgb>()
+        let [sky, sun] = far;
+        [(0, sky), (1, sun)].map(|far| sight.left * weighed(far))
     }
 
     /// What such a ray brings of the emission of what it met.
@@ -109,56 +139,73 @@ impl<'a> LobeAt<'a> {
     }
 }
 
-/// Radiance that a surface's lobe reflects towards the unit vector `viewer`, by one ray, and by one
-/// to the lights from each lobe on its way; and 1 over the distance to what it met first, 0 where
-/// that is nothing. Paths are traced one by one: many paths side by side took 0.5 to 1.6 % longer.
+/// What a surface's lobe reflects towards the unit vector `viewer`, by one ray, and by one to the
+/// lights from each lobe on its way. Paths are traced one by one: many paths side by side took
+/// 0.5 to 1.6 % longer.
 pub fn radiance_by_lobe(
     coarse: &CoarseSolution,
     surface: Surface,
     mut viewer: Vec3,
     path_numbers: LobePathNumbers,
-) -> (Rgb, f32) {
+) -> LobeRadiance {
     let LobePathNumbers { mut xi, mut numbers, most_lobes, mut is_mapped } = path_numbers;
     let world = &*coarse.world;
     let mut surface = surface.lobe_only();
-    let (mut sum, mut carried, mut nearness) = (Rgb::ZERO, Rgb::ONE, 0.0);
+    let (mut found, mut carried) = (LobeRadiance::default(), Rgb::ONE);
     for lobe in 1.. {
         let at = LobeAt::new(coarse, surface, viewer, is_mapped);
         is_mapped = at.is_mapped;
-        sum += carried * at.by_lights(numbers.light);
+        let by_lights = at.by_lights(numbers.light);
+        if lobe == 1 {
+            found = by_lights;
+        } else {
+            found.radiance += carried * by_lights.radiance;
+        }
         let scattered = surface.reflection().sample(viewer, 0.0, false, xi);
         let Some(scattered) = scattered else { break };
         let sight = world.look(surface.start(), scattered.direction);
         carried *= scattered.factor.both();
+        if lobe == 1 && coarse.lights.has_sky() {
+            found.open_sky += carried * at.open_sky(scattered.direction, scattered.pdf);
+        }
         if !at.is_mapped {
-            sum += carried * sight.shine;
+            found.radiance += carried * sight.shine;
         }
         let hit = match sight.end {
             PassageEnd::Met(hit) => hit,
             PassageEnd::Escaped => {
-                sum += carried * at.escaping(&sight, scattered.pdf);
+                let [sky, sun] = at.escaping(&sight, scattered.pdf);
+                found.radiance += carried * (sky + sun);
+                if lobe == 1 {
+                    found.sky += carried * sky;
+                }
                 break;
             }
             PassageEnd::Lost => break,
         };
         if lobe == 1 {
-            nearness = 1.0 / sight.way.max(1e-3);
+            found.nearness = 1.0 / sight.way.max(1e-3);
         }
         let Some(met) = world.surface(&hit) else { break };
-        sum += carried * at.emitted(&sight, &hit, &met, scattered.pdf);
+        found.radiance += carried * at.emitted(&sight, &hit, &met, scattered.pdf);
         carried *= sight.left;
-        let next_carried = (carried * met.reflection().specular()).max_element();
-        let Some(next) = numbers.next.filter(|_| next_carried > LEAST_CARRIED && lobe < most_lobes)
+        let Some(next) = numbers.next.filter(|_| met.reflection().is_glossy() && lobe < most_lobes)
         else {
-            sum += carried * coarse.reflected_as_diffuse(&hit, Some(numbers));
+            found.radiance += carried * coarse.reflected_as_diffuse(&hit, Some(numbers));
             break;
         };
-        sum += carried * coarse.reflected_diffusely(&hit, -sight.direction, numbers);
+        found.radiance += carried * coarse.reflected_diffusely(&hit, -sight.direction, numbers);
         (surface, viewer) = (met.lobe_only(), -sight.direction);
+        let albedo = surface.reflection().albedo(viewer).max_element();
+        let survival = (SURVIVAL_PER_ALBEDO * albedo).clamp(LEAST_SURVIVAL, 1.0);
+        if next.number() >= survival {
+            break;
+        }
+        carried /= survival;
         numbers = Afresh { next: Some(next.after()), ..next.afresh() };
         xi = numbers.bounce;
     }
-    (sum, nearness)
+    found
 }
 
 /// Radiance that arrives at a diffuse surface along a ray in `direction` that met this, beside
@@ -209,5 +256,5 @@ pub fn reflected_at(
     let numbers = Afresh { next: Some(next.after()), ..next.afresh() };
     let path_numbers =
         LobePathNumbers { xi: numbers.bounce, numbers, most_lobes: MOST_LOBES, is_mapped };
-    diffuse + radiance_by_lobe(coarse, surface, -direction, path_numbers).0 / probability
+    diffuse + radiance_by_lobe(coarse, surface, -direction, path_numbers).radiance / probability
 }

@@ -2,8 +2,10 @@
 //! pixels share these rays as far as the lobes blur what they show (docs/decisions/0024). What they
 //! share is radiance over the lobe's albedo, so that textures of colour and metal stay sharp.
 
-use super::lobe_rays::{LobePathNumbers, radiance_by_lobe};
+use super::lobe_rays::{LobePathNumbers, LobeRadiance, radiance_by_lobe};
+use super::open_sky;
 use super::seen_through::seen_through;
+use super::sums::{Found, LobeSums, open_factor};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::filter::Plane;
 use crate::radiometry::Rgb;
@@ -12,12 +14,17 @@ use crate::sampling::{BAYER, Seed, Shifted};
 use crate::surface::{Reflection, World};
 use crate::transport::hemilux::coarse::CoarseSolution;
 use crate::transport::hemilux::fragments::{Lobe, VisibleSurfaces};
-use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
 
 /// Lobe rays of a whole pixel in the first pass, with as many rays to the lights.
 const RAYS_PER_PIXEL: f32 = 4.0;
+/// Batches of directions to an open sky of a lobe that sees any, in the first pass.
+const FIRST_BATCHES: u32 = 2;
+/// Time of such a batch, in that of a ray with its ray to the lights.
+const BATCH_COST: f32 = 1.5;
+/// Rays from which on a lobe may have none in a pass.
+const RAYS_TO_REST: u32 = 8;
 /// Error of the lobes, relative to the mean radiance, that is negligible in the first picture;
 /// after n iterations it is this over √n.
 const NEGLIGIBLE_ERROR: f64 = 0.004;
@@ -34,8 +41,6 @@ const NEIGHBOUR_REACH: i32 = 2;
 const NARROWNESS: f32 = 4.0;
 /// Lobes share rays if their exponents, at least 1, differ by less than this factor.
 const LIKE_EXPONENTS: f32 = 1.3;
-/// Least albedo of a lobe that radiance is divided by.
-const LEAST_ALBEDO: f32 = 1e-6;
 /// Squared difference between two neighbours' means, in units of its variance, up to which they
 /// count in full: 2.4 standard deviations. As with shadows.
 const ALIKE_VARIANCES: f32 = 6.0;
@@ -51,6 +56,8 @@ pub struct Gloss {
     lobes: Vec<PlacedLobe>,
     /// Of each of [`VisibleSurfaces::lobes`].
     sums: Vec<LobeSums>,
+    /// Of each of them, by how much its mean is corrected for the open sky; empty where there is none.
+    factors: Vec<f32>,
     /// Lobes of pixel p: `start[p]..start[p + 1]`.
     start: Vec<u32>,
     /// Passes so far.
@@ -59,21 +66,47 @@ pub struct Gloss {
     pub brightness: f32,
 }
 
-/// Sums over the rays of a lobe. Checkpoints store them as they are: the order of the fields is
-/// part of the format.
-#[derive(Clone, Copy, Default, Pod, Zeroable)]
-#[repr(C)]
-struct LobeSums {
-    /// Σ radiance over the lobe's albedo.
-    radiance: Rgb,
-    /// Σ squares of the same.
-    squares: Rgb,
-    /// Σ albedos of the lobe towards the camera.
-    albedo: Rgb,
-    /// Σ 1/distance to what they met.
-    nearness: f32,
-    /// Rays so far.
-    pub rays: u32,
+/// A value that neighbours share as far as theirs are alike.
+struct Shared {
+    plane: Plane,
+    /// The lobe's own mean.
+    mean: Rgb,
+    /// And its variance, summed over the channels.
+    variance: f32,
+}
+
+impl Shared {
+    fn new((mean, variance): (Rgb, f32)) -> Self {
+        Self { plane: Plane::new(), mean, variance }
+    }
+
+    /// Adds that of a neighbour, so many pixels to the right and down, unless chance does not explain
+    /// by how much it differs.
+    fn add(&mut self, [across, down]: [i32; 2], (mean, variance): (Rgb, f32), weight: f32) {
+        let off = (mean - self.mean).length_squared();
+        let chance = self.variance + variance;
+        let alike = (UNLIKE_VARIANCES - off / chance.max(f32::MIN_POSITIVE))
+            / (UNLIKE_VARIANCES - ALIKE_VARIANCES);
+        let weight = weight * alike.clamp(0.0, 1.0);
+        if weight > 0.0 {
+            self.plane.add(across, down, mean, weight);
+        }
+    }
+
+    /// The plane's value and its variance.
+    fn center(self) -> (Rgb, f32) {
+        let (value, scatter) = self.plane.center();
+        (value, scatter.map_or(self.variance, Rgb::element_sum))
+    }
+}
+
+/// What a lobe gets in a pass.
+#[derive(Clone, Copy)]
+struct Work {
+    /// Rays.
+    rays: u32,
+    /// Batches of directions to an open sky, if it sees any.
+    batches: u32,
 }
 
 /// The lobe of a fragment: its place, and the mirrored direction to the camera.
@@ -94,13 +127,18 @@ impl Gloss {
     }
 
     /// Reads what [`Gloss::save`] wrote of the same lobes.
-    pub fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
+    pub fn restore(
+        &mut self,
+        visible: &VisibleSurfaces,
+        from: &mut Reader<'_>,
+    ) -> Result<(), CheckpointError> {
         self.passes = from.value()?;
         self.brightness = from.value()?;
         self.sums = from.exactly(self.sums.len())?;
-        if self.sums.iter().any(|sums| sums.rays > MOST_RAYS_OF_ALL) {
+        if !self.sums.iter().all(|sums| sums.is_possible(MOST_RAYS_OF_ALL)) {
             return Err(CheckpointError::damaged("there can't be that many rays"));
         }
+        self.find_factors(visible);
         Ok(())
     }
 
@@ -129,6 +167,7 @@ impl Gloss {
         Self {
             sums: vec![LobeSums::default(); lobes.len()],
             lobes,
+            factors: Vec::new(),
             start,
             passes: 0,
             brightness: 0.0,
@@ -143,15 +182,15 @@ impl Gloss {
     /// Whether the lobes' error may matter in the picture after so many iterations, rather than lie
     /// far below that of the rest ([`NEGLIGIBLE_ERROR`]).
     pub fn may_matter(&self, visible: &VisibleSurfaces, iterations: u64) -> bool {
-        let chunks = self.sums.par_chunks(1024).zip(visible.lobes.par_chunks(1024));
-        let of_chunk = |(sums, lobes): (&[LobeSums], &[Lobe])| {
-            let of_lobe = |(sums, lobe): (&LobeSums, &Lobe)| {
-                let [_, variance] = sums.reflected(sums.mean(), sums.variance());
-                f64::from(visible.share(lobe).powi(2) * variance.element_sum())
-            };
-            sums.iter().zip(lobes).map(of_lobe).sum::<f64>()
+        let of_lobe = |lobe: usize| {
+            let sums = &self.sums[lobe];
+            let variance = sums.variance(self.factor(lobe));
+            f64::from(visible.share(&visible.lobes[lobe]).powi(2) * variance)
         };
-        let sums: Vec<f64> = chunks.map(of_chunk).collect();
+        let of_chunk = |chunk: usize| {
+            (1024 * chunk..(1024 * (chunk + 1)).min(self.len())).map(of_lobe).sum::<f64>()
+        };
+        let sums: Vec<f64> = (0..self.len().div_ceil(1024)).into_par_iter().map(of_chunk).collect();
         let square =
             NEIGHBOUR_VARIANCE_FACTOR * sums.iter().sum::<f64>() / (3 * visible.shine.len()) as f64;
         let enough = NEGLIGIBLE_ERROR * f64::from(self.brightness);
@@ -167,12 +206,12 @@ impl Gloss {
         seed: Seed,
         adaptive: bool,
     ) {
-        let rays_by_scatter = (adaptive && self.passes > 0).then(|| self.rays_by_scatter(visible));
+        let work_by_scatter = (adaptive && self.passes > 0).then(|| self.work_by_scatter(visible));
         let all = self.sums.par_iter_mut().zip(&visible.lobes).enumerate().with_max_len(256);
         all.for_each(|(index, (sums, lobe))| {
-            let rays = rays_by_scatter.as_ref().map_or_else(
-                || first_pass_rays(visible, lobe),
-                |rays_by_scatter| rays_by_scatter[index],
+            let work = work_by_scatter.as_ref().map_or_else(
+                || Work { rays: first_pass_rays(visible, lobe), batches: FIRST_BATCHES },
+                |work_by_scatter| work_by_scatter[index],
             );
             // Pixels of a tile take the points of a sequence in turn.
             let pixel = visible.fragments[lobe.fragment as usize].pixel;
@@ -180,42 +219,100 @@ impl Gloss {
             let tile = u64::from(y / 4) << 32 | u64::from(x / 4);
             let sequence = Shifted::new(seed, Stream::Gloss, tile);
             let place = BAYER[(y % 4 * 4 + x % 4) as usize];
-            for ray in sums.rays..sums.rays + rays {
+            for ray in sums.rays..sums.rays + work.rays {
                 let at = sequence.at(ray.wrapping_mul(16).wrapping_add(place));
                 sums.add(trace(coarse, visible, (lobe, ray), &at));
             }
+            if !sums.sees_sky() {
+                return;
+            }
+            let sequence = Shifted::new(seed, Stream::OpenLobe, u64::from(pixel));
+            for batch in sums.batches..sums.batches + work.batches {
+                let lit = (&*coarse.world, &*coarse.lights);
+                let mean = open_sky::batch(lit, visible, (lobe, batch), &sequence);
+                if let Some(mean) = mean {
+                    sums.add_batch(mean);
+                }
+            }
         });
         self.passes += 1;
+        self.find_factors(visible);
     }
 
-    /// Rays of each lobe in the next pass: about as many altogether as in the first pass, in
+    /// Finds by how much each lobe's mean is corrected for the open sky: as the rays of those beside
+    /// it say, or its own where there are none.
+    fn find_factors(&mut self, visible: &VisibleSurfaces) {
+        if !self.sums.iter().any(LobeSums::knows_open_sky) {
+            return;
+        }
+        let covariances: Vec<[f32; 2]> = self.sums.par_iter().map(LobeSums::covariance).collect();
+        let factor = |lobe: usize| {
+            if !self.sums[lobe].knows_open_sky() {
+                return 0.0;
+            }
+            let mut beside = Vec::new();
+            self.around(visible, lobe, 1, |other, _, _| beside.push(covariances[other]));
+            if beside.is_empty() {
+                beside.push(covariances[lobe]);
+            }
+            open_factor(beside.into_iter())
+        };
+        self.factors = (0..self.len()).into_par_iter().with_min_len(1024).map(factor).collect();
+    }
+
+    fn factor(&self, lobe: usize) -> f32 {
+        self.factors.get(lobe).copied().unwrap_or_default()
+    }
+
+    /// Mean and variance, summed over the channels, of radiance over albedo by a lobe's own rays.
+    fn own(&self, lobe: usize) -> (Rgb, f32) {
+        let (sums, factor) = (&self.sums[lobe], self.factor(lobe));
+        let ((rest, rest_variance), (open, open_variance)) = (sums.rest(factor), sums.open_sky());
+        (rest + factor * open, rest_variance + factor * factor * open_variance)
+    }
+
+    /// Work at each lobe in the next pass: about as much altogether as in the first pass, in
     /// proportion to the standard deviation that each adds to the picture, which minimises variance
     /// (Neyman allocation).
-    fn rays_by_scatter(&self, visible: &VisibleSurfaces) -> Vec<u32> {
+    fn work_by_scatter(&self, visible: &VisibleSurfaces) -> Vec<Work> {
+        // Of a ray, and of a batch of directions to an open sky.
         let scatter = |lobe: usize| {
             let sums = &self.sums[lobe];
-            let [_, variance] = sums.reflected(sums.mean(), sums.variance() * sums.rays as f32);
-            visible.share(&visible.lobes[lobe]) * variance.element_sum().sqrt()
+            let factor = self.factor(lobe);
+            [sums.ray_variance(factor), sums.batch_variance(factor)]
+                .map(|variance| visible.share(&visible.lobes[lobe]) * variance.sqrt())
         };
-        let own: Vec<f32> = (0..self.len()).into_par_iter().map(scatter).collect();
-        // Few rays may have missed a highlight that those of a lobe beside it met.
+        let own: Vec<[f32; 2]> = (0..self.len()).into_par_iter().map(scatter).collect();
+        // By what those beside it found, not its own rays: dark ones, which have missed a highlight,
+        // would get no more and remain dark, while bright ones would be corrected.
         let around = |lobe: usize| {
-            let mut most = own[lobe];
-            self.around(visible, lobe, 1, |other, _, _| most = most.max(own[other]));
-            most
+            let (mut squares, mut count) = ([0.0; 2], 0.0);
+            self.around(visible, lobe, NEIGHBOUR_REACH, |other, _, _| {
+                for (sum, scatter) in squares.iter_mut().zip(own[other]) {
+                    *sum += scatter * scatter;
+                }
+                count += 1.0;
+            });
+            let scatter = match count > 0.0 {
+                true => squares.map(|sum| (sum / count).sqrt()),
+                false => own[lobe],
+            };
+            [scatter[0], scatter[1] / BATCH_COST.sqrt()]
         };
-        let around: Vec<f32> =
+        let around: Vec<[f32; 2]> =
             (0..self.len()).into_par_iter().with_min_len(1024).map(around).collect();
-        let mean = around.iter().map(|scatter| f64::from(*scatter)).sum::<f64>() as f32
-            / self.len() as f32;
-        let rays = |(scatter, lobe): (&f32, &Lobe)| {
-            let factor = (scatter / mean.max(f32::MIN_POSITIVE)).min(MOST_RAYS_FACTOR);
-            (RAYS_PER_PIXEL * factor)
-                .round()
-                .max(1.0)
-                .min(MOST_RAYS_FACTOR * first_pass_rays(visible, lobe) as f32) as u32
+        let cost = |[ray, batch]: &[f32; 2]| f64::from(ray + BATCH_COST * batch);
+        let mean = around.iter().map(cost).sum::<f64>() as f32 / self.len() as f32;
+        let work = |([ray, batch], (lobe, sums)): (&[f32; 2], (&Lobe, &LobeSums))| {
+            let times = |scatter: &f32| {
+                (scatter / mean.max(f32::MIN_POSITIVE)).min(MOST_RAYS_FACTOR) * RAYS_PER_PIXEL
+            };
+            let least = if sums.rays < RAYS_TO_REST { 1.0 } else { 0.0 };
+            let most = MOST_RAYS_FACTOR * first_pass_rays(visible, lobe) as f32;
+            let rays = times(ray).round().max(least).min(most) as u32;
+            Work { rays, batches: times(batch).round().max(least) as u32 }
         };
-        around.iter().zip(&visible.lobes).map(rays).collect()
+        around.iter().zip(visible.lobes.iter().zip(&self.sums)).map(work).collect()
     }
 
     /// Radiance that each fragment's lobes reflect to the camera, with its variance; shared between
@@ -225,10 +322,10 @@ impl Gloss {
             let sums: &LobeSums = &self.sums[lobe];
             let (mean, variance) = match filtered {
                 true => self.with_neighbours(visible, lobe),
-                false => (sums.mean(), sums.variance()),
+                false => self.own(lobe),
             };
             let [mean, variance] = sums.reflected(mean, variance);
-            (mean, variance)
+            (mean.max(Rgb::ZERO), variance)
         };
         let lobes: Vec<(Rgb, Rgb)> =
             (0..self.len()).into_par_iter().with_min_len(1024).map(own).collect();
@@ -243,30 +340,31 @@ impl Gloss {
         fragments
     }
 
-    /// Mean and variance of radiance over albedo by a plane fitted through the means of neighbouring lobes that look at
-    /// about the same place.
-    fn with_neighbours(&self, visible: &VisibleSurfaces, index: usize) -> (Rgb, Rgb) {
-        let mine = &self.sums[index];
-        let (mean, variance) = (mine.mean(), mine.variance());
-        let mut plane = Plane::new();
-        plane.add(0, 0, mean, mine.rays as f32);
+    /// Mean and variance, summed over the channels, of radiance over albedo by planes fitted through
+    /// those of neighbouring lobes that look at about the same place: one through what rays find
+    /// beside the open sky's share, the other through the open sky.
+    fn with_neighbours(&self, visible: &VisibleSurfaces, index: usize) -> (Rgb, f32) {
+        let (mine, factor) = (&self.sums[index], self.factor(index));
+        let (mut rest, mut open) = (Shared::new(mine.rest(factor)), Shared::new(mine.open_sky()));
+        rest.plane.add(0, 0, rest.mean, mine.rays as f32);
+        open.plane.add(0, 0, open.mean, mine.batches as f32);
         self.around(visible, index, NEIGHBOUR_REACH, |other, across, down| {
             let same = self.looks_at_the_same(index, other);
             if same <= 0.0 {
                 return;
             }
             let theirs = &self.sums[other];
-            let off = (theirs.mean() - mean).length_squared();
-            let chance = (variance + theirs.variance()).element_sum();
-            let alike = (UNLIKE_VARIANCES - off / chance.max(f32::MIN_POSITIVE))
-                / (UNLIKE_VARIANCES - ALIKE_VARIANCES);
-            let weight = same * alike.clamp(0.0, 1.0) * theirs.rays as f32;
-            if weight > 0.0 {
-                plane.add(across, down, theirs.mean(), weight);
+            rest.add([across, down], theirs.rest(factor), same * theirs.rays as f32);
+            if factor > 0.0 {
+                open.add([across, down], theirs.open_sky(), same * theirs.batches as f32);
             }
         });
-        let (value, scatter) = plane.center();
-        (value, scatter.unwrap_or(variance))
+        let (mean, variance) = rest.center();
+        if factor == 0.0 {
+            return (mean, variance);
+        }
+        let (open, open_variance) = open.center();
+        (mean + factor * open, variance + factor * factor * open_variance)
     }
 
     /// Calls `each` with the lobes of neighbouring pixels, and how many pixels they are to the
@@ -303,22 +401,11 @@ impl Gloss {
         if most.max(1.0) > least.max(1.0) * LIKE_EXPONENTS {
             return 0.0;
         }
-        let nearness = |lobe: usize| self.sums[lobe].nearness / self.sums[lobe].rays.max(1) as f32;
-        let nearness = 0.5 * (nearness(one) + nearness(other));
+        let nearness = 0.5 * (self.sums[one].nearness() + self.sums[other].nearness());
         let between = (b.point - a.point) * nearness + (b.direction - a.direction);
         let across = between - a.direction * a.direction.dot(between);
         1.0 - (across.length_squared() * most.max(1.0) * NARROWNESS).min(1.0)
     }
-}
-
-/// What a ray of a lobe found.
-struct Found {
-    /// Radiance over the lobe's albedo.
-    radiance: Rgb,
-    /// Albedo of the lobe towards the camera; 1 of what is clear.
-    albedo: Rgb,
-    /// 1/distance to what it met.
-    nearness: f32,
 }
 
 /// Traces a ray of a lobe, by its number.
@@ -332,7 +419,8 @@ fn trace(
     if coarse.world.is_clear(surface.triangle) {
         let (origin, direction) = visible.lobe_ray(lobe, ray);
         let (radiance, nearness) = seen_through(coarse, origin, direction, at.afresh());
-        return Found { radiance, albedo: Rgb::ONE, nearness };
+        let (sky, open_sky) = (Rgb::ZERO, Rgb::ZERO);
+        return Found { radiance, sky, open_sky, albedo: Rgb::ONE, nearness };
     }
     let viewer = visible.frame.towards_eye(surface.spot.point);
     let path_numbers = LobePathNumbers {
@@ -341,36 +429,13 @@ fn trace(
         most_lobes: MOST_LOBES,
         is_mapped: false,
     };
-    let (radiance, nearness) = radiance_by_lobe(coarse, surface, viewer, path_numbers);
-    let albedo = surface.lobe_only().reflection().albedo(viewer);
-    Found { radiance: radiance / albedo.max(Rgb::splat(LEAST_ALBEDO)), albedo, nearness }
-}
-
-impl LobeSums {
-    fn add(&mut self, found: Found) {
-        self.radiance += found.radiance;
-        self.squares += found.radiance * found.radiance;
-        self.albedo += found.albedo;
-        self.nearness += found.nearness;
-        self.rays += 1;
-    }
-
-    fn mean(&self) -> Rgb {
-        self.radiance / self.rays.max(1) as f32
-    }
-
-    /// What the lobe reflects of radiance with that mean and variance, by its mean albedo: mean and
-    /// variance.
-    fn reflected(&self, mean: Rgb, variance: Rgb) -> [Rgb; 2] {
-        let albedo = self.albedo / self.rays.max(1) as f32;
-        [mean * albedo, variance * albedo * albedo]
-    }
-
-    /// Variance of the mean.
-    fn variance(&self) -> Rgb {
-        let (count, mean) = (self.rays.max(2) as f32, self.mean());
-        (self.squares / count - mean * mean).max(Rgb::ZERO) / (count - 1.0)
-    }
+    let LobeRadiance { radiance, sky, open_sky, nearness } =
+        radiance_by_lobe(coarse, surface, viewer, path_numbers);
+    let albedo = match surface.shading_normal.dot(viewer) > 0.0 {
+        true => surface.lobe_only().reflection().albedo(viewer),
+        false => Rgb::ZERO,
+    };
+    Found { radiance, sky, open_sky, albedo, nearness }
 }
 
 /// Rays of the first pass: by the share of the pixel, and as many as a variance takes.

@@ -3,7 +3,9 @@
 
 mod lobe_rays;
 mod lobes;
+mod open_sky;
 mod seen_through;
+mod sums;
 
 pub use lobe_rays::arriving;
 pub use lobes::Gloss;

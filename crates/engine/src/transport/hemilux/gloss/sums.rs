@@ -1,0 +1,239 @@
+//! What the rays of a lobe found, as sums.
+//!
+//! Where a sky shines, most of what lobes reflect is its light, and most of what scatters is how
+//! that varies within the lobe. But the sky alone, with nothing in the way, is known without a ray
+//! being traced ([`OpenSky`]). So each ray also says what it would bring of an open sky; what
+//! all of them bring is corrected by the difference between the known light of an open sky and the
+//! mean of what they say of it (a control variate), times a factor: about the share of the sky that
+//! is seen. The factor comes from the rays of the lobes beside it, so that it knows nothing of the
+//! chance in its own, which would bias the mean. In the open nothing scatters then.
+//!
+//! [`OpenSky`]: super::open_sky::OpenSky
+
+use crate::radiometry::Rgb;
+use bytemuck::{Pod, Zeroable};
+
+/// Least albedo of a lobe that radiance is divided by.
+const LEAST_ALBEDO: f32 = 1e-6;
+
+/// Sums over the rays of a lobe. What neighbours share is their quotients: radiance over the lobe's
+/// albedo. Checkpoints store them as they are: the order of the fields is part of the format.
+#[derive(Clone, Copy, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct LobeSums {
+    /// Σ radiance.
+    radiance: Rgb,
+    /// Σ radiance of the sky if it were open.
+    open_rays: Rgb,
+    /// Σ over batches of directions, none of them traced: their mean radiance of an open sky.
+    open: Rgb,
+    /// Σ albedos of the lobe towards the camera.
+    albedo: Rgb,
+    /// Σ of all channels' radiance of the sky that arrives.
+    seen: f32,
+    /// Σ radiance², summed over the channels like the products and squares that follow.
+    squares: f32,
+    /// Σ radiance · that of an open sky.
+    products: f32,
+    /// Σ squares of that of an open sky.
+    open_ray_squares: f32,
+    /// Σ squares of the batches' means.
+    open_squares: f32,
+    /// Σ 1/distance to what they met.
+    nearness: f32,
+    /// Rays so far.
+    pub rays: u32,
+    /// Batches so far.
+    pub batches: u32,
+}
+
+/// What a ray of a lobe found.
+pub struct Found {
+    /// Radiance.
+    pub radiance: Rgb,
+    /// What of it is the sky's, at the first lobe.
+    pub sky: Rgb,
+    /// What that would be if nothing were in the way.
+    pub open_sky: Rgb,
+    /// Albedo of the lobe towards the camera; 1 of what is clear, 0 where the shading normal faces
+    /// away.
+    pub albedo: Rgb,
+    /// 1/distance to what it met.
+    pub nearness: f32,
+}
+
+impl LobeSums {
+    /// Adds a ray.
+    pub fn add(&mut self, found: Found) {
+        self.radiance += found.radiance;
+        self.open_rays += found.open_sky;
+        self.albedo += found.albedo;
+        self.seen += found.sky.element_sum();
+        self.squares += found.radiance.length_squared();
+        self.products += found.radiance.dot(found.open_sky);
+        self.open_ray_squares += found.open_sky.length_squared();
+        self.nearness += found.nearness;
+        self.rays += 1;
+    }
+
+    /// Adds a batch of directions along which an open sky has that mean.
+    pub fn add_batch(&mut self, mean: Rgb) {
+        self.open += mean;
+        self.open_squares += mean.length_squared();
+        self.batches += 1;
+    }
+
+    /// Whether any ray has found light of the sky.
+    pub fn sees_sky(&self) -> bool {
+        self.seen > 0.0
+    }
+
+    /// Whether this can be what rays left: no more of them than that.
+    pub fn is_possible(&self, most_rays: u32) -> bool {
+        self.rays <= most_rays && self.batches <= most_rays
+    }
+
+    /// Mean of 1/distance.
+    pub fn nearness(&self) -> f32 {
+        self.nearness / self.rays.max(1) as f32
+    }
+
+    /// Radiance over albedo beside that share of the open sky, by the rays alone: its mean, and the
+    /// variance of that, summed over the channels.
+    pub fn rest(&self, factor: f32) -> (Rgb, f32) {
+        let mean = (self.radiance - factor * self.open_rays) / self.count();
+        self.over_albedo(mean, self.ray_variance(factor) / self.count())
+    }
+
+    /// Radiance over albedo of the open sky by the batches: its mean, and the variance of that.
+    pub fn open_sky(&self) -> (Rgb, f32) {
+        let count = self.batches.max(1) as f32;
+        self.over_albedo(self.open / count, self.batch_variance(1.0) / count)
+    }
+
+    fn count(&self) -> f32 {
+        self.rays.max(1) as f32
+    }
+
+    /// Mean albedo.
+    fn mean_albedo(&self) -> Rgb {
+        (self.albedo / self.count()).max(Rgb::splat(LEAST_ALBEDO))
+    }
+
+    /// Mean and variance of radiance as those of radiance over albedo.
+    fn over_albedo(&self, mean: Rgb, variance: f32) -> (Rgb, f32) {
+        let albedo = self.mean_albedo();
+        (mean / albedo, 3.0 * variance / albedo.length_squared())
+    }
+
+    /// How its rays vary with the open sky, and how that varies: Σ of products of what both differ
+    /// from their means, and of squares.
+    pub fn covariance(&self) -> [f32; 2] {
+        let count = self.rays.max(1) as f32;
+        let both = self.products - self.radiance.dot(self.open_rays) / count;
+        let open = self.open_ray_squares - self.open_rays.length_squared() / count;
+        [both, open.max(0.0)]
+    }
+
+    /// Whether the light of an open sky is known.
+    pub fn knows_open_sky(&self) -> bool {
+        self.batches > 0
+    }
+
+    /// What the lobe reflects of radiance over albedo with that mean and variance, the sum of all
+    /// channels': mean and variance, of the channels alike.
+    pub fn reflected(&self, mean: Rgb, variance: f32) -> [Rgb; 2] {
+        let albedo = self.mean_albedo();
+        [mean * albedo, Rgb::splat(variance * albedo.length_squared() / 9.0)]
+    }
+
+    /// Variance of the mean radiance, summed over the channels.
+    pub fn variance(&self, factor: f32) -> f32 {
+        self.ray_variance(factor) / self.count()
+            + self.batch_variance(factor) / self.batches.max(1) as f32
+    }
+
+    /// Variance of the radiance that a ray brings, corrected by that factor.
+    pub fn ray_variance(&self, factor: f32) -> f32 {
+        let count = self.rays.max(2) as f32;
+        let mean = (self.radiance - factor * self.open_rays) / count;
+        let squares =
+            self.squares - factor * (2.0 * self.products - factor * self.open_ray_squares);
+        (squares / count - mean.length_squared()).max(0.0) * (count / (count - 1.0))
+    }
+
+    /// Variance of the radiance that a batch brings to the correction.
+    pub fn batch_variance(&self, factor: f32) -> f32 {
+        let count = self.batches.max(2) as f32;
+        let mean = self.open / count;
+        let own = (self.open_squares / count - mean.length_squared()).max(0.0);
+        factor * factor * own * (count / (count - 1.0))
+    }
+}
+
+/// The factor by which rays vary with an open sky, by the covariances of several lobes; 0 where the
+/// sky does not vary.
+pub fn open_factor(covariances: impl Iterator<Item = [f32; 2]>) -> f32 {
+    let [both, open] = covariances.fold([0.0, 0.0], |[a, b], [c, d]| [a + c, b + d]);
+    if open > 0.0 { (both / open).clamp(0.0, 1.0) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Numbers, Stream};
+
+    /// A lobe of an uneven sky, of which `seen` is seen at random, under something else.
+    fn sums(seed: u64, rays: u32, seen: f32, batches: u32) -> LobeSums {
+        let mut numbers = Numbers::new(seed, Stream::Gloss, 0);
+        let mut sums = LobeSums::default();
+        let mut sky = move || 4.0 * Rgb::new(1.0, 0.5, 0.2) * numbers.uniform().powi(3);
+        let mut others = Numbers::new(seed, Stream::Light, 0);
+        for _ in 0..rays {
+            let open_sky = sky();
+            let is_seen = others.uniform() < seen;
+            let met = if is_seen { open_sky } else { Rgb::splat(0.3) };
+            sums.add(Found {
+                radiance: met,
+                sky: if is_seen { open_sky } else { Rgb::ZERO },
+                open_sky,
+                albedo: Rgb::ONE,
+                nearness: 0.0,
+            });
+        }
+        (0..batches).for_each(|_| sums.add_batch((0..8).map(|_| sky()).sum::<Rgb>() / 8.0));
+        sums
+    }
+
+    /// The mean is right, however much of the sky is seen, and its spread over seeds is what one
+    /// lobe's variance says.
+    #[test]
+    fn mean_and_variance_are_those_over_seeds() {
+        for seen in [0.0, 0.3, 0.8, 1.0] {
+            let all: Vec<LobeSums> = (0..4000).map(|seed| sums(seed, 8, seen, 4)).collect();
+            let factors: Vec<f32> = (all.iter().cycle().skip(1).step_by(1))
+                .zip(&all)
+                .map(|(other, _)| open_factor([other.covariance()].into_iter()))
+                .collect();
+            let means: Vec<Rgb> =
+                all.iter().zip(&factors).map(|(s, f)| s.rest(*f).0 + *f * s.open_sky().0).collect();
+            let count = all.len() as f32;
+            let mean = means.iter().sum::<Rgb>() / count;
+            let exact = seen * Rgb::new(1.0, 0.5, 0.2) + (1.0 - seen) * Rgb::splat(0.3);
+            let off = (mean / exact - Rgb::ONE).abs().max_element();
+            assert!(off < 0.02, "{seen}: {mean} {exact}");
+            let spread = means.iter().map(|own| own.distance_squared(mean)).sum::<f32>() / count;
+            let said = all.iter().zip(&factors).map(|(s, f)| s.variance(*f)).sum::<f32>() / count;
+            assert!((said / spread - 1.0).abs() < 0.1, "{seen}: {said} {spread}");
+        }
+    }
+
+    /// In the open, rays say nothing that is not known: what varies is the batches alone.
+    #[test]
+    fn an_open_sky_has_no_noise_of_rays() {
+        let open = sums(1, 8, 1.0, 64);
+        let factor = open_factor([open.covariance()].into_iter());
+        assert!((factor - 1.0).abs() < 1e-3 && open.ray_variance(factor) < 1e-4, "{factor}");
+        assert!(open.variance(0.0) > 5.0 * open.variance(factor));
+    }
+}
