@@ -1,10 +1,12 @@
+use crate::checkpoint::Checkpoint;
 use crate::device::cpu::CpuDevice;
 use crate::image::Picture;
 use crate::radiometry::Rgb;
-use crate::render::{CameraChoice, Limits, RenderRequest, Unobserved};
+use crate::render::{Begin, CameraChoice, Limits, Observer, Progress, RenderRequest, Unobserved};
 use crate::scene::gltf::{ImportLimits, Resources, import};
-use crate::scene::made;
+use crate::scene::{Triangle, Vertex, made};
 use crate::transport::render;
+use glam::Vec3;
 use std::sync::Arc;
 
 fn picture(glb: &[u8], threads: usize, seed: u64) -> Picture {
@@ -60,6 +62,44 @@ fn room(patches: usize) -> RenderRequest {
 #[test]
 fn the_bits_of_a_crowd_do_not_depend_on_the_threads() {
     assert_eq!(rendered(room(1000), 1), rendered(room(1000), 3));
+}
+
+/// Keeps what a job knows at its end.
+#[derive(Default)]
+struct Keeper(Option<Arc<Checkpoint>>);
+
+impl Observer for Keeper {
+    fn wants_solution(&mut self, _: &Progress) -> bool {
+        true
+    }
+
+    fn checkpoint(&mut self, checkpoint: Checkpoint) {
+        self.0 = Some(Arc::new(checkpoint));
+    }
+}
+
+/// On a plain so wide that patches are finest about what the camera sees.
+#[test]
+fn a_crowd_on_a_plain_goes_on_as_if_it_had_never_stopped() {
+    let mut whole = room(1000);
+    let scene = Arc::make_mut(&mut whole.scene);
+    let first = scene.vertices.len() as u32;
+    for (x, z) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)] {
+        scene.vertices.push(Vertex::new(Vec3::new(1e3 * x, -0.5, 1e3 * z), Vec3::Y));
+    }
+    for corners in [[0, 1, 2], [0, 2, 3]] {
+        let vertices = corners.map(|corner| first + corner);
+        scene.triangles.push(Triangle { vertices, material: 0 });
+    }
+    let mut device = CpuDevice::new(Some(2)).unwrap();
+    let begun = Limits { iterations: Some(1), ..Limits::default() };
+    let half = RenderRequest { limits: begun, ..whole.clone() };
+    let mut keeper = Keeper::default();
+    render(&mut device, &half, &mut keeper).unwrap();
+    let kept = keeper.0.expect("a solution was wanted");
+    let begin = Begin::Continue(kept);
+    let gone_on = rendered(RenderRequest { begin, ..whole.clone() }, 2);
+    assert_eq!(gone_on, rendered(whole, 2));
 }
 
 /// A crowd of triangles looks as the same triangles do when all of them are listed.
