@@ -144,7 +144,7 @@ pub fn point(arguments: &PointArguments) -> Result<(), Failure> {
         ),
         begin: Default::default(),
     };
-    let resident_bytes = status_bytes("VmRSS");
+    let resident_bytes = results::status_bytes("VmRSS");
     let stats = render(device.as_mut(), &request, &mut Unobserved)?.stats;
     let point = Point {
         method: arguments.method.clone(),
@@ -155,19 +155,11 @@ pub fn point(arguments: &PointArguments) -> Result<(), Failure> {
         iterations: stats.figures.iterations,
         stopped: stats.stopped,
         resident_bytes,
-        peak_bytes: status_bytes("VmHWM"),
+        peak_bytes: results::status_bytes("VmHWM"),
         matrix_bytes: stats.diagnostics.get("matrix_bytes").copied(),
     };
     println!("{}", serde_json::to_string(&point)?);
     Ok(())
-}
-
-/// A figure of /proc/self/status, bytes.
-fn status_bytes(name: &str) -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'))?;
-    let kilobytes: u64 = line.trim().strip_suffix(" kB")?.trim().parse().ok()?;
-    Some(kilobytes << 10)
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {

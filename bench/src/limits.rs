@@ -318,6 +318,7 @@ fn stages() -> Result<Table, Failure> {
     };
     for (stage, words) in [
         ("prepare", "hierarchies of triangles and lights"),
+        ("cut", "the scene in patches"),
         ("patches", "tier 1: direct light of the patches"),
         ("shoot", "tier 1: links, and solving them"),
         ("fragments", "what the camera sees"),

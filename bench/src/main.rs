@@ -1,6 +1,7 @@
 //! Benchmarks. `shots` measures whole iterations a second on every device side by side; `paper`
 //! measures the claims of the paper that the method comes from; `methods` compares all methods,
-//! `form-factors` the routes to a form factor, `growth` what more patches cost; `pixels` measures
+//! `form-factors` the routes to a form factor, `growth` what more patches cost, `crowds` what more
+//! triangles do; `pixels` measures
 //! ways to sample the pixels of a ray-traced picture, `views` what a solved scene saves its next
 //! picture, `limits` how far the processor device is from what the machine can do; `real-light`
 //! judges scenes with real light on real materials.
@@ -12,6 +13,7 @@
 #![cfg_attr(not(test), warn(clippy::too_many_lines))]
 
 mod cell;
+mod crowds;
 mod form_factors;
 mod growth;
 mod limits;
@@ -51,6 +53,11 @@ enum Benchmark {
     /// One point of `growth`, in a process of its own.
     #[command(hide = true)]
     GrowthPoint(growth::PointArguments),
+    /// Seconds and memory of the first picture against the number of triangles.
+    Crowds(crowds::Arguments),
+    /// One point of `crowds`, in a process of its own.
+    #[command(hide = true)]
+    CrowdsPoint(crowds::PointArguments),
     /// A second camera of a solved scene against one by itself, and what checkpoints take.
     Views(second_views::Arguments),
     /// The service under load: streams, posts against a full queue, memory, end.
@@ -73,6 +80,8 @@ fn main() -> Result<(), results::Failure> {
         Benchmark::FormFactors(arguments) => form_factors::run(&arguments),
         Benchmark::Growth(arguments) => growth::run(&arguments),
         Benchmark::GrowthPoint(arguments) => growth::point(&arguments),
+        Benchmark::Crowds(arguments) => crowds::run(&arguments),
+        Benchmark::CrowdsPoint(arguments) => crowds::point(&arguments),
         Benchmark::Views(arguments) => second_views::run(&arguments),
         Benchmark::Load(arguments) => load::run(&arguments),
         Benchmark::Limits(arguments) => limits::run(&arguments),

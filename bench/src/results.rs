@@ -53,3 +53,11 @@ pub fn busy() -> String {
         format!("- load average (5 minutes) at the end: {load:.1}\n")
     })
 }
+
+/// A figure of /proc/self/status, bytes.
+pub fn status_bytes(name: &str) -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'))?;
+    let kilobytes: u64 = line.trim().strip_suffix(" kB")?.trim().parse().ok()?;
+    Some(kilobytes << 10)
+}

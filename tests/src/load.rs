@@ -218,11 +218,19 @@ pub fn peak_mib(process: u32) -> f64 {
     status_mib(process, "VmHWM:")
 }
 
+/// [`peak_mib`]; `None` where the process does not run.
+pub fn try_peak_mib(process: u32) -> Option<f64> {
+    try_status_mib(process, "VmHWM:")
+}
+
 fn status_mib(process: u32, name: &str) -> f64 {
-    let text = std::fs::read_to_string(format!("/proc/{process}/status"));
-    let text = text.expect("/proc tells of the process");
-    let line = text.lines().find_map(|line| line.strip_prefix(name)).expect("the kernel says it");
-    line.trim().trim_end_matches(" kB").parse::<f64>().expect("a number of kB") / 1024.0
+    try_status_mib(process, name).expect("/proc tells of the process")
+}
+
+fn try_status_mib(process: u32, name: &str) -> Option<f64> {
+    let text = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+    Some(line.trim().trim_end_matches(" kB").parse::<f64>().ok()? / 1024.0)
 }
 
 /// A stream as one of the many: follows `job` until the stream ends, and where it `moves_on`, goes

@@ -72,7 +72,7 @@ pub fn fill(target: &mut Target<'_>, triangle: &PixelTriangle) {
         for (edge, slope) in triangle.edges.iter().zip(&slopes) {
             let value = edge.at_row(row);
             // Columns with per_column·column + value ≥ 0.
-            let crossing = (value * slope).ceil();
+            let crossing = ceiling(value * slope);
             if edge.per_column > 0.0 {
                 low = low.max(crossing);
             } else if edge.per_column < 0.0 {
@@ -95,6 +95,17 @@ pub fn fill(target: &mut Target<'_>, triangle: &PixelTriangle) {
     }
 }
 
+/// The least whole number that is not below `x`, as far as columns of pixels are concerned: without a
+/// call, which `f32::ceil` is where the processor need not have an instruction for it.
+#[inline(always)]
+fn ceiling(x: f32) -> f32 {
+    if x.is_nan() {
+        return x;
+    }
+    let towards_zero = x as i32 as f32;
+    if towards_zero < x { towards_zero + 1.0 } else { towards_zero }
+}
+
 /// Depth test of one span; written so that it becomes compare-and-blend on vectors.
 #[inline(always)]
 fn fill_span(items: &mut [u32], depth: &mut [f32], first: f32, step: f32, code: u32) {
@@ -115,4 +126,19 @@ pub fn centre_range([a, b, c]: [f32; 3], count: u32) -> (u32, u32) {
     let first = (low - SLACK).ceil().clamp(0.0, count as f32);
     let end = ((high + SLACK).floor() + 1.0).clamp(0.0, count as f32);
     (first as u32, end as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ceiling;
+
+    #[test]
+    fn ceilings_are_those_of_the_library() {
+        for x in [-3.0f32, -2.5, -0.3, 0.0, 1e-30, 0.5, 1.0, 7.000_001, 8_388_607.5, 1e9] {
+            assert_eq!(ceiling(x), x.ceil(), "{x}");
+            assert_eq!(ceiling(-x), (-x).ceil(), "{x}");
+        }
+        assert!(ceiling(f32::NAN).is_nan());
+        assert!(ceiling(f32::INFINITY) > 1e9 && ceiling(f32::NEG_INFINITY) < -1e9);
+    }
 }

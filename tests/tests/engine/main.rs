@@ -29,3 +29,4 @@ mod switches;
 mod target_error;
 mod textures;
 mod twins;
+mod wide_scenes;

@@ -3,6 +3,7 @@
 //! linked once; `scripts/kill-loop` runs the kill loop in it alone.
 
 mod compare_command;
+mod crowds;
 mod dependency_rules;
 mod import_graph;
 mod kill_loop;

@@ -1,6 +1,7 @@
 //! From emissive triangles to polygon lights: closed bodies shine outwards only, and pairs of
 //! triangles merge into convex quadrilaterals.
 
+use super::merging::{self, FlatEmitter};
 use super::polygon::PolygonLight;
 use crate::radiometry::Rgb;
 use crate::rays::{Eye, Rays};
@@ -11,6 +12,9 @@ use std::collections::HashMap;
 /// Most tests of a triangle against a body's bounding box; scenes that need more keep both sides of
 /// their lamps. It bounds the time of the preparation.
 const MOST_TESTS: usize = 50_000_000;
+
+/// With more polygons than this, those that make up larger ones are joined.
+const FEW_LIGHTS: usize = 64;
 
 /// An emissive triangle of one radiance, ray units.
 #[derive(Clone, Copy)]
@@ -145,12 +149,28 @@ fn bodies(triangles: &[UntexturedEmitter]) -> Vec<Body> {
 
 /// Adds a polygon light for each triangle, or for two that share an edge, lie in one plane, emit
 /// the same and form a convex quadrilateral: that halves the edges to sum over in Lambert's
-/// formula. `of_triangle` gets each triangle's light, as in [`super::PolygonLights`].
+/// formula. Where there are many, quadrilaterals are joined to larger ones. `of_triangle` gets each
+/// triangle's light, as in [`super::PolygonLights`].
 pub fn merge_into_polygons(
     triangles: &[UntexturedEmitter],
     lights: &mut Vec<PolygonLight>,
     of_triangle: &mut HashMap<u32, u32>,
 ) {
+    let mut flat = in_pairs(triangles);
+    if flat.len() > FEW_LIGHTS {
+        flat = merging::join(flat);
+    }
+    for FlatEmitter { corners, radiance, two_sided, triangles } in flat {
+        let number = lights.len() as u32;
+        of_triangle.extend(triangles.into_iter().map(|triangle| (triangle, number)));
+        let light = PolygonLight::new(&corners, radiance, two_sided);
+        lights.push(light.unwrap_or_else(PolygonLight::dark));
+    }
+}
+
+/// The triangles, two at a time where they make a convex quadrilateral.
+fn in_pairs(triangles: &[UntexturedEmitter]) -> Vec<FlatEmitter> {
+    let mut flat = Vec::new();
     let mut at_edge: HashMap<(Key, Key), usize> = HashMap::new();
     for (index, one) in triangles.iter().enumerate() {
         at_edge.extend(one.edges().map(|edge| (edge, index)));
@@ -182,18 +202,17 @@ pub fn merge_into_polygons(
             });
             (flat && convex).then_some((other, around))
         });
-        let number = lights.len() as u32;
-        of_triangle.insert(*triangle, number);
-        let light = match pair {
+        let (radiance, two_sided) = (*radiance, *two_sided);
+        let (corners, triangles) = match pair {
             Some((other, around)) => {
                 used[other] = true;
-                of_triangle.insert(triangles[other].triangle, number);
-                PolygonLight::new(&around, *radiance, *two_sided)
+                (around.to_vec(), vec![*triangle, triangles[other].triangle])
             }
-            None => PolygonLight::new(corners, *radiance, *two_sided),
+            None => (corners.to_vec(), vec![*triangle]),
         };
-        lights.push(light.unwrap_or_else(PolygonLight::dark));
+        flat.push(FlatEmitter { corners, radiance, two_sided, triangles });
     }
+    flat
 }
 
 #[cfg(test)]

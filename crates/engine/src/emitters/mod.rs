@@ -9,6 +9,7 @@ mod from_triangles;
 mod light_tree;
 mod lit_texels;
 mod means;
+mod merging;
 mod openings;
 mod polygon;
 mod polygons;

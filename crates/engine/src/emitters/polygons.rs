@@ -77,8 +77,11 @@ impl PolygonLights {
         let mut untextured: Vec<UntexturedEmitter> = Vec::new();
         for (index, triangle) in scene.triangles.iter().enumerate() {
             let material = &scene.materials[triangle.material as usize];
+            if !material.emits() || material.emission_texture.is_some() {
+                continue;
+            }
             let (corners, area) = rays.corners(scene, index as u32);
-            if material.emits() && material.emission_texture.is_none() && area > 0.0 {
+            if area > 0.0 {
                 let (triangle, radiance) = (index as u32, material.emission);
                 let two_sided = material.double_sided;
                 untextured.push(UntexturedEmitter { triangle, corners, radiance, two_sided });

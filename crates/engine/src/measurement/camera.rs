@@ -1,10 +1,15 @@
 //! The camera as a pixel grid: which facets it can see, as triangles over its pixels.
 
+use super::pixel_box::PixelBox;
 use crate::hemicube::item;
-use crate::patches::{NO_PATCH, PatchedScene};
+use crate::patches::{Cut, FacetIndex, NO_PATCH, PatchedScene};
 use crate::raster::{PixelPlane, PixelTriangle, centre_range, edge_planes};
 use crate::scene::{Camera, Projection};
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+/// Facets that a thread sets up at a time.
+const CHUNK: usize = 4096;
 
 /// Facets in front of a camera, set up for its pixel grid.
 pub struct View {
@@ -14,6 +19,8 @@ pub struct View {
     pub height: u32,
     frame: Frame,
     triangles: Vec<ViewTriangle>,
+    /// Boxes of the triangles of a crowd, which are mostly small.
+    boxes: Vec<PixelBox>,
 }
 
 /// A facet over the pixel grid, for samples at pixel centres.
@@ -187,22 +194,87 @@ impl Frame {
 impl View {
     /// Sets up all facets that the camera can see: fronts, and backs of two-sided materials.
     pub fn new(scene: &PatchedScene, camera: &Camera, width: u32, height: u32) -> Self {
-        let frame = Frame::new(camera, width, height);
-        let farthest = scene.positions.iter().map(|p| frame.project(*p).1).fold(0f32, f32::max);
-        let mut view = Self { width, height, frame, triangles: Vec::new() };
-        for (index, facet) in scene.facets.iter().enumerate() {
-            let corners = facet.corners.map(|c| scene.positions[c as usize]);
-            let two_sided = facet.back != NO_PATCH;
-            for corners in view.frame.in_front(corners).into_iter().flatten() {
-                view.triangles.extend(view.set_up(index as u32, corners, two_sided, farthest));
-            }
+        let mut view = Self::grid(camera, width, height);
+        let corners = |facet: u32| {
+            scene.facets[facet as usize].corners.map(|corner| scene.positions[corner as usize])
+        };
+        let two_sided = |facet: u32| scene.facets[facet as usize].back != NO_PATCH;
+        let farthest =
+            scene.positions.iter().map(|p| view.frame.project(*p).1).fold(0f32, f32::max);
+        let all = view.set_up_all(scene.facets.len(), farthest, corners, two_sided);
+        view.triangles.extend(all.into_iter().flatten().map(|(triangle, _)| triangle));
+        view
+    }
+
+    /// The same of a scene that may be a crowd.
+    pub fn of_cut(cut: &Cut, camera: &Camera, width: u32, height: u32) -> Self {
+        let crowd = match cut {
+            Cut::Listed(listed) => return Self::new(listed, camera, width, height),
+            Cut::Crowd(crowd) => crowd,
+        };
+        let mut view = Self::grid(camera, width, height);
+        let corners = |facet: u32| cut.corners(FacetIndex(facet));
+        let count = cut.facets();
+        let depth_of = |facet: usize| {
+            corners(facet as u32)
+                .map(|corner| view.frame.project(corner).1)
+                .into_iter()
+                .fold(0f32, f32::max)
+        };
+        let farthest = match view.frame.perspective {
+            // Not asked for.
+            true => 0.0,
+            false => (0..count).into_par_iter().map(depth_of).reduce(|| 0.0, f32::max),
+        };
+        let two_sided = |facet: u32| crowd.is_two_sided(facet);
+        let all = view.set_up_all(count, farthest, corners, two_sided);
+        let total = all.iter().map(Vec::len).sum();
+        view.triangles.reserve_exact(total);
+        view.boxes.reserve_exact(total);
+        for (triangle, pixels) in all.into_iter().flatten() {
+            view.triangles.push(triangle);
+            view.boxes.push(pixels);
         }
         view
+    }
+
+    /// The pixels of a camera's picture, without any facets.
+    pub fn grid(camera: &Camera, width: u32, height: u32) -> Self {
+        let frame = Frame::new(camera, width, height);
+        Self { width, height, frame, triangles: Vec::new(), boxes: Vec::new() }
+    }
+
+    fn set_up_all(
+        &self,
+        count: usize,
+        farthest: f32,
+        corners: impl Fn(u32) -> [Vec3; 3] + Sync,
+        two_sided: impl Fn(u32) -> bool + Sync,
+    ) -> Vec<Vec<(ViewTriangle, PixelBox)>> {
+        let of_chunk = |chunk: usize| {
+            let facets = (chunk * CHUNK) as u32..((chunk + 1) * CHUNK).min(count) as u32;
+            let mut triangles = Vec::new();
+            for facet in facets {
+                let sides = two_sided(facet);
+                for corners in self.frame.in_front(corners(facet)).into_iter().flatten() {
+                    triangles.extend(self.set_up(facet, corners, sides, farthest));
+                }
+            }
+            triangles
+        };
+        (0..count.div_ceil(CHUNK)).into_par_iter().map(of_chunk).collect()
     }
 
     /// Triangles that may be seen in the given rows.
     pub fn in_rows(&self, first: u32, end: u32) -> Vec<&ViewTriangle> {
         self.triangles.iter().filter(|t| t.rows.0 < end && t.rows.1 > first).collect()
+    }
+
+    /// The same with boxes beside which none of their samples lies.
+    pub fn boxed_in_rows(&self, first: u32, end: u32) -> Vec<(PixelBox, &ViewTriangle)> {
+        let boxes = self.boxes.iter().copied().chain(std::iter::repeat(PixelBox::ALL));
+        let all = boxes.zip(&self.triangles);
+        all.filter(|(_, triangle)| triangle.rows.0 < end && triangle.rows.1 > first).collect()
     }
 
     /// Unit direction in which a place on the pixel grid looks, given in pixels from the centre of
@@ -233,7 +305,7 @@ impl View {
         corners: [Vec3; 3],
         two_sided: bool,
         farthest: f32,
-    ) -> Option<ViewTriangle> {
+    ) -> Option<(ViewTriangle, PixelBox)> {
         let projected = corners.map(|corner| self.frame.project(corner));
         let depths = projected.map(|p| p.1);
         if depths.iter().all(|depth| *depth <= 0.0) {
@@ -255,12 +327,28 @@ impl View {
         };
         let edges = if volume < 0.0 { edges.map(|edge| -edge) } else { edges };
         let rows = self.rows(&corners);
-        (rows.0 < rows.1).then(|| ViewTriangle {
-            edges: edges.map(|plane| self.pixel_plane(plane)),
-            nearness: self.pixel_plane(nearness),
-            rows,
-            code: item::encode(index, volume < 0.0),
+        let pixels = self.pixels(&corners);
+        (rows.0 < rows.1 && pixels.meets_columns(self.width)).then(|| {
+            let triangle = ViewTriangle {
+                edges: edges.map(|plane| self.pixel_plane(plane)),
+                nearness: self.pixel_plane(nearness),
+                rows,
+                code: item::encode(index, volume < 0.0),
+            };
+            (triangle, pixels)
         })
+    }
+
+    /// The box of the corners over the pixel grid.
+    fn pixels(&self, corners: &[Vec3; 3]) -> PixelBox {
+        if corners.iter().any(|corner| corner.z <= 1e-12) {
+            return PixelBox::ALL;
+        }
+        let half = 0.5 * Vec2::new(self.width as f32, self.height as f32);
+        PixelBox::new(corners.map(|corner| {
+            let at = corner.truncate() / corner.z;
+            Vec2::new(1.0 + at.x, 1.0 - at.y) * half - 0.5
+        }))
     }
 
     /// Rows that may see the corners for any sub-pixel offset.

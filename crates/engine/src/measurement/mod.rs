@@ -3,6 +3,7 @@
 //! textures.
 
 mod camera;
+mod pixel_box;
 pub mod reconstruction;
 mod shading;
 
@@ -15,6 +16,7 @@ use crate::raster::{Target, fill};
 use crate::scene::{Background, Camera, Environment, Projection};
 pub use camera::{Frame, View, ViewTriangle};
 use glam::Vec2;
+pub use pixel_box::{BoxOffset, PixelBox};
 use rayon::prelude::*;
 use reconstruction::{Reconstruction, Smoothness};
 use shading::{Band, ShadingInputs};

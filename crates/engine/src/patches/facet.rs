@@ -28,7 +28,31 @@ pub struct Facet {
     pub recedes: bool,
 }
 
+/// How a facet is cut: what its patches are.
+#[derive(Clone, Copy, Debug)]
+pub struct Sides {
+    /// n: each side has n² patches.
+    pub divisions: u32,
+    /// First patch of the front.
+    pub front: u32,
+    /// First patch of the back, or [`NO_PATCH`] where the back is black.
+    pub back: u32,
+}
+
+impl Sides {
+    /// First patch of a side, `None` where that side is black.
+    pub fn first_patch(&self, back: bool) -> Option<u32> {
+        let first = if back { self.back } else { self.front };
+        (first != NO_PATCH).then_some(first)
+    }
+}
+
 impl Facet {
+    /// How it is cut.
+    pub fn sides(&self) -> Sides {
+        Sides { divisions: self.divisions, front: self.front, back: self.back }
+    }
+
     /// First patch of a side, `None` where that side is black.
     pub fn first_patch(&self, back: bool) -> Option<u32> {
         let first = if back { self.back } else { self.front };
@@ -93,5 +117,39 @@ pub fn nth_cell(divisions: u32, index: u32) -> [Vec2; 3] {
         [at(i + 1, j + 1), at(i, j + 1), at(i + 1, j)]
     } else {
         [at(i, j), at(i + 1, j), at(i, j + 1)]
+    }
+}
+
+/// Barycentric coordinates in a piece of the barycentric (u, v) of its triangle.
+pub fn in_piece(corners: &[Vec2; 3], u: f32, v: f32) -> Vec2 {
+    let [a, b, c] = *corners;
+    let (ab, ac, p) = (b - a, c - a, Vec2::new(u, v) - a);
+    let determinant = ab.perp_dot(ac);
+    Vec2::new(p.perp_dot(ac), ab.perp_dot(p)) / determinant
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_are_numbered_as_they_are_listed() {
+        for divisions in [1, 2, 3, 7, 16, 100] {
+            let mut count = 0;
+            for (index, corners) in cells(divisions).enumerate() {
+                let center = (corners[0] + corners[1] + corners[2]) / 3.0;
+                assert_eq!(cell_index(divisions, center.x, center.y), index as u32);
+                assert_eq!(nth_cell(divisions, index as u32), corners);
+                count += 1;
+            }
+            assert_eq!(count, divisions * divisions);
+        }
+    }
+
+    #[test]
+    fn points_outside_stay_in_the_triangle() {
+        for (u, v) in [(-0.1, 0.5), (1.2, 0.0), (0.7, 0.7), (0.0, 1.0), (1.0, 0.0)] {
+            assert!(cell_index(5, u, v) < 25);
+        }
     }
 }

@@ -1,27 +1,64 @@
 //! Conforming bisection of elongated facets, so that their patches are compact.
 
 use super::facet::{Facet, facet_area};
+use super::focus::Focus;
 use foldhash::{HashMap, HashMapExt};
 use glam::Vec3;
 
 /// Longest edge over the height on it beyond which a facet is bisected; a half square has 2.
-const MAX_ELONGATION: f32 = 4.0;
+pub const MAX_ELONGATION: f32 = 4.0;
 /// Bisections of one facet double its pieces; more rounds would not be seen.
 const MAX_ROUNDS: usize = 12;
+/// The same of facets that reach from what is seen to far away, which are halved in length only in
+/// two rounds.
+const MAX_FAR_ROUNDS: usize = 64;
 /// Facets are cheap but not free: stop when splitting has added this many.
 const MAX_ADDED: usize = 200_000;
 
+/// Bisects the longest edge of every facet that is too large for its distance from what is seen,
+/// together with the neighbours at that edge, until none is left.
+pub fn split_far(positions: &mut Vec<Vec3>, facets: &mut Vec<Facet>, focus: Focus) {
+    split(positions, facets, MAX_FAR_ROUNDS, |positions, facet| {
+        let corners = facet.corners.map(|corner| positions[corner as usize]);
+        focus.is_too_large(corners).then(|| longest_edge(positions, facet)).flatten()
+    });
+}
+
 /// Bisects the longest edge of every elongated facet that would hold several patches of
-/// `cell_area`, together with the neighbours at that edge, until none is left.
+/// `cell_area`, together with the neighbours at that edge, until none is left. In a focus, that is
+/// the area of a patch there.
+pub fn split_elongated(
+    positions: &mut Vec<Vec3>,
+    facets: &mut Vec<Facet>,
+    cell_area: f32,
+    focus: Option<Focus>,
+) {
+    split(positions, facets, MAX_ROUNDS, |positions, facet| {
+        let corners = facet.corners.map(|corner| positions[corner as usize]);
+        let weight = focus.map_or(1.0, |focus| focus.weight_of(corners));
+        if facet_area(positions, facet) * weight < 1.5 * cell_area {
+            return None;
+        }
+        (elongation(corners) > MAX_ELONGATION).then(|| longest_edge(positions, facet)).flatten()
+    });
+}
+
+/// Bisects an edge of every facet that names one, together with the neighbours at that edge, until
+/// none is left.
 ///
 /// Edges are split, not facets, so neighbours keep sharing all corners and no crack opens.
-pub fn split_elongated(positions: &mut Vec<Vec3>, facets: &mut Vec<Facet>, cell_area: f32) {
+fn split(
+    positions: &mut Vec<Vec3>,
+    facets: &mut Vec<Facet>,
+    rounds: usize,
+    edge_to_split: impl Fn(&[Vec3], &Facet) -> Option<(u32, u32)>,
+) {
     let limit = facets.len() + MAX_ADDED;
-    for _ in 0..MAX_ROUNDS {
+    for _ in 0..rounds {
         let mut middle: HashMap<(u32, u32), u32> = HashMap::new();
         let mut at_split = vec![false; positions.len()];
         for facet in facets.iter() {
-            if let Some((a, b)) = edge_to_split(positions, facet, cell_area) {
+            if let Some((a, b)) = edge_to_split(positions, facet) {
                 (at_split[a as usize], at_split[b as usize]) = (true, true);
                 middle.entry(key(a, b)).or_insert_with(|| {
                     positions.push(0.5 * (positions[a as usize] + positions[b as usize]));
@@ -45,22 +82,22 @@ pub fn split_elongated(positions: &mut Vec<Vec3>, facets: &mut Vec<Facet>, cell_
     }
 }
 
+/// Longest edge of a triangle over its height there.
+pub fn elongation([a, b, c]: [Vec3; 3]) -> f32 {
+    let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
+    longest * longest / (b - a).cross(c - a).length()
+}
+
 fn key(a: u32, b: u32) -> (u32, u32) {
     (a.min(b), a.max(b))
 }
 
-fn edge_to_split(positions: &[Vec3], facet: &Facet, cell_area: f32) -> Option<(u32, u32)> {
-    let area = facet_area(positions, facet);
-    if area < 1.5 * cell_area {
-        return None;
-    }
-    let (length, a, b) = (0..3)
-        .map(|i| {
-            let (a, b) = (facet.corners[i], facet.corners[(i + 1) % 3]);
-            (positions[a as usize].distance(positions[b as usize]), a, b)
-        })
-        .max_by(|x, y| x.0.total_cmp(&y.0))?;
-    (length * length > MAX_ELONGATION * 2.0 * area).then_some((a, b))
+fn longest_edge(positions: &[Vec3], facet: &Facet) -> Option<(u32, u32)> {
+    let edges = (0..3).map(|i| {
+        let (a, b) = (facet.corners[i], facet.corners[(i + 1) % 3]);
+        (positions[a as usize].distance(positions[b as usize]), a, b)
+    });
+    edges.max_by(|x, y| x.0.total_cmp(&y.0)).map(|(_, a, b)| (a, b))
 }
 
 /// The facet cut at the middles of its marked edges: 1 to 4 pieces.

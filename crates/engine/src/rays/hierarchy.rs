@@ -19,6 +19,8 @@ const MOST_WAITING: usize = MOST_LEVELS * (WIDTH - 1) + 1;
 /// A leaf is parted while its node has room if that saves this share of its area: otherwise leaves
 /// are full, and few.
 const PART: f32 = 0.2;
+/// Up to so many boxes are parted without filling bins.
+const FEW: usize = 16;
 /// Nodes of at least so many triangles are built side by side.
 const SIDE_BY_SIDE: usize = 4096;
 
@@ -55,11 +57,7 @@ impl Hierarchy {
     }
 
     fn widened(boxes: &mut [Boxed], halve_below: usize) -> Self {
-        let mut binary = vec![Binary::default(); 2 * boxes.len() - 1];
-        let (root, below) = binary.split_at_mut(1);
-        let (boxes, below) =
-            (ArrayRange { first: 0, items: boxes }, ArrayRange { first: 1, items: below });
-        build(boxes, &mut root[0], below, halve_below);
+        let binary = binary_tree(boxes, halve_below);
         let mut tree = Self::default();
         tree.nodes.push(Node::EMPTY);
         let mut open = vec![(0usize, 0usize)];
@@ -161,13 +159,26 @@ impl Hierarchy {
 }
 
 /// A node of the binary tree: its boxes are those from `first` on.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Binary {
     bounds: Bounds,
     first: u32,
     count: u32,
     /// The first of two neighbouring children, where there are any.
     children: u32,
+}
+
+/// The binary tree over boxes, which are reordered, its root first. Its memory is written for the
+/// first time where it is built, side by side.
+fn binary_tree(boxes: &mut [Boxed], halve_below: usize) -> Vec<Binary> {
+    let count = 2 * boxes.len() - 1;
+    let mut nodes: Vec<Binary> = Vec::with_capacity(count);
+    let (root, below) = nodes.spare_capacity_mut()[..count].split_at_mut(1);
+    let boxes = ArrayRange { first: 0, items: boxes };
+    build(boxes, &mut root[0], ArrayRange { first: 1, items: below }, halve_below);
+    // SAFETY: `build` writes a node and all of the two for each box but one that are below it.
+    unsafe { nodes.set_len(count) };
+    nodes
 }
 
 /// The children of a wide node over the binary node `top`: first what needs nodes of its own is
@@ -212,12 +223,6 @@ struct Bounds {
     high: Vec3A,
 }
 
-impl Default for Bounds {
-    fn default() -> Self {
-        Self::NONE
-    }
-}
-
 impl Bounds {
     const NONE: Self = Self { low: Vec3A::INFINITY, high: Vec3A::NEG_INFINITY };
 
@@ -253,14 +258,14 @@ impl<T> ArrayRange<'_, T> {
 /// Builds the tree over `boxes` into `node` and `below`, which holds exactly the nodes below it.
 fn build(
     mut boxes: ArrayRange<'_, Boxed>,
-    node: &mut Binary,
-    mut below: ArrayRange<'_, Binary>,
+    node: &mut MaybeUninit<Binary>,
+    mut below: ArrayRange<'_, MaybeUninit<Binary>>,
     depth_left: usize,
 ) {
     let mut bounds = Bounds::NONE;
     boxes.items.iter().for_each(|item| bounds.add(item.low, item.high));
     let (first, count) = (boxes.first as u32, boxes.items.len() as u32);
-    *node = Binary { bounds, first, count, children: below.first as u32 };
+    node.write(Binary { bounds, first, count, children: below.first as u32 });
     if count == 1 {
         return;
     }
@@ -295,18 +300,47 @@ fn partition(boxes: &mut [Boxed]) -> Option<usize> {
     if scale == Vec3A::ZERO || !scale.is_finite() {
         return None;
     }
-    let bin_of = |item: &Boxed| (item.low + item.high - centers.low) * scale;
+    let bins_of = |item: &Boxed| (item.low + item.high - centers.low) * scale;
+    let bin_of = |item: &Boxed, axis: usize| (bins_of(item)[axis] as usize).min(BINS - 1);
+    let axes = (0..3).filter(|axis| scale[*axis] > 0.0);
+    let best = match boxes.len() <= FEW {
+        true => best_of_few(boxes, axes, bin_of),
+        false => best_of_many(boxes, axes, bin_of),
+    };
+    let Cut { axis, bin, .. } = best?;
+    let mut first = 0;
+    for at in 0..boxes.len() {
+        if bin_of(&boxes[at], axis) < bin {
+            boxes.swap(first, at);
+            first += 1;
+        }
+    }
+    Some(first)
+}
+
+/// Where boxes are parted: those in bins below `bin` along an axis come first.
+struct Cut {
+    cost: f32,
+    axis: usize,
+    bin: usize,
+}
+
+/// The best cut between bins, along the first axis and in the first place of all that are as good.
+fn best_of_many(
+    boxes: &[Boxed],
+    axes: impl Iterator<Item = usize>,
+    bin_of: impl Fn(&Boxed, usize) -> usize,
+) -> Option<Cut> {
+    let mut best: Option<Cut> = None;
     let mut bins = [[(Bounds::NONE, 0u32); BINS]; 3];
-    for item in boxes.iter() {
-        let at = bin_of(item);
-        for axis in 0..3 {
-            let bin = &mut bins[axis][(at[axis] as usize).min(BINS - 1)];
+    for item in boxes {
+        for (axis, bins) in bins.iter_mut().enumerate() {
+            let bin = &mut bins[bin_of(item, axis)];
             bin.0.add(item.low, item.high);
             bin.1 += 1;
         }
     }
-    let mut best: Option<(f32, usize, usize)> = None;
-    for axis in (0..3).filter(|axis| scale[*axis] > 0.0) {
+    for axis in axes {
         // Cost of everything from a bin on.
         let mut after = [0f32; BINS];
         let (mut bounds, mut count) = (Bounds::NONE, 0);
@@ -321,20 +355,55 @@ fn partition(boxes: &mut [Boxed]) -> Option<usize> {
             count += bins[axis][bin - 1].1;
             let cost = bounds.half_area() * count as f32 + after[bin];
             let parts = count > 0 && (count as usize) < boxes.len();
-            if parts && best.is_none_or(|(least, ..)| cost < least) {
-                best = Some((cost, axis, bin));
+            if parts && best.as_ref().is_none_or(|best| cost < best.cost) {
+                best = Some(Cut { cost, axis, bin });
             }
         }
     }
-    let (_, axis, bin) = best?;
-    let mut first = 0;
-    for at in 0..boxes.len() {
-        if ((bin_of(&boxes[at])[axis] as usize).min(BINS - 1)) < bin {
-            boxes.swap(first, at);
-            first += 1;
+    best
+}
+
+/// The same cut of at most [`FEW`] boxes, which leave most bins empty: only those that are not are
+/// looked at, in order.
+fn best_of_few(
+    boxes: &[Boxed],
+    axes: impl Iterator<Item = usize>,
+    bin_of: impl Fn(&Boxed, usize) -> usize,
+) -> Option<Cut> {
+    let mut best: Option<Cut> = None;
+    let count = boxes.len();
+    for axis in axes {
+        // Boxes by their bins, sorted by insertion.
+        let mut order = [(0usize, 0usize); FEW];
+        for (index, item) in boxes.iter().enumerate() {
+            let (bin, mut place) = (bin_of(item, axis), index);
+            while place > 0 && order[place - 1].0 > bin {
+                order[place] = order[place - 1];
+                place -= 1;
+            }
+            order[place] = (bin, index);
+        }
+        let mut after = [0f32; FEW];
+        let mut bounds = Bounds::NONE;
+        for place in (1..count).rev() {
+            let item = &boxes[order[place].1];
+            bounds.add(item.low, item.high);
+            after[place] = bounds.half_area() * (count - place) as f32;
+        }
+        let mut bounds = Bounds::NONE;
+        for place in 1..count {
+            let (bin, index) = order[place - 1];
+            bounds.add(boxes[index].low, boxes[index].high);
+            if order[place].0 == bin {
+                continue;
+            }
+            let cost = bounds.half_area() * place as f32 + after[place];
+            if best.as_ref().is_none_or(|best| cost < best.cost) {
+                best = Some(Cut { cost, axis, bin: bin + 1 });
+            }
         }
     }
-    Some(first)
+    best
 }
 
 /// Parts boxes in the middle of the axis along which their centres spread most.
@@ -350,4 +419,36 @@ fn halve(boxes: &mut [Boxed]) -> usize {
         (a.low + a.high)[axis].total_cmp(&(b.low + b.high)[axis]).then(a.index.cmp(&b.index))
     });
     middle
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Numbers, Stream};
+
+    /// Few boxes are cut where many would be, also where several cuts are as good.
+    #[test]
+    fn few_boxes_are_cut_where_many_are() {
+        let mut numbers = Numbers::new(5, Stream::Gather, 0);
+        for round in 0..20_000 {
+            let count = 2 + round % (FEW - 1);
+            let mut number = || match round % 3 {
+                0 => (4.0 * numbers.uniform()).floor(),
+                _ => numbers.uniform(),
+            };
+            let boxes: Vec<Boxed> = (0..count)
+                .map(|index| {
+                    let low = Vec3A::new(number(), number(), number());
+                    let size = Vec3A::new(number(), number(), number());
+                    Boxed { low, high: low + size, index: index as u32 }
+                })
+                .collect();
+            let bin_of =
+                |item: &Boxed, axis: usize| ((item.low[axis] * 9.0) as usize).min(BINS - 1);
+            let few = best_of_few(&boxes, 0..3, bin_of);
+            let many = best_of_many(&boxes, 0..3, bin_of);
+            let places = [few, many].map(|cut| cut.map(|cut| (cut.axis, cut.bin, cut.cost)));
+            assert_eq!(places[0], places[1], "round {round}");
+        }
+    }
 }

@@ -16,11 +16,12 @@ mod holes;
 mod ray;
 mod triangle;
 
-use crate::scene::{Camera, Projection, Scene};
+use crate::scene::{Camera, Projection, Scene, Triangle};
 use boxes::{Baseline, Boxes, Slabs};
 use glam::{DVec3, Vec3, Vec3A};
 use hierarchy::{Boxed, Hierarchy};
 use holes::{Chance, Holes};
+use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
 use triangle::{Crossing, Packet, Sheared};
@@ -38,6 +39,10 @@ const BOX_MARGIN: f32 = 1.0 / 524_288.0;
 const BACK_RECEDES: f32 = 1.0 / 65_536.0;
 /// Points of surfaces are off by at most this share of their coordinates.
 const POINT_ERROR: f32 = 1.0 / 1_048_576.0;
+/// Triangles, or leaves of them, that a thread prepares at a time.
+const CHUNK: usize = 1024;
+/// In place of a triangle without area.
+const NO_TRIANGLE: u32 = u32::MAX;
 /// Rays between points stop this share short of the end.
 const SHORT_OF_END: f32 = 1.0 - 1.0 / 262_144.0;
 
@@ -154,18 +159,8 @@ impl Rays {
             #[cfg(target_arch = "x86_64")]
             has_avx2: is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
         };
-        let mut boxes = Vec::with_capacity(scene.triangles.len());
         let margin = Vec3A::splat((extent * scale) as f32 * BOX_MARGIN);
-        for (index, triangle) in scene.triangles.iter().enumerate() {
-            let corners = scene.corners(triangle).map(|corner| rays.place(corner));
-            let [a, b, c] = corners;
-            if (b - a).cross(c - a).length_squared() <= 0.0 {
-                continue;
-            }
-            let low = Vec3A::from(a.min(b).min(c)) - margin;
-            let high = Vec3A::from(a.max(b).max(c)) + margin;
-            boxes.push(Boxed { low, high, index: index as u32 });
-        }
+        let mut boxes = rays.boxes(scene, margin);
         rays.hierarchy = Hierarchy::new(&mut boxes);
         let packet = |run: &Range<u32>| {
             let mut packet = Packet::EMPTY;
@@ -178,8 +173,23 @@ impl Rays {
             }
             packet
         };
-        rays.packets = rays.hierarchy.leaves().iter().map(packet).collect();
+        rays.packets = rays.hierarchy.leaves().par_iter().with_min_len(CHUNK).map(packet).collect();
         rays
+    }
+
+    /// The boxes of all triangles that have an area, larger by a margin.
+    fn boxes(&self, scene: &Scene, margin: Vec3A) -> Vec<Boxed> {
+        let of_triangle = |(index, triangle): (usize, &Triangle)| {
+            let [a, b, c] = scene.corners(triangle).map(|corner| self.place(corner));
+            let low = Vec3A::from(a.min(b).min(c)) - margin;
+            let high = Vec3A::from(a.max(b).max(c)) + margin;
+            let is_empty = (b - a).cross(c - a).length_squared() <= 0.0;
+            Boxed { low, high, index: if is_empty { NO_TRIANGLE } else { index as u32 } }
+        };
+        let all = scene.triangles.par_iter().enumerate().with_min_len(CHUNK);
+        let mut boxes: Vec<Boxed> = all.map(of_triangle).collect();
+        boxes.retain(|item| item.index != NO_TRIANGLE);
+        boxes
     }
 
     /// Whether there is nothing to hit.

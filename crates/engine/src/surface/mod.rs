@@ -18,6 +18,8 @@ mod dielectric;
 
 mod point;
 
+mod finish;
+
 mod world;
 
 mod passage;

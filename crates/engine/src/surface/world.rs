@@ -1,19 +1,15 @@
 //! A scene as rays meet it: its triangles, what each reflects, emits and lets through, and what
 //! surrounds them all.
 
-use super::dielectric::Clear;
+use super::finish::{Finish, Finishes};
 use super::model::Parameters;
 use super::point::Surface;
 use crate::radiometry::Rgb;
 use crate::rays::{Eye, Hit, Rays, Segment, Spot, unit_normal};
-use crate::scene::{Background, Environment, Material, Scene, Triangle};
+use crate::scene::{Background, Environment, Material, Scene};
 use glam::{Vec2, Vec3};
 use std::cell::Cell;
 use std::sync::Arc;
-
-/// Vertex normals within this cosine of the geometric one, .08°, are taken to be that one with
-/// rounding: flat surfaces are then lit alike everywhere.
-const FLAT_COSINE: f32 = 1.0 - 1e-6;
 
 /// A scene for rays, with what its triangles reflect and emit.
 pub struct World {
@@ -25,29 +21,12 @@ pub struct World {
     pub environment: Arc<Environment>,
     /// What a camera sees beside its surfaces.
     pub background: Background,
-    finishes: Vec<Finish>,
+    finishes: Finishes,
     /// Whether light passes anything as clear, and whether it does so along a straight line.
     has_clear: bool,
     has_panes: bool,
     /// By material, whether it may mirror sharply.
     mirrors: Vec<bool>,
-}
-
-/// What a triangle reflects and emits.
-pub struct Finish {
-    /// At its first corner; everywhere where nothing varies.
-    pub parameters: Parameters,
-    /// Emitted radiance, likewise.
-    pub emission: Rgb,
-    two_sided: bool,
-    /// Whether reflection or emission changes over the triangle.
-    pub varies: bool,
-    /// Whether the shading normal is another than the geometric one somewhere.
-    pub is_bent: bool,
-    /// Radiance that a camera sees of a material that takes no part in light
-    /// (KHR_materials_unlit): its base colour.
-    pub is_unlit: bool,
-    clear: Option<Clear>,
 }
 
 impl World {
@@ -60,8 +39,7 @@ impl World {
     /// Prepares a scene in its surroundings.
     pub fn surrounded(scene: Arc<Scene>, environment: Arc<Environment>) -> Self {
         let rays = Rays::of(&scene);
-        let finish = |triangle| Finish::new(&scene, triangle, rays.scale());
-        let finishes: Vec<Finish> = scene.triangles.iter().map(finish).collect();
+        let finishes = Finishes::new(&scene, rays.scale());
         let mirrors = scene.materials.iter().map(Material::casts_caustics).collect();
         let mut this = Self {
             rays,
@@ -73,9 +51,9 @@ impl World {
             has_panes: false,
             mirrors,
         };
-        this.has_clear = this.finishes.iter().any(|finish| finish.clear.is_some());
+        this.has_clear = this.finishes.all().iter().any(|finish| finish.clear.is_some());
         this.has_panes = this.has_clear
-            && (0..this.finishes.len() as u32).any(|triangle| this.is_pane(triangle));
+            && (0..this.scene.triangles.len() as u32).any(|triangle| this.is_pane(triangle));
         this
     }
 
@@ -102,17 +80,17 @@ impl World {
 
     /// Whether a triangle's back reflects and emits too.
     pub fn is_two_sided(&self, triangle: u32) -> bool {
-        self.finishes[triangle as usize].two_sided
+        self.finishes.of(triangle).two_sided
     }
 
     /// Whether what a triangle reflects and emits varies over it.
     pub fn varies(&self, triangle: u32) -> bool {
-        self.finishes[triangle as usize].varies
+        self.finishes.of(triangle).varies
     }
 
     /// Radiance that a triangle emits at barycentric (u, v).
     pub fn emission(&self, triangle: u32, u: f32, v: f32) -> Rgb {
-        let finish = &self.finishes[triangle as usize];
+        let finish = self.finishes.of(triangle);
         if finish.varies {
             self.scene.emission(&self.scene.triangles[triangle as usize], u, v)
         } else {
@@ -122,7 +100,7 @@ impl World {
 
     /// What a triangle reflects and emits.
     pub fn finish(&self, triangle: u32) -> &Finish {
-        &self.finishes[triangle as usize]
+        self.finishes.of(triangle)
     }
 
     /// Material of a triangle.
@@ -134,7 +112,7 @@ impl World {
     /// come from elsewhere: what it emits, and the colour of what is unlit.
     pub fn shine(&self, triangle: u32, at: Vec2) -> Rgb {
         let emission = self.emission(triangle, at.x, at.y);
-        if !self.finishes[triangle as usize].is_unlit {
+        if !self.finishes.of(triangle).is_unlit {
             return emission;
         }
         let triangle = &self.scene.triangles[triangle as usize];
@@ -144,7 +122,7 @@ impl World {
     /// Unit normal between those of a triangle's vertices, on the side on which `normal` is the
     /// geometric one: the shading normal without a normal map.
     pub fn smooth_normal(&self, triangle: u32, at: Vec2, normal: Vec3, side: f32) -> Vec3 {
-        if !self.finishes[triangle as usize].is_bent {
+        if !self.finishes.of(triangle).is_bent {
             return normal;
         }
         let triangle = &self.scene.triangles[triangle as usize];
@@ -156,7 +134,7 @@ impl World {
     /// Unit shading normal at barycentric coordinates of a triangle, on the side on which `normal`
     /// is its geometric one; that one where the scene gives none above the surface.
     pub fn shading_normal(&self, triangle: u32, at: Vec2, normal: Vec3, side: f32) -> Vec3 {
-        if !self.finishes[triangle as usize].is_bent {
+        if !self.finishes.of(triangle).is_bent {
             return normal;
         }
         let triangle = &self.scene.triangles[triangle as usize];
@@ -166,7 +144,7 @@ impl World {
 
     /// The surface at a hit; `None` at a black back.
     pub fn surface(&self, hit: &Hit) -> Option<Surface> {
-        let finish = &self.finishes[hit.triangle as usize];
+        let finish = self.finishes.of(hit.triangle);
         (!hit.back || finish.two_sided).then(|| self.surface_of(hit))
     }
 
@@ -179,14 +157,14 @@ impl World {
 
     /// Whether a hit is of a black back.
     pub fn is_black(&self, hit: &Hit) -> bool {
-        let finish = &self.finishes[hit.triangle as usize];
+        let finish = self.finishes.of(hit.triangle);
         hit.back && !finish.two_sided && finish.clear.is_none()
     }
 
     /// Whether light passes a triangle as clear, anywhere on it.
     #[inline]
     pub fn is_clear(&self, triangle: u32) -> bool {
-        self.has_clear && self.finishes[triangle as usize].clear.is_some()
+        self.has_clear && self.finishes.of(triangle).clear.is_some()
     }
 
     /// Whether a triangle may mirror sharply anywhere.
@@ -203,7 +181,7 @@ impl World {
     /// Whether light that a triangle lets through goes on along the same line; what has holes, too,
     /// does not count.
     pub fn is_pane(&self, triangle: u32) -> bool {
-        let clear = &self.finishes[triangle as usize].clear;
+        let clear = &self.finishes.of(triangle).clear;
         clear.is_some_and(|clear| clear.is_straight()) && !self.rays.has_holes(triangle)
     }
 
@@ -233,7 +211,7 @@ impl World {
 
     /// What a pane lets through of a ray that crosses it.
     fn through_pane(&self, index: u32, from: Vec3, direction: Vec3) -> Rgb {
-        let finish = &self.finishes[index as usize];
+        let finish = self.finishes.of(index);
         let (corners, _) = self.rays.corners(&self.scene, index);
         let normal = unit_normal(corners);
         let cosine = normal.dot(direction);
@@ -274,7 +252,7 @@ impl World {
     /// The surface at barycentric coordinates of a triangle, which lie at `spot`; `side` is −1
     /// for its back.
     pub fn surface_at(&self, index: u32, at: Vec2, spot: Spot, side: f32) -> Surface {
-        let (finish, back) = (&self.finishes[index as usize], side < 0.0);
+        let (finish, back) = (self.finishes.of(index), side < 0.0);
         let triangle = &self.scene.triangles[index as usize];
         let normal = spot.normal * side;
         let (mut parameters, mut emission, mut clear) =
@@ -305,34 +283,6 @@ impl World {
             shading_normal,
             parameters,
             emission,
-            clear,
-        }
-    }
-}
-
-impl Finish {
-    fn new(scene: &Scene, triangle: &Triangle, metre: f64) -> Self {
-        let material = &scene.materials[triangle.material as usize];
-        let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize].color);
-        let appearance = scene.appearance(triangle, 0.0, 0.0);
-        let normal = unit_normal(scene.corners(triangle));
-        let is_off = |v: &u32| {
-            scene.vertices[*v as usize].normal.normalize_or(normal).dot(normal) < FLAT_COSINE
-        };
-        let varies = material.has_textured_reflection()
-            || (material.emits() && material.emission_texture.is_some())
-            || a != b
-            || b != c;
-        let clear = Clear::new(material, metre);
-        // A texture may leave the first corner opaque and others clear.
-        let clear = if varies { clear } else { clear.and_then(|clear| clear.looking(&appearance)) };
-        Self {
-            parameters: Parameters::new(material, &appearance),
-            emission: scene.emission(triangle, 0.0, 0.0),
-            two_sided: material.double_sided,
-            varies,
-            is_bent: material.normal_map.is_some() || triangle.vertices.iter().any(is_off),
-            is_unlit: material.unlit,
             clear,
         }
     }

@@ -9,7 +9,7 @@ use super::{patchless, unseen};
 use crate::checkpoint::CheckpointError;
 use crate::image::Picture;
 use crate::measurement::Measurement;
-use crate::patches::PatchedScene;
+use crate::patches::{Cut, Focus, PatchedScene};
 use crate::render::{Observer, Plan, RenderError, RenderRequest, Rendered, Stats, StopReason};
 use crate::scene::environment::Environment;
 use crate::scene::{Camera, Scene, Warning};
@@ -141,46 +141,41 @@ impl<'a> Job<'a> {
             warnings.extend(more_warnings(scene));
             warnings
         };
-        self.cut_with(scene, (patches, device), |_| false, warnings)
-    }
-
-    /// The same for a method that shows what is unlit, too, and clear bodies, whose caustics it maps
-    /// in scenes of at most so many triangles.
-    pub fn cut_with_all(
-        &mut self,
-        patches: usize,
-        device: String,
-        most_triangles: usize,
-    ) -> Arc<PatchedScene> {
-        let scene = self.request.scene.clone();
-        let has_sun = self.environment.sun.is_some();
-        let warnings = |cut: &PatchedScene| {
-            unseen::by_gathering(&cut.scene, has_sun, most_triangles).into_iter().collect()
-        };
-        self.cut_with(scene, (patches, device), Scene::has_unlit, warnings)
-    }
-
-    /// Cuts a scene and announces it; `shows` is whether a scene that nothing lights is not black.
-    fn cut_with(
-        &mut self,
-        scene: Arc<Scene>,
-        (patches, device): (usize, String),
-        shows: impl FnOnce(&Scene) -> bool,
-        more_warnings: impl FnOnce(&PatchedScene) -> Vec<Warning>,
-    ) -> Arc<PatchedScene> {
-        let scene = Arc::new(PatchedScene::new(scene, patches));
-        let shines = scene.patches.any_light()
-            || patchless::shines(&scene.scene, &self.environment)
-            || shows(&scene.scene);
-        let warnings = (scene.warnings.iter().cloned()).chain(more_warnings(&scene));
+        let cut = Arc::new(PatchedScene::new(scene, patches));
+        let shines = cut.patches.any_light() || patchless::shines(&cut.scene, &self.environment);
+        let warnings = (cut.warnings.iter().cloned()).chain(warnings(&cut));
         self.announce(Announcement {
             device,
-            patches: scene.patches.len(),
-            triangles: scene.facets.len(),
+            patches: cut.patches.len(),
+            triangles: cut.facets.len(),
             shines,
             warnings: warnings.collect(),
         });
-        scene
+        cut
+    }
+
+    /// The same, finest about a focus, for a method that shows what is unlit, too, and clear bodies,
+    /// whose caustics it maps in scenes of at most so many triangles.
+    pub fn cut_with_all(
+        &mut self,
+        (patches, focus): (usize, Option<Focus>),
+        device: String,
+        most_triangles: usize,
+    ) -> Arc<Cut> {
+        let scene = self.request.scene.clone();
+        let has_sun = self.environment.sun.is_some();
+        let cut = Arc::new(Cut::new(scene.clone(), patches, focus));
+        let shines =
+            cut.any_light() || patchless::shines(&scene, &self.environment) || scene.has_unlit();
+        let more = unseen::by_gathering(&scene, has_sun, most_triangles);
+        self.announce(Announcement {
+            device,
+            patches: cut.patches(),
+            triangles: cut.facets(),
+            shines,
+            warnings: cut.warnings().into_iter().chain(more).collect(),
+        });
+        cut
     }
 
     /// The scene as rays meet it, in its surroundings and before its background.

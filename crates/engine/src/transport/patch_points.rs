@@ -1,6 +1,6 @@
 //! Points of a patch.
 
-use crate::patches::{PatchIndex, PatchedScene};
+use crate::patches::{Cut, PatchCell, PatchIndex, PatchedScene};
 use crate::rays::{Spot, inset, unit_normal};
 use crate::surface::World;
 use glam::{Vec2, Vec3};
@@ -18,8 +18,18 @@ pub struct PatchPoints {
 impl PatchPoints {
     /// The points of a patch.
     pub fn new(world: &World, scene: &PatchedScene, patch: PatchIndex) -> Self {
-        let (facet, back, cell) = scene.cell_of(patch);
-        let corners = facet.corners.map(|c| world.rays.place(scene.positions[c as usize]));
+        let (facet, back, at) = scene.cell_of(patch);
+        let corners = facet.corners.map(|c| scene.positions[c as usize]);
+        Self::of(world, PatchCell { corners, at, back })
+    }
+
+    /// The points of a patch of a scene that may be a crowd.
+    pub fn in_cut(world: &World, cut: &Cut, patch: PatchIndex) -> Self {
+        Self::of(world, cut.cell(patch))
+    }
+
+    fn of(world: &World, PatchCell { corners, at: cell, back }: PatchCell) -> Self {
+        let corners = corners.map(|corner| world.rays.place(corner));
         Self { corners, normal: unit_normal(corners), cell, inset: inset(corners), back }
     }
 

@@ -83,6 +83,7 @@ pub fn leaves(world: &World, start: Vec3, direction: Vec3) -> bool {
 /// Looks around from sites on all surfaces; `None` where hardly any is dark.
 pub fn look_around(world: &World) -> Option<Vec<Site>> {
     let areas: Vec<f32> = (0..world.scene.triangles.len() as u32)
+        .into_par_iter()
         .map(|triangle| world.rays.corners(&world.scene, triangle).1)
         .collect();
     if areas.iter().sum::<f32>().partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {

@@ -14,6 +14,9 @@ pub struct Effort {
 }
 
 impl Effort {
+    /// Most patches, whatever the limits.
+    pub const MOST_PATCHES: usize = 30_000;
+
     /// By the limits of a request and the size of its picture.
     pub fn new(request: &RenderRequest) -> Self {
         let Limits { seconds, iterations, target_error, .. } = request.limits.to_plan_by();
@@ -24,7 +27,7 @@ impl Effort {
         let (samples, patches) = if hasty {
             (8, 5000)
         } else if seconds >= 4.0 || error <= 0.015 || iterations >= 16 {
-            (64, 30_000)
+            (64, Self::MOST_PATCHES)
         } else if seconds >= 2.0 {
             (64, 16_000)
         } else if seconds >= 1.0 || error <= 0.025 || iterations >= 8 {

@@ -6,7 +6,7 @@ mod band;
 use super::places::FragmentPlaces;
 use crate::hemicube::item;
 use crate::measurement::{Frame, View};
-use crate::patches::{FacetIndex, FacetPlace, PatchedScene};
+use crate::patches::{Cut, FacetIndex, FacetPlace};
 use crate::radiometry::{Rgb, importance};
 use crate::raster::PixelPlane;
 use crate::rays::{Spot, inset, unit_normal};
@@ -16,6 +16,7 @@ use crate::scene::pyramid::Pyramids;
 use crate::surface::{Surface, World};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Rows of pixels that are rasterised together, a parallel task.
@@ -95,11 +96,36 @@ pub struct Lobe {
 }
 
 /// A facet with its barycentric coordinates as linear functions of the pixel.
+#[derive(Clone)]
 struct PictureFacet {
     corners: [Vec3; 3],
     planes: [PixelPlane; 3],
     normal: Vec3,
     inset: f32,
+}
+
+impl PictureFacet {
+    /// A place on a side, off the surface by the rounding error, and that side's normal.
+    fn spot(&self, back: bool, at: Vec2) -> (Vec3, Vec3) {
+        let normal = if back { -self.normal } else { self.normal };
+        (Spot::new(self.corners, self.normal, at.x, at.y).off_surface(normal), normal)
+    }
+}
+
+/// How facets come into the picture.
+struct Placing {
+    world: Arc<World>,
+    grid: View,
+}
+
+impl Placing {
+    fn place(&self, cut: &Cut, facet: FacetIndex) -> PictureFacet {
+        let corners = cut.corners(facet);
+        let planes = self.grid.edges(corners);
+        let corners = corners.map(|corner| self.world.rays.place(corner));
+        let normal = unit_normal(corners);
+        PictureFacet { corners, planes, normal, inset: inset(corners) }
+    }
 }
 
 /// Means over the samples of a pixel on one facet on which something varies.
@@ -123,9 +149,11 @@ pub struct VisibleSurfaces {
     pub height: u32,
     /// The camera's frame, ray units.
     pub frame: Frame,
-    scene: Arc<PatchedScene>,
+    cut: Arc<Cut>,
     pyramids: Pyramids,
+    /// The facets; none of a crowd, whose facets are placed where they are needed.
     placed: Vec<PictureFacet>,
+    placing: Placing,
     samples: Vec<Vec2>,
     /// Middles of the squares that a pixel is cut into where all of it sees one facet: textures are
     /// averaged over these, without gaps.
@@ -151,31 +179,31 @@ pub struct VisibleSurfaces {
 impl VisibleSurfaces {
     /// Rasterises the scene for `samples` sub-pixel samples.
     pub fn new(
-        world: &World,
-        scene: Arc<PatchedScene>,
+        world: &Arc<World>,
+        cut: Arc<Cut>,
         camera: &Camera,
         [width, height]: [u32; 2],
         samples: u32,
     ) -> Self {
-        let view = View::new(&scene, camera, width, height);
-        let place = |facet: &crate::patches::Facet| {
-            let corners = facet.corners.map(|c| scene.positions[c as usize]);
-            let planes = view.edges(corners);
-            let corners = corners.map(|corner| world.rays.place(corner));
-            let normal = unit_normal(corners);
-            PictureFacet { corners, planes, normal, inset: inset(corners) }
+        let view = View::of_cut(&cut, camera, width, height);
+        let placing = Placing { world: world.clone(), grid: View::grid(camera, width, height) };
+        let facets = match &*cut {
+            Cut::Listed(_) => cut.facets() as u32,
+            Cut::Crowd(_) => 0,
         };
-        let placed = scene.facets.par_iter().with_min_len(1024).map(place).collect();
+        let place = |facet| placing.place(&cut, FacetIndex(facet));
+        let placed = (0..facets).into_par_iter().with_min_len(1024).map(place).collect();
         let samples = crate::measurement::sample_pattern(samples.clamp(1, MOST_SAMPLES));
         let mut visible = Self {
             width,
             height,
             frame: Frame::new(&world.rays.camera(camera), width, height),
             placed,
+            placing,
             squares: squares(SQUARES),
             samples,
-            pyramids: Pyramids::new(&scene.scene),
-            scene: scene.clone(),
+            pyramids: Pyramids::new(cut.scene()),
+            cut,
             fragments: Vec::new(),
             lobes: Vec::new(),
             groups: Vec::new(),
@@ -227,11 +255,11 @@ impl VisibleSurfaces {
             offset += ((SQUARE_STEP * round as f32).fract() - 0.5) * side;
         }
         let Some((facet, back)) = item::decode(fragment.code) else { return fragment.point };
+        let placed = self.placed(facet);
         if fragment.in_plane == fragment.mask {
-            return self.spot(facet, back, self.barycentric(facet, fragment.pixel, offset)).0;
+            return placed.spot(back, self.within(&placed, fragment.pixel, offset)).0;
         }
-        let (point, normal) =
-            self.spot(facet, back, self.in_plane_of(facet, fragment.pixel, offset));
+        let (point, normal) = placed.spot(back, self.in_plane_of(&placed, fragment.pixel, offset));
         // Not under the other facets of the plane, which is theirs but for a little.
         let slant = normal.dot(self.frame.towards_eye(point)).max(LEAST_SLANT);
         point + normal * (LIFT_PIXELS * self.frame.footprint(point, self.height) / slant)
@@ -247,7 +275,8 @@ impl VisibleSurfaces {
         let (Some(offset), Some((facet, back))) = (nearest, item::decode(fragment.code)) else {
             return fragment.point;
         };
-        self.spot(facet, back, self.barycentric(facet, fragment.pixel, offset)).0
+        let placed = self.placed(facet);
+        placed.spot(back, self.within(&placed, fragment.pixel, offset)).0
     }
 
     /// Facet, side and barycentric coordinates of a fragment's first sample.
@@ -255,21 +284,21 @@ impl VisibleSurfaces {
         let (facet, back) = item::decode(fragment.code).unwrap_or((0, false));
         let offset = self.sample(fragment.mask, 0);
         let at = self.barycentric(facet, fragment.pixel, offset);
-        FacetPlace { facet: FacetIndex(facet), back, at }
+        self.cut.with_patches(FacetPlace { facet: FacetIndex(facet), back, at })
     }
 
     /// Triangle, side and barycentric (u, v) of a fragment's n-th sample.
     pub fn place_on_triangle(&self, fragment: &Fragment, n: u32) -> (u32, bool, [f32; 2]) {
         let (facet, back) = item::decode(fragment.code).unwrap_or((0, false));
         let at = self.barycentric(facet, fragment.pixel, self.sample(fragment.mask, n));
-        let piece = &self.scene.facets[facet as usize];
-        (piece.source, back, piece.to_source(at.x, at.y).to_array())
+        let facet = FacetIndex(facet);
+        (self.cut.source(facet), back, self.cut.to_source(facet, at).to_array())
     }
 
     /// Unit normal of the facet of a fragment, on the side that is seen.
     pub fn flat_normal(&self, fragment: &Fragment) -> Vec3 {
         let Some((facet, back)) = item::decode(fragment.code) else { return fragment.normal };
-        let normal = self.placed[facet as usize].normal;
+        let normal = self.placed(facet).normal;
         if back { -normal } else { normal }
     }
 
@@ -314,23 +343,23 @@ impl VisibleSurfaces {
         let pixel = self.fragments[lobe.fragment as usize].pixel;
         let offset = self.sample(mask, n);
         let at = self.barycentric(facet, pixel, offset);
-        let placed = &self.placed[facet as usize];
+        let placed = self.placed(facet);
         let spot = Spot::new(placed.corners, placed.normal, at.x, at.y);
-        let piece = &self.scene.facets[facet as usize];
+        let source = self.cut.source(FacetIndex(facet));
         let side = if back { -1.0 } else { 1.0 };
-        if !world.varies(piece.source) {
-            return world.surface_at(piece.source, piece.to_source(at.x, at.y), spot, side);
+        if !world.varies(source) {
+            let at = self.cut.to_source(FacetIndex(facet), at);
+            return world.surface_at(source, at, spot, side);
         }
         let part = self.part(facet, (pixel, offset), LOBE_PART * self.share(lobe).sqrt());
-        world.surface_over(&self.pyramids, (piece.source, &part), spot, side)
+        world.surface_over(&self.pyramids, (source, &part), spot, side)
     }
 
     /// The part of the scene's triangle that a facet lies in that a square of a pixel sees, of
     /// so many pixels' side; `offset` is its middle.
     fn part(&self, facet: u32, (pixel, offset): (u32, Vec2), side: f32) -> Part {
-        let piece = &self.scene.facets[facet as usize];
         let at = self.barycentric(facet, pixel, offset);
-        let planes = &self.placed[facet as usize].planes;
+        let planes = &self.placed(facet).planes;
         let column = (pixel % self.width) as f32 + offset.x;
         let row = (pixel / self.width) as f32 + offset.y;
         let value =
@@ -345,9 +374,10 @@ impl VisibleSurfaces {
             if change.is_finite() { change.clamp_length_max(1.0) } else { Vec2::ZERO }
         };
         let edges = [change(&|plane| plane.per_column), change(&|plane| plane.per_row)];
-        let [a, b, c] = piece.source_uv;
+        let facet = FacetIndex(facet);
+        let [a, b, c] = self.cut.source_uv(facet);
         let edges = edges.map(|edge| (b - a) * edge.x + (c - a) * edge.y);
-        Part { at: piece.to_source(at.x, at.y), edges }
+        Part { at: self.cut.to_source(facet, at), edges }
     }
 
     /// Origin and unit direction of the camera's ray through a lobe's n-th sample.
@@ -364,41 +394,52 @@ impl VisibleSurfaces {
         self.samples[mask.trailing_zeros().min(self.samples.len() as u32 - 1) as usize]
     }
 
+    /// A facet for the picture.
+    #[inline]
+    fn placed(&self, facet: u32) -> Cow<'_, PictureFacet> {
+        match self.placed.get(facet as usize) {
+            Some(placed) => Cow::Borrowed(placed),
+            None => Cow::Owned(self.placing.place(&self.cut, FacetIndex(facet))),
+        }
+    }
+
     /// Barycentric coordinates in a facet of a place in a pixel, drawn into the facet.
     fn barycentric(&self, facet: u32, pixel: u32, offset: Vec2) -> Vec2 {
-        let at = self.unbounded(facet, pixel, offset);
+        self.within(&self.placed(facet), pixel, offset)
+    }
+
+    fn within(&self, placed: &PictureFacet, pixel: u32, offset: Vec2) -> Vec2 {
+        let at = self.unbounded(placed, pixel, offset);
         let u = at.x.clamp(0.0, 1.0);
         let v = at.y.clamp(0.0, 1.0 - u);
         // Edge-on facets may have none.
         let middle = Vec2::splat(1.0 / 3.0);
         if u.is_finite() && v.is_finite() {
-            Vec2::new(u, v).lerp(middle, self.placed[facet as usize].inset)
+            Vec2::new(u, v).lerp(middle, placed.inset)
         } else {
             middle
         }
     }
 
     /// The same in the facet's plane, not far from it.
-    fn in_plane_of(&self, facet: u32, pixel: u32, offset: Vec2) -> Vec2 {
-        let at = self.unbounded(facet, pixel, offset);
+    fn in_plane_of(&self, placed: &PictureFacet, pixel: u32, offset: Vec2) -> Vec2 {
+        let at = self.unbounded(placed, pixel, offset);
         let is_near = at.min_element() > -BESIDE_FACET && at.max_element() < 1.0 + BESIDE_FACET;
-        if is_near { at } else { self.barycentric(facet, pixel, offset) }
+        if is_near { at } else { self.within(placed, pixel, offset) }
     }
 
     /// The same wherever in the plane that is.
-    fn unbounded(&self, facet: u32, pixel: u32, offset: Vec2) -> Vec2 {
+    fn unbounded(&self, placed: &PictureFacet, pixel: u32, offset: Vec2) -> Vec2 {
         let column = (pixel % self.width) as f32 + offset.x;
         let row = (pixel / self.width) as f32 + offset.y;
-        let [a, b, c] = self.placed[facet as usize]
+        let [a, b, c] = placed
             .planes
             .map(|plane| plane.constant + plane.per_column * column + plane.per_row * row);
         Vec2::new(b, c) / (a + b + c)
     }
 
     fn spot(&self, facet: u32, back: bool, at: Vec2) -> (Vec3, Vec3) {
-        let placed = &self.placed[facet as usize];
-        let normal = if back { -placed.normal } else { placed.normal };
-        (Spot::new(placed.corners, placed.normal, at.x, at.y).off_surface(normal), normal)
+        self.placed(facet).spot(back, at)
     }
 
     /// Offsets of some samples, by a bit each, in their pixel.

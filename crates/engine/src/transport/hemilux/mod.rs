@@ -14,6 +14,7 @@ mod coarse;
 mod direct;
 mod effort;
 mod estimate;
+mod focus;
 mod fragments;
 mod gather;
 mod gloss;
@@ -29,9 +30,11 @@ use crate::checkpoint::{CheckpointError, Reader};
 use crate::device::Device;
 use crate::device::cpu::CpuDevice;
 use crate::emitters::DirectLights;
+use crate::patches::{Cut, Focus};
 use crate::rays::Rays;
 use crate::render::RenderError;
 use crate::sampling::Seed;
+use crate::surface::World;
 use clock::Clock;
 use coarse::{CoarseMesh, CoarseSolution, Elements, MOST_TRIANGLES, SampledLight};
 use effort::Effort;
@@ -42,6 +45,8 @@ use std::sync::Arc;
 
 /// Name in checkpoints of a decision of the first run: wanted patches of the coarse mesh.
 const PATCHES_DECISION: &str = "coarse_patches";
+/// Name in checkpoints of a decision of the first run: what the patches are finest about.
+const FOCUS_DECISION: &str = "focus";
 /// Name in checkpoints of a decision of the first run: sub-pixel samples.
 const SAMPLES_DECISION: &str = "pixel_samples";
 /// Bound on iterations read from a checkpoint: far more than a run can do, so a larger number
@@ -57,7 +62,7 @@ impl Method for Hemilux {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        4
+        5
     }
 
     fn summary(&self) -> &'static str {
@@ -71,12 +76,20 @@ impl Method for Hemilux {
     fn needed_bytes(&self, extent: &Extent<'_>) -> u64 {
         const PER_PIXEL: u64 = 440;
         const PER_TRIANGLE: u64 = 1500;
+        // If all of them are seen and far apart.
+        const PER_TRIANGLE_OF_CROWD: u64 = 600;
         // If all of it receives caustics on both sides.
         const PER_MAPPED_TRIANGLE: u64 = 1600;
         let [width, height] = extent.size.map(u64::from);
         let triangles = extent.triangles;
+        let asked = HemiluxSettings::new(extent.settings, 1).coarse_patches;
+        let patches = asked.unwrap_or(Effort::MOST_PATCHES);
+        let each = match Cut::is_crowd(triangles as usize, patches) {
+            true => PER_TRIANGLE_OF_CROWD,
+            false => PER_TRIANGLE,
+        };
         let caustics = triangles.min(MOST_TRIANGLES as u64) * PER_MAPPED_TRIANGLE;
-        let scene = Rays::needed_bytes(triangles) + triangles * PER_TRIANGLE + caustics;
+        let scene = Rays::needed_bytes(triangles) + triangles * each + caustics;
         scene + width * height * PER_PIXEL + extent.pyramid_bytes
     }
 
@@ -91,30 +104,33 @@ impl Method for Hemilux {
         let first_rays = job.decide(FIRST_RAYS_DECISION, options.gather_rays)?;
         job.explain(plan::reasons(&job.request.scene, &options));
         let patches = options.coarse_patches.unwrap_or(effort.patches);
-        // All of it is work for the processor, whatever the device.
-        let computes = CpuDevice::describe_here().to_string();
-        let scene = job.cut_with_all(patches, computes, MOST_TRIANGLES);
         let mut clock = Clock::default();
         let world = Arc::new(job.world());
+        clock.lap("seconds_prepare");
+        let size = [job.request.width, job.request.height];
+        let focus = decide_focus(job, &world, size)?;
+        // All of it is work for the processor, whatever the device.
+        let computes = CpuDevice::describe_here().to_string();
+        let cut = job.cut_with_all((patches, focus), computes, MOST_TRIANGLES);
+        clock.lap("seconds_cut");
         let Some(lights) = DirectLights::new(&world) else { return Ok(None) };
         let lights = Arc::new(lights);
         clock.lap("seconds_prepare");
-        let elements = Elements::new(&scene, patches);
+        let elements = Elements::new(&cut, patches);
         let mut past = job.past.take();
         let mut earlier = EarlierRuns::default();
         if let Some(past) = &mut past {
             earlier = EarlierRuns::of(&mut past.shared, elements.len())?;
         }
         let seed = Seed { number: job.request.seed, well_spread: options.well_spread };
-        let mut mesh = CoarseMesh::new(&world.rays, scene.clone(), elements);
+        let mut mesh = CoarseMesh::new(&world.rays, cut.clone(), elements);
         if !options.near_field {
             mesh.ignore_near_field();
         }
         let coarse =
             CoarseSolution::new(world.clone(), lights.clone(), mesh, seed, earlier.sampled);
         clock.lap("seconds_patches");
-        let size = [job.request.width, job.request.height];
-        let visible = VisibleSurfaces::new(&world, scene, &job.camera, size, options.samples);
+        let visible = VisibleSurfaces::new(&world, cut, &job.camera, size, options.samples);
         clock.lap("seconds_fragments");
         let inputs = TierInputs { world, lights, visible, coarse };
         let done = job.run.standing.tally.iterations;
@@ -167,6 +183,21 @@ fn decide(
     }
     job.run.owner.decide(SAMPLES_DECISION, &options.samples);
     Ok(())
+}
+
+/// What the patches are finest about: as before, or as the camera looks at it.
+fn decide_focus(
+    job: &mut Job<'_>,
+    world: &World,
+    size: [u32; 2],
+) -> Result<Option<Focus>, RenderError> {
+    let afresh = match &job.past {
+        Some(_) => String::new(),
+        None => focus::told(focus::find(world, &job.camera, size)),
+    };
+    let decided = job.decide(FOCUS_DECISION, afresh)?;
+    let damaged = || CheckpointError::damaged("what its patches are finest about is no place");
+    Ok(focus::parsed(&decided).ok_or_else(damaged)?)
 }
 
 #[cfg(test)]

@@ -6,10 +6,11 @@ use crate::scene::Scene;
 
 /// One sentence a decision.
 pub fn reasons(scene: &Scene, options: &HemiluxSettings) -> Vec<String> {
-    let used = scene.triangles.iter().map(|triangle| &scene.materials[triangle.material as usize]);
-    let glossy = used
-        .clone()
-        .any(|material| material.reflectance(&material.typical(material.base_color)).is_glossy());
+    let mut used = vec![false; scene.materials.len()];
+    scene.triangles.iter().for_each(|triangle| used[triangle.material as usize] = true);
+    let glossy = scene.materials.iter().zip(used).any(|(material, used)| {
+        used && material.reflectance(&material.typical(material.base_color)).is_glossy()
+    });
     let emitters = scene.emissive_triangles();
     let mut reasons = Vec::new();
     reasons.push("tier 1: links solve the coarse mesh on the processor; hemicube shots take longer for the same error".into());

@@ -411,7 +411,7 @@ impl Solver for Tiers {
     }
 
     fn irradiance(&self) -> Option<(Arc<PatchedScene>, Vec<Rgb>)> {
-        Some((self.coarse.mesh.scene.clone(), self.coarse.irradiances().to_vec()))
+        Some(self.coarse.on_patches())
     }
 
     fn diagnostics(&self, _run: &Run<'_>) -> BTreeMap<String, f64> {

@@ -3,7 +3,7 @@
 use super::coarse::{CoarseMesh, CoarseSolution, Elements};
 use super::fragments::VisibleSurfaces;
 use crate::emitters::DirectLights;
-use crate::patches::PatchedScene;
+use crate::patches::Cut;
 use crate::radiometry::Rgb;
 use crate::sampling::Seed;
 use crate::scene::gltf::{ImportLimits, Resources, import};
@@ -21,7 +21,7 @@ pub const EMISSION: f32 = 2.0;
 pub struct Specimen {
     pub world: Arc<World>,
     pub lights: Arc<DirectLights>,
-    pub scene: Arc<PatchedScene>,
+    pub cut: Arc<Cut>,
     pub coarse: CoarseSolution,
 }
 
@@ -33,12 +33,12 @@ impl Specimen {
         let world = Arc::new(World::new(scene.clone()));
         let lights = DirectLights::new(&world).expect("something shines");
         let lights = Arc::new(lights);
-        let scene = Arc::new(PatchedScene::new(scene, patches));
-        let elements = Elements::new(&scene, patches);
-        let mesh = CoarseMesh::new(&world.rays, scene.clone(), elements);
+        let cut = Arc::new(Cut::new(scene, patches, None));
+        let elements = Elements::new(&cut, patches);
+        let mesh = CoarseMesh::new(&world.rays, cut.clone(), elements);
         let mut coarse = CoarseSolution::new(world.clone(), lights.clone(), mesh, SEED, None);
         coarse.link(SEED, 0, 16);
-        Self { world, lights, scene, coarse }
+        Self { world, lights, cut, coarse }
     }
 
     /// A closed box in which the radiance is [`EMISSION`]/(1 − [`ALBEDO`]) everywhere and in every
@@ -50,7 +50,7 @@ impl Specimen {
     /// What the scene's camera sees in a small picture.
     pub fn visible(&self) -> VisibleSurfaces {
         let camera = &self.world.scene.cameras[0];
-        VisibleSurfaces::new(&self.world, self.scene.clone(), camera, [24, 20], 16)
+        VisibleSurfaces::new(&self.world, self.cut.clone(), camera, [24, 20], 16)
     }
 }
 

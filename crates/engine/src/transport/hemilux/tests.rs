@@ -1,20 +1,27 @@
+use crate::checkpoint::Checkpoint;
 use crate::device::cpu::CpuDevice;
 use crate::image::Picture;
-use crate::render::{CameraChoice, Limits, RenderRequest, Unobserved};
+use crate::radiometry::Rgb;
+use crate::render::{Begin, CameraChoice, Limits, Observer, Progress, RenderRequest, Unobserved};
 use crate::scene::gltf::{ImportLimits, Resources, import};
-use crate::scene::made;
+use crate::scene::{Triangle, Vertex, made};
 use crate::transport::render;
+use glam::Vec3;
 use std::sync::Arc;
 
 fn picture(glb: &[u8], threads: usize, seed: u64) -> Picture {
-    lit_picture(glb, threads, seed, 1.0)
+    rendered(request(glb, seed, 1.0), threads)
 }
 
 /// The picture with all lights so many times as bright.
 fn lit_picture(glb: &[u8], threads: usize, seed: u64, brightness: f32) -> Picture {
+    rendered(request(glb, seed, brightness), threads)
+}
+
+fn request(glb: &[u8], seed: u64, brightness: f32) -> RenderRequest {
     let mut scene = import(glb, &Resources::default(), &ImportLimits::default()).unwrap();
     scene.materials.iter_mut().for_each(|material| material.emission *= brightness);
-    let request = RenderRequest {
+    RenderRequest {
         scene: Arc::new(scene),
         environment: None,
         background: Default::default(),
@@ -26,7 +33,10 @@ fn lit_picture(glb: &[u8], threads: usize, seed: u64, brightness: f32) -> Pictur
         seed,
         options: Default::default(),
         begin: Default::default(),
-    };
+    }
+}
+
+fn rendered(request: RenderRequest, threads: usize) -> Picture {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let mut device = CpuDevice::new(Some(threads)).unwrap();
     let rendered = pool.install(|| render(&mut device, &request, &mut Unobserved)).unwrap();
@@ -40,6 +50,70 @@ fn the_bits_do_not_depend_on_the_threads() {
         assert_eq!(alone, picture(&glb, 3, 5));
         assert_ne!(alone, picture(&glb, 3, 6), "the seed does nothing");
     }
+}
+
+/// A room of some 40,000 triangles, for which so many patches are wanted.
+fn room(patches: usize) -> RenderRequest {
+    let options = [("coarse_patches".to_owned(), patches.to_string())].into();
+    let limits = Limits { iterations: Some(2), ..Limits::default() };
+    RenderRequest { options, limits, ..request(&made::tessellated_room(40_000), 5, 1.0) }
+}
+
+#[test]
+fn the_bits_of_a_crowd_do_not_depend_on_the_threads() {
+    assert_eq!(rendered(room(1000), 1), rendered(room(1000), 3));
+}
+
+/// Keeps what a job knows at its end.
+#[derive(Default)]
+struct Keeper(Option<Arc<Checkpoint>>);
+
+impl Observer for Keeper {
+    fn wants_solution(&mut self, _: &Progress) -> bool {
+        true
+    }
+
+    fn checkpoint(&mut self, checkpoint: Checkpoint) {
+        self.0 = Some(Arc::new(checkpoint));
+    }
+}
+
+/// On a plain so wide that patches are finest about what the camera sees.
+#[test]
+fn a_crowd_on_a_plain_goes_on_as_if_it_had_never_stopped() {
+    let mut whole = room(1000);
+    let scene = Arc::make_mut(&mut whole.scene);
+    let first = scene.vertices.len() as u32;
+    for (x, z) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)] {
+        scene.vertices.push(Vertex::new(Vec3::new(1e3 * x, -0.5, 1e3 * z), Vec3::Y));
+    }
+    for corners in [[0, 1, 2], [0, 2, 3]] {
+        let vertices = corners.map(|corner| first + corner);
+        scene.triangles.push(Triangle { vertices, material: 0 });
+    }
+    let mut device = CpuDevice::new(Some(2)).unwrap();
+    let begun = Limits { iterations: Some(1), ..Limits::default() };
+    let half = RenderRequest { limits: begun, ..whole.clone() };
+    let mut keeper = Keeper::default();
+    render(&mut device, &half, &mut keeper).unwrap();
+    let kept = keeper.0.expect("a solution was wanted");
+    let begin = Begin::Continue(kept);
+    let gone_on = rendered(RenderRequest { begin, ..whole.clone() }, 2);
+    assert_eq!(gone_on, rendered(whole, 2));
+}
+
+/// A crowd of triangles looks as the same triangles do when all of them are listed.
+#[test]
+fn crowds_are_lit_as_others_are() {
+    let [crowd, listed] = [1000, 12_000].map(|patches| rendered(room(patches), 2));
+    let mean = |picture: &Picture| picture.pixels.iter().sum::<Rgb>() / picture.pixels.len() as f32;
+    let ratio = mean(&crowd) / mean(&listed);
+    assert!((ratio - Rgb::ONE).abs().max_element() < 0.01, "{ratio}");
+    let differences = crowd.pixels.iter().zip(&listed.pixels);
+    let squares: f32 = differences.map(|(a, b)| (*a - *b).length_squared()).sum();
+    let off =
+        (squares / (3 * crowd.pixels.len()) as f32).sqrt() / mean(&listed).element_sum() * 3.0;
+    assert!(off < 0.03, "{off}");
 }
 
 /// Light is linear: nothing may compare or mix radiance with numbers of another unit.

@@ -48,7 +48,7 @@ impl CausticLight {
     pub fn advance(&mut self, world: &World, mesh: &CoarseMesh) {
         let deposits = self.maker.shower(Lit { world, lights: &self.lights });
         for PowerDeposit { triangle, back, at: [u, v], power } in deposits {
-            let Some((facet, at)) = mesh.scene.place_on_triangle(triangle, u, v) else { continue };
+            let Some((facet, at)) = mesh.cut.place_on_triangle(triangle, u, v) else { continue };
             if let Some(element) = mesh.element_on(FacetPlace { facet, back, at }) {
                 self.power[element.at()] += power;
             }

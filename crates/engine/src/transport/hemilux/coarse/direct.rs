@@ -2,7 +2,7 @@
 
 use super::elements::{ElementIndex, Elements};
 use crate::emitters::DirectLights;
-use crate::patches::PatchedScene;
+use crate::patches::Cut;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::rays::Eye;
@@ -51,7 +51,7 @@ pub struct Lighting<'a> {
     /// Its emitters.
     pub lights: &'a DirectLights,
     /// The scene in patches.
-    pub scene: &'a PatchedScene,
+    pub cut: &'a Cut,
     /// The elements.
     pub elements: &'a Elements,
 }
@@ -59,14 +59,14 @@ pub struct Lighting<'a> {
 impl SampledLight {
     /// Samples direct light at more points of an element, by a shadow ray each.
     pub fn add(&mut self, lighting: &Lighting<'_>, element: ElementIndex, points: u32, seed: Seed) {
-        let Lighting { world, lights, scene, elements } = *lighting;
+        let Lighting { world, lights, cut, elements } = *lighting;
         let sequence = Shifted::new(seed, Stream::PatchLight, u64::from(element.0));
         let mut sequence = sequence.at(self.points);
         let crevice = CREVICE * elements.area[element.at()].sqrt() * world.rays.scale() as f32;
         self.points += points;
         for _ in 0..points {
             let xi = sequence.next_pair();
-            let from = elements.points(world, scene, element, sequence.afresh().bounce[0]);
+            let from = elements.points(world, cut, element, sequence.afresh().bounce[0]);
             let (start, normal) = from.point(xi);
             let direction = cosine_direction(normal, sequence.second_pair());
             let mut hidden = false;
@@ -105,7 +105,7 @@ mod tests {
         let lighting = Lighting {
             world: &specimen.world,
             lights: &specimen.lights,
-            scene: &specimen.scene,
+            cut: &specimen.coarse.mesh.cut,
             elements: &specimen.coarse.mesh.elements,
         };
         for element in specimen.coarse.mesh.elements.all() {

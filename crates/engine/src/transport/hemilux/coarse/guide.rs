@@ -4,7 +4,7 @@
 use super::elements::{ElementIndex, Elements};
 use super::links::Links;
 use crate::emitters::{LightBounds, LightTree};
-use crate::patches::{PatchIndex, PatchedScene};
+use crate::patches::{Cut, PatchIndex};
 use crate::radiometry::Rgb;
 use crate::surface::World;
 use crate::transport::patch_points::PatchPoints;
@@ -44,21 +44,21 @@ impl Guide {
     /// pay.
     pub fn new(
         world: &World,
-        scene: &PatchedScene,
+        cut: &Cut,
         elements: &Elements,
         links: &Links,
         radiosity: &[f32],
     ) -> Option<Self> {
-        let bright = aiming_targets(world, scene, elements, links, radiosity)?;
+        let bright = aiming_targets(world, cut, elements, links, radiosity)?;
         let (mut patches, mut powers) = (Vec::new(), Vec::new());
         for (element, power) in bright {
             for patch in elements.members(element) {
                 patches.push(*patch);
-                powers.push(power / elements.area[element.at()] * scene.patches.area[patch.at()]);
+                powers.push(power / elements.area[element.at()] * cut.area(*patch));
             }
         }
         let points: Vec<PatchPoints> =
-            patches.iter().map(|patch| PatchPoints::new(world, scene, *patch)).collect();
+            patches.iter().map(|patch| PatchPoints::in_cut(world, cut, *patch)).collect();
         let bounds_of = |(points, power): (&PatchPoints, &f32)| {
             let (center, radius) = points.ball();
             LightBounds { center, radius, power: *power, normal: points.normal(), two_sided: false }
@@ -104,12 +104,12 @@ impl Guide {
 /// those receive of it; `None` where that is too little altogether.
 fn aiming_targets(
     world: &World,
-    scene: &PatchedScene,
+    cut: &Cut,
     elements: &Elements,
     links: &Links,
     radiosity: &[f32],
 ) -> Option<Vec<(ElementIndex, f32)>> {
-    let area = &elements.area;
+    let area = &elements.counted;
     let all: f32 = area.iter().sum();
     let power: f32 = area.iter().zip(radiosity).map(|(area, own)| area * own).sum();
     let limit = BRIGHT_FACTOR * power / all;
@@ -119,7 +119,7 @@ fn aiming_targets(
     if bright.iter().map(own).sum::<f32>() <= LEAST_BRIGHT_SHARE * power {
         return None;
     }
-    let received = received(world, scene, elements, links, |link| {
+    let received = received(world, cut, elements, links, |link| {
         radiosity.get(link.at()).copied().filter(|own| *own > limit)
     });
     bright.retain(|element| received[element.at()] > 0.0);
@@ -136,21 +136,21 @@ fn aiming_targets(
 /// radiosity of an element that counts.
 fn received(
     world: &World,
-    scene: &PatchedScene,
+    cut: &Cut,
     elements: &Elements,
     links: &Links,
     bright: impl Fn(ElementIndex) -> Option<f32>,
 ) -> Vec<f32> {
     let area = &elements.area;
     let mut received = vec![0.0; area.len()];
-    let middle = |element: ElementIndex| elements.points(world, scene, element, 0.5).ball().0;
+    let middle = |element: ElementIndex| elements.points(world, cut, element, 0.5).ball().0;
     for element in elements.all() {
         let met = links.of(element).filter_map(|link| Some((link, bright(link)?)));
         let met: Vec<(ElementIndex, f32)> = met.collect();
         if met.is_empty() || elements.albedo[element.at()] == Rgb::ZERO {
             continue;
         }
-        let each = area[element.at()] / links.of(element).count() as f32;
+        let each = elements.counted[element.at()] / links.of(element).count() as f32;
         let from = middle(element);
         for (link, radiosity) in met {
             if from.distance(middle(link))
@@ -165,7 +165,7 @@ fn received(
 
 #[cfg(test)]
 mod tests {
-    use crate::patches::PatchIndex;
+    use crate::patches::{Cut, PatchIndex};
     use crate::rays::Eye;
     use crate::scene::made;
     use crate::transport::hemilux::specimen::Specimen;
@@ -178,7 +178,8 @@ mod tests {
         let specimen = Specimen::new(&made::shade(), 4000);
         let guide = specimen.coarse.guide.as_ref().expect("the inside of the shade is bright");
         let (world, mesh) = (&specimen.world, &specimen.coarse.mesh);
-        let patches = &mesh.scene.patches;
+        let Cut::Listed(listed) = &*mesh.cut else { panic!("it is no crowd") };
+        let patches = &listed.patches;
         let radiosity = |patch: PatchIndex| {
             let patch = patch.at();
             let reflected = patches.diffuse[patch] * specimen.coarse.irradiances()[patch];
@@ -188,8 +189,8 @@ mod tests {
         let all = all.map(|patch| patches.area[patch.at()] * radiosity(patch));
         let mean = all.sum::<f32>() / patches.area.iter().sum::<f32>();
         let (mut aimed, mut met) = (0, 0);
-        for patch in (0..mesh.scene.patches.len() as u32).step_by(37).map(PatchIndex) {
-            let (point, normal) = PatchPoints::new(world, &mesh.scene, patch).point([0.4, 0.6]);
+        for patch in (0..patches.len() as u32).step_by(37).map(PatchIndex) {
+            let (point, normal) = PatchPoints::in_cut(world, &mesh.cut, patch).point([0.4, 0.6]);
             for k in 0..8 {
                 let xi = Vec3::new(0.123, 0.456, 0.789) * (k + 1) as f32;
                 let Some(aim) = guide.aim(point, normal, xi.fract()) else { continue };

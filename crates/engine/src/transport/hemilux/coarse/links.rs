@@ -88,7 +88,7 @@ impl Links {
     pub fn trace(&mut self, linking: Linking<'_>, seed: Seed, rays: u32) {
         let Linking { world, mesh, .. } = linking;
         let elements = mesh.elements.area.len();
-        let start = starts(&mesh.elements.area, rays);
+        let start = starts(&mesh.elements.counted, rays);
         let end = start[elements];
         if self.count() + end as usize > MOST_LINKS && !self.rounds.is_empty() {
             return;
@@ -279,7 +279,7 @@ fn link_rays(
     mut sequence: Shifted,
 ) -> Vec<Ray> {
     let alone = mesh.elements.members(element).len() == 1;
-    let points = mesh.elements.points(world, &mesh.scene, element, 0.0);
+    let points = mesh.elements.points(world, &mesh.cut, element, 0.0);
     let ray = |_| {
         let xi = sequence.next_pair();
         let others;
@@ -287,7 +287,7 @@ fn link_rays(
             &points
         } else {
             let x = sequence.triple().x;
-            others = mesh.elements.points(world, &mesh.scene, element, x);
+            others = mesh.elements.points(world, &mesh.cut, element, x);
             &others
         };
         let (origin, normal) = points.point(sequence.second_pair());

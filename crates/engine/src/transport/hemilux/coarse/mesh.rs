@@ -3,7 +3,7 @@
 
 use super::elements::{ElementIndex, Elements};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
-use crate::patches::{Facet, FacetIndex, FacetPlace, PatchIndex, PatchedScene, cell_index};
+use crate::patches::{Cut, Facet, FacetPlace, PatchIndex, PatchedScene, cell_index};
 use crate::radiometry::Rgb;
 use crate::rays::{Hit, Rays};
 use std::sync::Arc;
@@ -18,29 +18,36 @@ const MOST_CHANGE: f32 = 2.5;
 /// The coarse mesh: the scene in patches, its elements and their interpolation.
 pub struct CoarseMesh {
     /// The scene in patches.
-    pub scene: Arc<PatchedScene>,
+    pub cut: Arc<Cut>,
     /// What the light is solved for.
     pub elements: Elements,
-    reconstruction: Reconstruction,
-    /// Distance within which a hit on a facet is in the near field ([`NEAR_FIELD`]), ray units.
+    /// How values become smooth; in a crowd, each element has its own.
+    reconstruction: Option<Reconstruction>,
+    /// Distance within which a hit is in the near field ([`NEAR_FIELD`]), ray units: by facet, in a
+    /// crowd by element.
     near: Vec<f32>,
 }
 
 /// A quantity on the mesh, such as irradiance.
 #[derive(Default)]
-pub struct PatchValues {
-    /// Of each patch.
-    pub patches: Vec<Rgb>,
+pub struct MeshValues {
+    /// Of each patch; in a crowd, of each element.
+    pub own: Vec<Rgb>,
     /// At the vertices of the reconstruction.
     vertices: Vec<Rgb>,
 }
 
 impl CoarseMesh {
     /// A mesh whose light is solved for these elements.
-    pub fn new(rays: &Rays, scene: Arc<PatchedScene>, elements: Elements) -> Self {
-        let near = near_distances(rays, &scene, &elements);
-        let reconstruction = Reconstruction::new(&scene, Smoothness::Smooth);
-        Self { scene, elements, reconstruction, near }
+    pub fn new(rays: &Rays, cut: Arc<Cut>, elements: Elements) -> Self {
+        let (near, reconstruction) = match &*cut {
+            Cut::Listed(listed) => {
+                let reconstruction = Reconstruction::new(listed, Smoothness::Smooth);
+                (near_of_facets(rays, listed, &elements), Some(reconstruction))
+            }
+            Cut::Crowd(_) => (near_of_elements(rays, &elements), None),
+        };
+        Self { cut, elements, reconstruction, near }
     }
 
     /// Turns the near field off: hits take interpolated values however near they are.
@@ -48,23 +55,46 @@ impl CoarseMesh {
         self.near.fill(0.0);
     }
 
-    /// Whether a hit of a ray of that length is in the near field of the facet.
-    pub fn is_near(&self, facet: FacetIndex, distance: f32) -> bool {
-        distance < self.near[facet.at()]
+    /// Whether a hit of a ray of that length is in the near field of where it is.
+    pub fn is_near(&self, place: FacetPlace, distance: f32) -> bool {
+        let index = match self.reconstruction {
+            Some(_) => Some(place.facet.at()),
+            None => self.element_on(place).map(ElementIndex::at),
+        };
+        index.is_some_and(|index| distance < self.near[index])
     }
 
-    /// Values of the patches as a smooth function.
-    pub fn smooth(&self, patches: Vec<Rgb>) -> PatchValues {
-        let vertices = self.reconstruction.apply(&patches);
-        PatchValues { patches, vertices }
+    /// A function of the mesh by the value of each element, where it has patches; other patches have
+    /// none.
+    pub fn values(&self, of_element: impl Fn(ElementIndex) -> Rgb) -> MeshValues {
+        let Some(reconstruction) = &self.reconstruction else {
+            return MeshValues {
+                own: self.elements.all().map(of_element).collect(),
+                vertices: Vec::new(),
+            };
+        };
+        let of_patch = |patch: usize| {
+            self.elements.of(PatchIndex(patch as u32)).map_or(Rgb::ZERO, &of_element)
+        };
+        let own: Vec<Rgb> = (0..self.cut.patches()).map(of_patch).collect();
+        let vertices = reconstruction.apply(&own);
+        MeshValues { own, vertices }
+    }
+
+    /// The value of an element.
+    pub fn of_element(&self, values: &MeshValues, element: ElementIndex) -> Rgb {
+        match self.reconstruction {
+            Some(_) => values.own[self.elements.members(element)[0].at()],
+            None => values.own[element.at()],
+        }
     }
 
     /// The patch at a hit; `None` at a black back.
     pub fn patch_at(&self, hit: &Hit) -> Option<PatchIndex> {
-        let FacetPlace { facet, at, .. } = self.place_of(hit)?;
-        let piece = &self.scene.facets[facet.at()];
-        let first = piece.first_patch(hit.back)?;
-        Some(PatchIndex(first + cell_index(piece.divisions, at.x, at.y)))
+        let FacetPlace { facet, at, back } = self.place_of(hit)?;
+        let sides = self.cut.sides(facet);
+        let first = sides.first_patch(back)?;
+        Some(PatchIndex(first + cell_index(sides.divisions, at.x, at.y)))
     }
 
     /// The element at a hit; `None` at a black back and inside of closed bodies.
@@ -74,15 +104,20 @@ impl CoarseMesh {
 
     /// The place on a facet where a hit is.
     pub fn place_of(&self, hit: &Hit) -> Option<FacetPlace> {
-        let (facet, at) = self.scene.place_on_triangle(hit.triangle, hit.u, hit.v)?;
+        let (facet, at) = self.cut.place_on_triangle(hit.triangle, hit.u, hit.v)?;
         Some(FacetPlace { facet, back: hit.back, at })
     }
 
     /// The interpolated value at a place.
-    pub fn value(&self, values: &PatchValues, FacetPlace { facet, back, at }: FacetPlace) -> Rgb {
+    pub fn value(&self, values: &MeshValues, place: FacetPlace) -> Rgb {
+        let (Some(reconstruction), Cut::Listed(listed)) = (&self.reconstruction, &*self.cut) else {
+            let element = self.element_on(place);
+            return element.map_or(Rgb::ZERO, |element| values.own[element.at()]);
+        };
+        let FacetPlace { facet, back, at } = place;
         let (u, v) = (at.x.clamp(0.0, 1.0), at.y.clamp(0.0, 1.0 - at.x.clamp(0.0, 1.0)));
-        let piece = &self.scene.facets[facet.at()];
-        let Some(corners) = self.reconstruction.corners(facet.at(), back, piece, u, v) else {
+        let piece = &listed.facets[facet.at()];
+        let Some(corners) = reconstruction.corners(facet.at(), back, piece, u, v) else {
             return Rgb::ZERO;
         };
         let all = corners.iter();
@@ -90,21 +125,27 @@ impl CoarseMesh {
             all.map(|(vertex, weight)| values.vertices[*vertex as usize] * *weight).sum();
         // A vertex's value may come from patches on the other side of a wall that stands there.
         let Some(first) = piece.first_patch(back) else { return Rgb::ZERO };
-        let own = values.patches[(first + cell_index(piece.divisions, u, v)) as usize];
+        let own = values.own[(first + cell_index(piece.divisions, u, v)) as usize];
         smooth.clamp(own / MOST_CHANGE, own * MOST_CHANGE)
     }
 
     /// The element at a place, if any.
     pub fn element_on(&self, FacetPlace { facet, back, at }: FacetPlace) -> Option<ElementIndex> {
-        let piece = &self.scene.facets[facet.at()];
+        let sides = self.cut.sides(facet);
         let u = at.x.clamp(0.0, 1.0);
-        let cell = cell_index(piece.divisions, u, at.y.clamp(0.0, 1.0 - u));
-        self.elements.of(PatchIndex(piece.first_patch(back)? + cell))
+        let cell = cell_index(sides.divisions, u, at.y.clamp(0.0, 1.0 - u));
+        self.elements.of(PatchIndex(sides.first_patch(back)? + cell))
     }
 }
 
+/// By element, the length of the near field, ray units.
+fn near_of_elements(rays: &Rays, elements: &Elements) -> Vec<f32> {
+    let scale = rays.scale() as f32;
+    elements.area.iter().map(|area| NEAR_FIELD * (2.0 * area).sqrt() * scale).collect()
+}
+
 /// By facet, the length of the near field, ray units.
-fn near_distances(rays: &Rays, scene: &PatchedScene, elements: &Elements) -> Vec<f32> {
+fn near_of_facets(rays: &Rays, scene: &PatchedScene, elements: &Elements) -> Vec<f32> {
     let near = |facet: &Facet| {
         let [a, b, c] = facet.corners.map(|c| rays.place(scene.positions[c as usize]));
         NEAR_FIELD * (b - a).cross(c - a).length().sqrt() / facet.divisions as f32
@@ -123,6 +164,7 @@ fn near_distances(rays: &Rays, scene: &PatchedScene, elements: &Elements) -> Vec
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::patches::FacetIndex;
     use crate::random::Stream;
     use crate::rays::Eye;
     use crate::sampling::Shifted;
@@ -140,14 +182,14 @@ mod tests {
             let specimen = Specimen::new(&glb, 400);
             let (world, mesh) = (&specimen.world, &specimen.coarse.mesh);
             let mut found = 0;
-            for patch in (0..mesh.scene.patches.len()).step_by(7) {
+            for patch in (0..mesh.cut.patches()).step_by(7) {
                 let mut sequence = Shifted::new(SEED, Stream::Gather, patch as u64).at(0);
-                let from = PatchPoints::new(world, &mesh.scene, PatchIndex(patch as u32));
+                let from = PatchPoints::in_cut(world, &mesh.cut, PatchIndex(patch as u32));
                 let (start, normal) = from.point(sequence.next_pair());
                 let direction = cosine_direction(normal, sequence.second_pair());
                 let Some(hit) = world.rays.closest(Eye::Light, start, direction) else { continue };
                 let Some(patch) = mesh.patch_at(&hit) else { continue };
-                let (center, radius) = PatchPoints::new(world, &mesh.scene, patch).ball();
+                let (center, radius) = PatchPoints::in_cut(world, &mesh.cut, patch).ball();
                 let distance = world.rays.spot(&hit).point.distance(center);
                 assert!(distance <= 1.01 * radius, "{distance} from a patch of {radius}");
                 found += 1;
@@ -160,8 +202,8 @@ mod tests {
     fn a_smooth_function_of_equal_values_is_that_value() {
         let specimen = Specimen::furnace();
         let mesh = &specimen.coarse.mesh;
-        let values = mesh.smooth(vec![Rgb::splat(3.0); mesh.scene.patches.len()]);
-        for facet in (0..mesh.scene.facets.len() as u32).map(FacetIndex) {
+        let values = mesh.values(|_| Rgb::splat(3.0));
+        for facet in (0..mesh.cut.facets() as u32).map(FacetIndex) {
             let place = FacetPlace { facet, back: false, at: Vec2::new(0.3, 0.2) };
             let value = mesh.value(&values, place);
             assert!((value - Rgb::splat(3.0)).abs().max_element() < 1e-3, "{value}");

@@ -3,6 +3,7 @@
 mod caustic_light;
 mod direct;
 mod elements;
+mod groups;
 mod guide;
 mod links;
 mod mesh;

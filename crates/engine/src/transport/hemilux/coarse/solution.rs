@@ -7,10 +7,10 @@ use super::direct::{DirectLight, Lighting, SampledLight};
 use super::elements::ElementIndex;
 use super::guide::Guide;
 use super::links::{Linking, Links};
-use super::mesh::{CoarseMesh, PatchValues};
+use super::mesh::{CoarseMesh, MeshValues};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::DirectLights;
-use crate::patches::{FacetPlace, PatchIndex};
+use crate::patches::{Cut, FacetPlace, PatchIndex, PatchedScene};
 use crate::radiometry::{Rgb, importance};
 use crate::rays::{Eye, Hit};
 use crate::sampling::{Afresh, Next, Seed, cosine_direction};
@@ -48,9 +48,9 @@ pub struct CoarseSolution {
     /// Bright patches that gather rays are aimed at, if any.
     pub guide: Option<Guide>,
     /// Irradiance of the patches, direct and indirect.
-    total: PatchValues,
+    total: MeshValues,
     /// The same, indirect only.
-    indirect: PatchValues,
+    indirect: MeshValues,
 }
 
 impl CoarseSolution {
@@ -74,16 +74,16 @@ impl CoarseSolution {
             caustics: None,
             follows_mirrors: false,
             guide: None,
-            total: PatchValues::default(),
-            indirect: PatchValues::default(),
+            total: MeshValues::default(),
+            indirect: MeshValues::default(),
         };
         this.caustics = CausticLight::new(&this.world, count, seed.number);
         // What lamps send by way of mirrors is too noisy to be found by chance.
         if this.caustics.is_some() || !caustic_light::is_cast(&this.world) {
             this.follows_mirrors = caustic_light::has_mirrors(&this.world);
-            let CoarseMesh { scene, elements, .. } = &mut this.mesh;
+            let CoarseMesh { cut, elements, .. } = &mut this.mesh;
             if this.follows_mirrors {
-                elements.leave_out_mirrors(scene);
+                elements.leave_out_mirrors(cut);
             }
         }
         if this.sampled.is_empty() {
@@ -97,8 +97,8 @@ impl CoarseSolution {
 
     /// Samples direct light at more points of each element.
     fn sample_direct(&mut self, seed: Seed, points: u32) {
-        let CoarseMesh { scene, elements, .. } = &self.mesh;
-        let lit = Lighting { world: &self.world, lights: &self.lights, scene, elements };
+        let CoarseMesh { cut, elements, .. } = &self.mesh;
+        let lit = Lighting { world: &self.world, lights: &self.lights, cut, elements };
         self.sampled.par_iter_mut().enumerate().with_max_len(256).for_each(|(element, sampled)| {
             sampled.add(&lit, ElementIndex(element as u32), points, seed);
         });
@@ -169,9 +169,30 @@ impl CoarseSolution {
         Ok(())
     }
 
-    /// Irradiance of each patch, direct and indirect.
+    /// Irradiance of each patch, direct and indirect; in a crowd, of each element.
+    #[cfg(test)]
     pub fn irradiances(&self) -> &[Rgb] {
-        &self.total.patches
+        &self.total.own
+    }
+
+    /// The scene in patches with the irradiance of each, direct and indirect.
+    pub fn on_patches(&self) -> (Arc<PatchedScene>, Vec<Rgb>) {
+        let crowd = match &*self.mesh.cut {
+            Cut::Listed(listed) => return (listed.clone(), self.total.own.clone()),
+            Cut::Crowd(crowd) => crowd,
+        };
+        let scene = PatchedScene::new(crowd.scene.clone(), crowd.wanted);
+        let of_patch = |patch: usize| {
+            let (facet, back, [a, b, c]) = scene.cell_of(PatchIndex(patch as u32));
+            let middle = (a + b + c) / 3.0;
+            let at = facet.to_source(middle.x, middle.y);
+            let place = crowd.place_on_triangle(facet.source, at.x, at.y);
+            place.map_or(Rgb::ZERO, |(facet, at)| {
+                self.mesh.value(&self.total, FacetPlace { facet, back, at })
+            })
+        };
+        let irradiance = (0..scene.patches.len()).into_par_iter().map(of_patch).collect();
+        (Arc::new(scene), irradiance)
     }
 
     /// Whether a map has what emitters bring to diffuse surfaces by way of what bends light or
@@ -187,29 +208,27 @@ impl CoarseSolution {
 
     /// Updates the irradiance of the patches, and the guide, from direct light and links.
     fn update_irradiance(&mut self) {
-        let CoarseMesh { scene, elements, .. } = &self.mesh;
-        let patches = scene.patches.len();
-        let mut total = vec![Rgb::ZERO; patches];
-        let mut indirect = total.clone();
-        for patch in 0..patches {
-            let Some(element) = elements.of(PatchIndex(patch as u32)) else { continue };
+        let bounced = |element: ElementIndex| match self.direct[element.at()].open > 0.0 {
+            true => self.links.bounced.get(element.at()).copied().unwrap_or_default(),
+            false => Rgb::ZERO,
+        };
+        let all = |element: ElementIndex| {
             let lit = &self.direct[element.at()];
             if lit.open <= 0.0 {
-                continue;
+                return Rgb::ZERO;
             }
-            let bounced = self.links.bounced.get(element.at()).copied().unwrap_or_default();
             let caustics = self.caustics.as_ref();
             let by_caustics =
                 caustics.map_or(Rgb::ZERO, |caustics| caustics.of_element(&self.mesh, element));
-            (indirect[patch], total[patch]) = (bounced, bounced + lit.irradiance + by_caustics);
-        }
-        (self.total, self.indirect) = (self.mesh.smooth(total), self.mesh.smooth(indirect));
+            bounced(element) + lit.irradiance + by_caustics
+        };
+        (self.total, self.indirect) = (self.mesh.values(all), self.mesh.values(bounced));
+        let CoarseMesh { cut, elements, .. } = &self.mesh;
         let radiosity = elements.all().zip(&elements.albedo).map(|(element, albedo)| {
-            let patch = elements.members(element)[0];
-            importance(*albedo * self.total.patches[patch.at()].max(Rgb::ZERO))
+            importance(*albedo * self.mesh.of_element(&self.total, element).max(Rgb::ZERO))
         });
         let radiosity: Vec<f32> = radiosity.collect();
-        self.guide = Guide::new(&self.world, scene, elements, &self.links, &radiosity);
+        self.guide = Guide::new(&self.world, cut, elements, &self.links, &radiosity);
     }
 
     /// Estimated share of the direct light that arrives at the element at a place.
@@ -261,7 +280,7 @@ impl CoarseSolution {
         let direct = self.lights.sample_by_shadow_ray(&self.world, start, normal, afresh.light);
         let direct = direct.irradiance(self.share(place));
         let bounced = match afresh.next {
-            Some(next) if self.mesh.is_near(place.facet, hit.distance) => {
+            Some(next) if self.mesh.is_near(place, hit.distance) => {
                 self.bounced_by_ray(surface, afresh.bounce, next)
             }
             _ => self.mesh.value(&self.indirect, place),
@@ -363,6 +382,20 @@ mod tests {
         assert!(specimen.coarse.links() > before);
         let all = specimen.coarse.irradiances();
         assert!(all.iter().all(|irradiance| is_near(*irradiance, exact, 0.02)), "{all:?}");
+    }
+
+    /// So it is where its triangles are a crowd, also on the patches that are listed for a mesh.
+    #[test]
+    fn a_furnace_of_a_crowd_is_solved() {
+        let glb = crate::scene::made::furnace(Rgb::splat(ALBEDO), Rgb::splat(EMISSION));
+        let specimen = Specimen::new(&glb, 2);
+        assert!(matches!(*specimen.cut, Cut::Crowd(_)));
+        let exact = PI * EMISSION / (1.0 - ALBEDO);
+        let (scene, on_patches) = specimen.coarse.on_patches();
+        assert_eq!(on_patches.len(), scene.patches.len());
+        for irradiance in specimen.coarse.irradiances().iter().chain(&on_patches) {
+            assert!(is_near(*irradiance, exact, 0.02), "{irradiance}");
+        }
     }
 
     #[test]

@@ -5,7 +5,8 @@ use super::{
     NO_FRAGMENT, SMOOTH_COSINE, SampleGroup, SampleMeans, VisibleSurfaces,
 };
 use crate::hemicube::item;
-use crate::measurement::View;
+use crate::measurement::{BoxOffset, View};
+use crate::patches::{Cut, FacetIndex};
 use crate::radiometry::Rgb;
 use crate::raster::{Target, fill};
 use crate::surface::World;
@@ -18,12 +19,15 @@ impl VisibleSurfaces {
         let count = self.samples.len();
         let mut items = vec![0u32; pixels * count];
         let mut depth = vec![0f32; pixels];
-        let triangles = view.in_rows(first_row, first_row + rows);
+        let triangles = view.boxed_in_rows(first_row, first_row + rows);
         for (offset, items) in self.samples.iter().zip(items.chunks_mut(pixels)) {
             depth.fill(0.0);
             let mut target = Target { width: self.width, first_row, items, depth: &mut depth };
-            for triangle in &triangles {
-                fill(&mut target, &triangle.moved(*offset));
+            let units = BoxOffset::new(*offset);
+            for (pixels, triangle) in &triangles {
+                if pixels.is_met(units) {
+                    fill(&mut target, &pixels.narrow(triangle.moved(*offset), units));
+                }
             }
         }
         let mut band = Band {
@@ -74,9 +78,7 @@ impl VisibleSurfaces {
     /// Whether a sample that sees this may see what is behind it instead.
     fn may_pass(&self, world: &World, code: u32) -> bool {
         let facet = item::decode(code);
-        facet.is_some_and(|(facet, _)| {
-            world.rays.has_holes(self.scene.facets[facet as usize].source)
-        })
+        facet.is_some_and(|(facet, _)| world.rays.has_holes(self.cut.source(FacetIndex(facet))))
     }
 
     /// Code of what a sample of a pixel sees through holes.
@@ -85,8 +87,11 @@ impl VisibleSurfaces {
         let spread = (sample as f32 * GOLDEN_RATIO).fract();
         let hit = world.rays.closest_in_pixel(origin, direction, spread, pixel);
         let place = hit.and_then(|hit| {
-            let (facet, _) = self.scene.place_on_triangle(hit.triangle, hit.u, hit.v)?;
-            Some(item::encode(facet.0, hit.back))
+            let facet = match &*self.cut {
+                Cut::Listed(listed) => listed.place_on_triangle(hit.triangle, hit.u, hit.v)?.0.0,
+                Cut::Crowd(_) => hit.triangle,
+            };
+            Some(item::encode(facet, hit.back))
         });
         place.unwrap_or(item::EMPTY)
     }
@@ -170,17 +175,19 @@ impl VisibleSurfaces {
     ) -> Option<(Fragment, Rgb)> {
         let &SampleGroup { code, mask } = group;
         let (facet, back) = item::decode(code)?;
-        let piece = &self.scene.facets[facet as usize];
-        let finish = world.finish(piece.source);
+        let source = self.cut.source(FacetIndex(facet));
+        let finish = world.finish(source);
         let each = 1.0 / self.samples.len() as f32;
         let count = mask.count_ones() as f32;
         let share = count * each;
         let middle = self.offsets(mask).sum::<Vec2>() / count;
-        let at = self.barycentric(facet, pixel, middle);
-        let (point, flat) = self.spot(facet, back, at);
-        let (source_at, side) = (piece.to_source(at.x, at.y), if back { -1.0 } else { 1.0 });
-        let normal = world.smooth_normal(piece.source, source_at, flat, side);
-        let varies = finish.varies || world.material(piece.source).normal_map.is_some();
+        let placed = self.placed(facet);
+        let at = self.within(&placed, pixel, middle);
+        let (point, flat) = placed.spot(back, at);
+        let source_at = self.cut.to_source(FacetIndex(facet), at);
+        let side = if back { -1.0 } else { 1.0 };
+        let normal = world.smooth_normal(source, source_at, flat, side);
+        let varies = finish.varies || world.material(source).normal_map.is_some();
         let (diffuse, lobe_factor, shine, shading_normal) = if varies {
             let means = self.means(world, (facet, back), pixel, mask);
             let normal = means.normal.normalize_or(normal);
@@ -189,10 +196,10 @@ impl VisibleSurfaces {
             let viewer = self.frame.towards_eye(point);
             let [diffuse, lobe_factor] =
                 finish.parameters.diffuse_and_lobe_factor(normal.dot(viewer));
-            (diffuse, lobe_factor, world.shine(piece.source, source_at) * share, normal)
+            (diffuse, lobe_factor, world.shine(source, source_at) * share, normal)
         };
         // What is clear is seen by rays, with all that it reflects.
-        let is_clear = world.is_clear(piece.source);
+        let is_clear = world.is_clear(source);
         let (diffuse, lobe_factor) =
             if is_clear { (Rgb::ZERO, Rgb::ONE) } else { (diffuse, lobe_factor) };
         let glossy = is_clear || finish.parameters.is_glossy();
@@ -220,7 +227,7 @@ impl VisibleSurfaces {
         pixel: u32,
         mask: u64,
     ) -> SampleMeans {
-        let piece = &self.scene.facets[facet as usize];
+        let source = self.cut.source(FacetIndex(facet));
         let side = if back { -1.0 } else { 1.0 };
         let mut means = SampleMeans::default();
         // Each sample stands for as much of the pixel.
@@ -234,14 +241,13 @@ impl VisibleSurfaces {
             let at = self.barycentric(facet, pixel, offset);
             let (point, flat) = self.spot(facet, back, at);
             let part = self.part(facet, (pixel, offset), width);
-            let normal =
-                world.shading_normal_over(&self.pyramids, (piece.source, &part), flat, side);
+            let normal = world.shading_normal_over(&self.pyramids, (source, &part), flat, side);
             let cosine = normal.dot(self.frame.towards_eye(point));
-            let parameters = world.parameters_over(&self.pyramids, piece.source, &part);
+            let parameters = world.parameters_over(&self.pyramids, source, &part);
             let [diffuse, lobe_factor] = parameters.diffuse_and_lobe_factor(cosine);
             means.diffuse += diffuse * each;
             means.lobe_factor += lobe_factor * each;
-            means.shine += world.shine_over(&self.pyramids, piece.source, &part) * each;
+            means.shine += world.shine_over(&self.pyramids, source, &part) * each;
             means.normal += normal * each;
         };
         if is_whole {

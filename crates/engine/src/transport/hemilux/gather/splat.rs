@@ -183,7 +183,7 @@ fn add_by_eights<const N: usize, const S: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::patches::PatchedScene;
+    use crate::patches::Cut;
     use crate::scene::gltf::{ImportLimits, Resources, import};
     use crate::scene::made;
     use crate::surface::World;
@@ -194,9 +194,9 @@ mod tests {
     fn all_that_counts_is_added_up() {
         let scene = import(&made::cornell(), &Resources::default(), &ImportLimits::default());
         let scene = Arc::new(scene.unwrap());
-        let world = World::new(scene.clone());
-        let patched = Arc::new(PatchedScene::new(scene.clone(), 500));
-        let visible = VisibleSurfaces::new(&world, patched, &scene.cameras[0], [61, 47], 16);
+        let world = Arc::new(World::new(scene.clone()));
+        let cut = Arc::new(Cut::new(scene.clone(), 500, None));
+        let visible = VisibleSurfaces::new(&world, cut, &scene.cameras[0], [61, 47], 16);
         let records: Vec<Record> = (0..visible.fragments.len())
             .step_by(37)
             .map(|index| {

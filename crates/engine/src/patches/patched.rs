@@ -1,0 +1,295 @@
+//! A scene in facets and patches, all of them listed.
+
+use super::facet::{Facet, NO_PATCH, cells, facet_area, in_piece, nth_cell};
+use super::focus::Focus;
+use super::index::{FacetIndex, PatchIndex};
+use super::means::{CellMeans, colour_varies, exponent_of, point_of};
+use super::{bodies, seams, split};
+use crate::radiometry::{Reflectance, Rgb, importance};
+use crate::scene::{Scene, Warning};
+use foldhash::{HashMap, HashMapExt};
+use glam::{Vec2, Vec3};
+use std::sync::Arc;
+
+/// A scene cut into facets and patches.
+pub struct PatchedScene {
+    /// The scene that was cut.
+    pub scene: Arc<Scene>,
+    /// World positions of facet corners, equal positions stored once.
+    pub positions: Vec<Vec3>,
+    /// Triangles to rasterise.
+    pub facets: Vec<Facet>,
+    /// Finite elements.
+    pub patches: Patches,
+    /// What was left out.
+    pub warnings: Vec<Warning>,
+    /// What the patches are finest about.
+    pub focus: Option<Focus>,
+    /// Facets of scene triangle t: `pieces[t]..pieces[t + 1]`.
+    pieces: Vec<u32>,
+}
+
+/// The patches, one entry a patch in every array.
+#[derive(Default)]
+pub struct Patches {
+    /// Area A, m².
+    pub area: Vec<f32>,
+    /// Centroid, world space.
+    pub centroid: Vec<Vec3>,
+    /// Unit geometric normal of the patch's side.
+    pub normal: Vec<Vec3>,
+    /// Unit shading normal of the patch's side at the centroid.
+    pub shading_normal: Vec<Vec3>,
+    /// Diffuse albedo kd, mean over the patch.
+    pub diffuse: Vec<Rgb>,
+    /// Specular albedo ks, mean over the patch.
+    pub specular: Vec<Rgb>,
+    /// Phong exponent n.
+    pub exponent: Vec<f32>,
+    /// Albedo under uniform light, diffuse part and lobe together, as the material's own model has
+    /// it; mean over the patch.
+    pub albedo: Vec<Rgb>,
+    /// Emitted radiance L^e, mean over the patch.
+    pub emission: Vec<Rgb>,
+    /// The facet that it is a cell of.
+    pub facet: Vec<u32>,
+}
+
+impl Patches {
+    /// Number of patches.
+    pub fn len(&self) -> usize {
+        self.area.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.area.is_empty()
+    }
+
+    /// How the patch reflects.
+    pub fn reflectance(&self, patch: usize) -> Reflectance {
+        Reflectance {
+            diffuse: self.diffuse[patch],
+            specular: self.specular[patch],
+            exponent: self.exponent[patch],
+        }
+    }
+
+    /// Whether the patch reflects a Phong lobe.
+    pub fn is_glossy(&self, patch: usize) -> bool {
+        self.specular[patch].max_element() > 0.0
+    }
+
+    /// Whether the patch emits by itself.
+    pub fn emits(&self, patch: usize) -> bool {
+        self.emission[patch].max_element() > 0.0
+    }
+
+    /// Whether any patch is glossy.
+    pub fn any_glossy(&self) -> bool {
+        (0..self.len()).any(|patch| self.is_glossy(patch))
+    }
+
+    /// Whether any patch emits power that a number can hold.
+    pub fn any_light(&self) -> bool {
+        (0..self.len()).any(|patch| {
+            importance(std::f32::consts::PI * self.area[patch] * self.emission[patch]) > 0.0
+        })
+    }
+}
+
+/// Most patches of a scene.
+pub const MAX_PATCHES: usize = 4_000_000;
+
+impl PatchedScene {
+    /// Cuts `scene` into about `target` patches of about equal area, at least one a triangle side.
+    ///
+    /// Elongated triangles are bisected first (conformingly), so that patches are compact.
+    pub fn new(scene: Arc<Scene>, target: usize) -> Self {
+        Self::focused(scene, target, None)
+    }
+
+    /// The same with patches that are the larger the farther they are from what the camera sees.
+    pub fn focused(scene: Arc<Scene>, target: usize, focus: Option<Focus>) -> Self {
+        let (mut positions, mut facets) = weld(&scene);
+        let mut warnings = Vec::new();
+        let dropped = scene.triangles.len() - facets.len();
+        if dropped > 0 {
+            let what = format!("{dropped} triangles without area were left out");
+            warnings.push(Warning::new("scene", what));
+        }
+        let sides = |facet: &Facet| {
+            let material = scene.triangles[facet.source as usize].material;
+            if scene.materials[material as usize].double_sided { 2.0 } else { 1.0 }
+        };
+        if let Some(focus) = focus {
+            split::split_far(&mut positions, &mut facets, focus);
+            facets.retain(|facet| facet_area(&positions, facet) > 0.0);
+        }
+        // What counts of a facet's area.
+        let counted = |positions: &[Vec3], facet: &Facet| {
+            let corners = facet.corners.map(|corner| positions[corner as usize]);
+            let weight = focus.map_or(1.0, |focus| focus.weight_of(corners));
+            facet_area(positions, facet) * weight
+        };
+        let total: f64 = facets.iter().map(|f| sides(f) * f64::from(counted(&positions, f))).sum();
+        let cell_area = (total / target.clamp(1, MAX_PATCHES) as f64) as f32;
+        split::split_elongated(&mut positions, &mut facets, cell_area, focus);
+        // A midpoint may round onto the opposite corner and leave a piece without area.
+        facets.retain(|facet| facet_area(&positions, facet) > 0.0);
+
+        let closed = bodies::facets_of_dark_closed_bodies(&scene, &positions, &facets);
+        let recedes = seams::facets_that_recede(&scene, &positions, &facets);
+        let mut patches = Patches::default();
+        for (index, facet) in facets.iter_mut().enumerate() {
+            let [a, b, c] = facet.corners.map(|p| positions[p as usize]);
+            let area = counted(&positions, facet);
+            let wanted = (area / cell_area.max(f32::MIN_POSITIVE)).sqrt().round();
+            facet.divisions = wanted.clamp(1.0, 1024.0) as u32;
+            facet.cull_back = closed[index];
+            facet.recedes = recedes[index];
+            let material =
+                &scene.materials[scene.triangles[facet.source as usize].material as usize];
+            facet.front = patches.len() as u32;
+            cut_side(&scene, facet, index as u32, [a, b, c], false, &mut patches);
+            if material.double_sided && !facet.cull_back {
+                facet.back = patches.len() as u32;
+                cut_side(&scene, facet, index as u32, [a, b, c], true, &mut patches);
+            }
+        }
+        if facets.is_empty() {
+            warnings.push(Warning::new("scene", "there is no surface to be seen"));
+        }
+        let mut pieces = vec![0u32; scene.triangles.len() + 1];
+        for facet in &facets {
+            pieces[facet.source as usize + 1] += 1;
+        }
+        for triangle in 1..pieces.len() {
+            pieces[triangle] += pieces[triangle - 1];
+        }
+        Self { scene, positions, facets, patches, warnings, focus, pieces }
+    }
+
+    /// The facet, and the barycentric coordinates in it, of barycentric (u, v) of a scene triangle;
+    /// `None` of triangles that were left out.
+    pub fn place_on_triangle(&self, triangle: u32, u: f32, v: f32) -> Option<(FacetIndex, Vec2)> {
+        let triangle = triangle as usize;
+        let (first, end) = (self.pieces[triangle], self.pieces[triangle + 1]);
+        if end == first + 1 {
+            return Some((FacetIndex(first), Vec2::new(u, v)));
+        }
+        let mut found = None;
+        let mut nearest = f32::NEG_INFINITY;
+        for facet in (first..end).map(FacetIndex) {
+            let at = in_piece(&self.facets[facet.at()].source_uv, u, v);
+            let inside = at.x.min(at.y).min(1.0 - at.x - at.y);
+            if inside > nearest {
+                (nearest, found) = (inside, Some((facet, at)));
+            }
+            if inside >= 0.0 {
+                break;
+            }
+        }
+        found
+    }
+
+    /// Whether base colour or emission changes over a facet.
+    pub fn colour_varies(&self, facet: &Facet) -> bool {
+        colour_varies(&self.scene, &self.scene.triangles[facet.source as usize])
+    }
+
+    /// World position of barycentric (u, v) of a facet.
+    pub fn point(&self, facet: &Facet, u: f32, v: f32) -> Vec3 {
+        let [a, b, c] = facet.corners.map(|p| self.positions[p as usize]);
+        a * (1.0 - u - v) + b * u + c * v
+    }
+
+    /// Facet, side, and barycentric corners in the facet of a patch.
+    pub fn cell_of(&self, patch: PatchIndex) -> (&Facet, bool, [Vec2; 3]) {
+        let facet = &self.facets[self.patches.facet[patch.at()] as usize];
+        let back = facet.back != NO_PATCH && patch.0 >= facet.back;
+        let first = if back { facet.back } else { facet.front };
+        let corners = nth_cell(facet.divisions, patch.0 - first);
+        (facet, back, corners)
+    }
+
+    /// The point of a patch for two uniform numbers: uniform over its area.
+    pub fn point_on_patch(&self, patch: PatchIndex, xi: Vec2) -> Vec3 {
+        let (facet, _, [a, b, c]) = self.cell_of(patch);
+        let root = xi.x.sqrt();
+        let at = a * (1.0 - root) + b * (root * (1.0 - xi.y)) + c * (root * xi.y);
+        self.point(facet, at.x, at.y)
+    }
+}
+
+/// Stores equal positions once, so that neighbours share corners bit for bit.
+fn weld(scene: &Scene) -> (Vec<Vec3>, Vec<Facet>) {
+    let mut positions = Vec::new();
+    let mut index_of: HashMap<[u32; 3], u32> = HashMap::new();
+    let mut facets = Vec::with_capacity(scene.triangles.len());
+    for (source, triangle) in scene.triangles.iter().enumerate() {
+        let corners = scene.corners(triangle).map(|p| {
+            // Adding zero turns −0 into +0.
+            let key = (p + 0.0).to_array().map(f32::to_bits);
+            *index_of.entry(key).or_insert_with(|| {
+                positions.push(p);
+                positions.len() as u32 - 1
+            })
+        });
+        facets.push(Facet {
+            corners,
+            source: source as u32,
+            source_uv: [Vec2::ZERO, Vec2::X, Vec2::Y],
+            divisions: 1,
+            front: NO_PATCH,
+            back: NO_PATCH,
+            cull_back: false,
+            recedes: false,
+        });
+    }
+    facets.retain(|facet| facet_area(&positions, facet) > 0.0);
+    (positions, facets)
+}
+
+/// Appends the patches of one side of a facet.
+fn cut_side(
+    scene: &Scene,
+    facet: &Facet,
+    index: u32,
+    corners: [Vec3; 3],
+    back: bool,
+    patches: &mut Patches,
+) {
+    let triangle = &scene.triangles[facet.source as usize];
+    let [a, b, c] = corners;
+    let geometric = (b - a).cross(c - a);
+    let side = if back { -1.0 } else { 1.0 };
+    let normal = geometric.normalize() * side;
+    let area = 0.5 * geometric.length() / (facet.divisions * facet.divisions) as f32;
+    let varies = colour_varies(scene, triangle);
+    // Means over sub-cells where colour varies; 64 samples a patch.
+    let sub_cells: Vec<[Vec2; 3]> = cells(if varies { 8 } else { 1 }).collect();
+    let exponent = exponent_of(scene, triangle);
+    for (cell, [pa, pb, pc]) in cells(facet.divisions).enumerate() {
+        let points = sub_cells.iter().enumerate().map(|(number, sub_cell)| {
+            let sample = point_of(*sub_cell, (cell * sub_cells.len() + number) as u32);
+            let at = pa * (1.0 - sample.x - sample.y) + pb * sample.x + pc * sample.y;
+            facet.to_source(at.x, at.y)
+        });
+        let means = CellMeans::new(scene, triangle, points);
+        let center = (pa + pb + pc) / 3.0;
+        let at = facet.to_source(center.x, center.y);
+        let shading = scene.interpolate(triangle, at.x, at.y, |vertex| vertex.normal);
+        let shading = (shading * side).normalize_or(normal);
+        patches.area.push(area);
+        patches.centroid.push(a * (1.0 - center.x - center.y) + b * center.x + c * center.y);
+        patches.normal.push(normal);
+        patches.shading_normal.push(if shading.dot(normal) > 0.0 { shading } else { normal });
+        patches.diffuse.push(means.diffuse);
+        patches.specular.push(means.specular);
+        patches.exponent.push(exponent);
+        patches.albedo.push(means.albedo);
+        patches.emission.push(means.emission);
+        patches.facet.push(index);
+    }
+}

@@ -1,0 +1,212 @@
+//! Which patches are one element: those small ones of a crowded mesh that lie in one cell of space,
+//! face the same way and have one material. The work is shared out in parts of fixed size whose
+//! groups are numbered in the order of the parts, so that any number of threads finds the same.
+
+use crate::patches::{Crowd, Cut, Focus, NO_PATCH, PatchIndex, PatchedScene};
+use crate::radiometry::Rgb;
+use foldhash::{HashMap, HashMapExt};
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Element of patches that have none: the insides of closed bodies, where light never comes.
+pub const NONE: u32 = u32::MAX;
+
+/// Patches are grouped where there are more than so many times the wanted ones.
+const CROWDED_FACTOR: usize = 4;
+/// Groups of a crowd are made larger where they are more than so many times the wanted patches.
+const MOST_GROUPS_FACTOR: usize = 8;
+/// How often they are, at most.
+const MOST_DOUBLINGS: u32 = 12;
+/// Patches of a parallel task.
+const CHUNK: usize = 1 << 14;
+
+/// What patches of one element have in common: cell of space and its size, as a power of two, one of
+/// six directions, and material.
+type GroupKey = ([i32; 3], u8, u8, u32);
+
+/// The groups of a mesh's patches.
+#[derive(Default)]
+pub struct Groups {
+    /// The group of each patch, or [`NONE`].
+    pub of_patch: Vec<u32>,
+    /// Patches of each group.
+    pub sizes: Vec<u32>,
+    /// Σ albedo × area of each.
+    pub reflected: Vec<Rgb>,
+    /// Area of each that counts in a focus; empty without one.
+    pub counted: Vec<f32>,
+}
+
+/// How patches are grouped.
+struct Grouping {
+    /// Side of a cell of space in the focus, m.
+    cell: f32,
+    focus: Option<Focus>,
+    is_crowded: bool,
+}
+
+impl Groups {
+    /// The groups of a mesh for which `wanted` patches were asked.
+    pub fn new(cut: &Cut, wanted: usize) -> Self {
+        match cut {
+            Cut::Listed(listed) => Self::of_listed(listed, wanted),
+            Cut::Crowd(crowd) => Self::of_crowd(crowd),
+        }
+    }
+
+    fn of_listed(scene: &PatchedScene, wanted: usize) -> Self {
+        let patches = &scene.patches;
+        let count = patches.len();
+        let mut hidden = vec![false; count];
+        for facet in scene.facets.iter().filter(|facet| facet.cull_back && facet.back != NO_PATCH) {
+            let first = facet.back as usize;
+            hidden[first..first + (facet.divisions * facet.divisions) as usize].fill(true);
+        }
+        let weights = scene
+            .focus
+            .map(|focus| patches.centroid.iter().map(|at| focus.weight(*at)).collect::<Vec<f32>>());
+        let counted_area = |patch: usize| {
+            weights.as_ref().map_or(1.0, |weights| weights[patch]) * patches.area[patch]
+        };
+        let all: f32 = (0..count).map(counted_area).sum();
+        let grouping = Grouping {
+            cell: (all / wanted.max(1) as f32).sqrt(),
+            focus: scene.focus,
+            is_crowded: count > CROWDED_FACTOR * wanted,
+        };
+        let mut numbers: HashMap<GroupKey, u32> = HashMap::new();
+        let mut this = Self { of_patch: vec![NONE; count], ..Self::default() };
+        for patch in (0..count).filter(|patch| !hidden[*patch]) {
+            let next = this.sizes.len() as u32;
+            let facet = &scene.facets[patches.facet[patch] as usize];
+            let material = scene.scene.triangles[facet.source as usize].material;
+            let facing = facing(patches.normal[patch]);
+            let key = grouping.key(patches.area[patch], patches.centroid[patch], facing, material);
+            let group = key.map_or(next, |key| *numbers.entry(key).or_insert(next));
+            let counted = weights.as_ref().map(|_| counted_area(patch));
+            this.add(group, patches.albedo[patch] * patches.area[patch], counted);
+            this.of_patch[patch] = group;
+        }
+        this
+    }
+
+    /// Where the patches are so far apart that there would be far more groups than wanted patches,
+    /// cells of space are larger.
+    fn of_crowd(crowd: &Crowd) -> Self {
+        let mut grouping =
+            Grouping { cell: crowd.cell_area.sqrt(), focus: crowd.focus, is_crowded: true };
+        let mut this = Self::in_cells(crowd, &grouping);
+        for _ in 0..MOST_DOUBLINGS {
+            if this.sizes.len() <= MOST_GROUPS_FACTOR * crowd.wanted {
+                break;
+            }
+            grouping.cell *= 2.0;
+            this = Self::in_cells(crowd, &grouping);
+        }
+        this
+    }
+
+    fn in_cells(crowd: &Crowd, grouping: &Grouping) -> Self {
+        let bound = crowd.bound();
+        let mut of_patch = vec![NONE; bound];
+        let parts: Vec<Part> = of_patch
+            .par_chunks_mut(CHUNK)
+            .enumerate()
+            .map(|(chunk, of_patch)| Part::of(crowd, grouping, chunk * CHUNK, of_patch))
+            .collect();
+        let mut this = Self::default();
+        let mut numbers: HashMap<GroupKey, u32> = HashMap::new();
+        let mut places: Vec<Vec<u32>> = Vec::with_capacity(parts.len());
+        for Part { keys, groups } in parts {
+            let mut own = Vec::with_capacity(keys.len());
+            for (index, key) in keys.iter().enumerate() {
+                let next = this.sizes.len() as u32;
+                let group = key.map_or(next, |key| *numbers.entry(key).or_insert(next));
+                this.add(group, groups.reflected[index], groups.counted.get(index).copied());
+                // Adding has counted one.
+                this.sizes[group as usize] += groups.sizes[index] - 1;
+                own.push(group);
+            }
+            places.push(own);
+        }
+        let chunks = of_patch.par_chunks_mut(CHUNK).zip(&places);
+        chunks.for_each(|(of_patch, places)| {
+            let reached = of_patch.iter_mut().filter(|group| **group != NONE);
+            reached.for_each(|group| *group = places[*group as usize]);
+        });
+        Self { of_patch, ..this }
+    }
+
+    /// Adds a patch to a group, which may be a new one.
+    fn add(&mut self, group: u32, reflected: Rgb, counted: Option<f32>) {
+        let group = group as usize;
+        if group == self.sizes.len() {
+            self.sizes.push(0);
+            self.reflected.push(Rgb::ZERO);
+            self.counted.extend(counted.map(|_| 0.0));
+        }
+        self.sizes[group] += 1;
+        self.reflected[group] += reflected;
+        if let Some(counted) = counted {
+            self.counted[group] += counted;
+        }
+    }
+}
+
+/// The groups of some of a crowd's patches, in the order in which they come up.
+struct Part {
+    /// What the patches of each have in common; `None` of a patch that is alone.
+    keys: Vec<Option<GroupKey>>,
+    groups: Groups,
+}
+
+impl Part {
+    fn of(crowd: &Crowd, grouping: &Grouping, first: usize, of_patch: &mut [u32]) -> Self {
+        let mut this = Self { keys: Vec::new(), groups: Groups::default() };
+        let mut numbers: HashMap<GroupKey, u32> = HashMap::new();
+        for (offset, own) in of_patch.iter_mut().enumerate() {
+            let index = PatchIndex((first + offset) as u32);
+            let Some(patch) = crowd.patch(index) else { continue };
+            let [a, b, c] = crowd.corners(&patch);
+            let across = (b - a).cross(c - a);
+            let area = 0.5 * across.length();
+            if area.is_nan() || area <= 0.0 {
+                continue;
+            }
+            let facing = facing(if patch.back { -across } else { across });
+            let material = crowd.scene.triangles[patch.triangle as usize].material;
+            let center = (a + b + c) / 3.0;
+            let key = grouping.key(area, center, facing, material);
+            let next = this.keys.len() as u32;
+            let group = key.map_or(next, |key| *numbers.entry(key).or_insert(next));
+            if group == next {
+                this.keys.push(key);
+            }
+            let albedo = crowd.means(index, &patch).albedo;
+            let counted = crowd.focus.map(|focus| focus.weight(center) * area);
+            this.groups.add(group, albedo * area, counted);
+            *own = group;
+        }
+        this
+    }
+}
+
+impl Grouping {
+    /// What a patch has in common with others of its group; `None` where it is alone.
+    fn key(&self, area: f32, center: Vec3, facing: u8, material: u32) -> Option<GroupKey> {
+        if !self.is_crowded {
+            return None;
+        }
+        let scale = self.focus.map_or(1.0, |focus| focus.scale_at(center));
+        let level = scale.log2().floor() as u8;
+        let cell = self.cell * f32::from(level).exp2();
+        let place = || (center / cell).floor().as_ivec3().to_array();
+        (area < cell * cell).then(|| (place(), level, facing, material))
+    }
+}
+
+/// Which of six directions a normal is nearest to; it may have any length.
+fn facing(normal: Vec3) -> u8 {
+    let axis = normal.abs().max_position();
+    (2 * axis) as u8 + u8::from(normal[axis] < 0.0)
+}
