@@ -63,7 +63,9 @@ impl World {
     ) -> Surface {
         let mut surface = self.surface_at(triangle, part.at, spot, side);
         if self.finish(triangle).varies && surface.parameters != Parameters::BLACK {
-            surface.parameters = self.parameters_over(pyramids, triangle, part);
+            let parameters = self.parameters_over(pyramids, triangle, part);
+            let place = (triangle, part.at);
+            surface.parameters = self.laid(parameters, place, surface.normal, side);
         }
         surface
     }

@@ -12,7 +12,19 @@ mod ggx_albedo;
 
 mod distribution;
 
+mod layered;
+
 mod model;
+
+mod angle_table;
+
+mod base_lobe;
+
+mod film;
+
+mod coat;
+
+mod sheen;
 
 mod dielectric;
 

@@ -164,6 +164,36 @@ impl World {
         given.map(|given| given * side).filter(|given| given.dot(normal) > 0.0).unwrap_or(normal)
     }
 
+    /// What is reflected at barycentric coordinates of a triangle, by layers that lie as they do
+    /// there, on the side on which `normal` is the geometric one.
+    #[inline]
+    pub(super) fn laid(
+        &self,
+        parameters: Parameters,
+        place: (u32, Vec2),
+        normal: Vec3,
+        side: f32,
+    ) -> Parameters {
+        match parameters {
+            Parameters::Layered(layered) => {
+                let (triangle, at) = (&self.scene.triangles[place.0 as usize], place.1);
+                let layered = layered.with_coat_normal(self.coat_normal(place, normal, side));
+                let along = |along| self.scene.in_tangents(triangle, at, along);
+                Parameters::Layered(layered.brushed(along))
+            }
+            other => other,
+        }
+    }
+
+    /// Unit normal of a clear coat; see [`World::shading_normal`].
+    fn coat_normal(&self, (triangle, at): (u32, Vec2), normal: Vec3, side: f32) -> Vec3 {
+        if !self.finishes[triangle as usize].is_bent {
+            return normal;
+        }
+        let given = self.scene.coat_normal(&self.scene.triangles[triangle as usize], at.x, at.y);
+        given.map(|given| given * side).filter(|given| given.dot(normal) > 0.0).unwrap_or(normal)
+    }
+
     /// The surface at a hit; `None` at a black back.
     pub fn surface(&self, hit: &Hit) -> Option<Surface> {
         let finish = &self.finishes[hit.triangle as usize];
@@ -295,6 +325,7 @@ impl World {
             emission = Rgb::ZERO;
         }
         let shading_normal = self.shading_normal(index, at, normal, side);
+        parameters = self.laid(parameters, (index, at), normal, side);
         let at = at.to_array();
         Surface {
             triangle: index,
@@ -331,7 +362,7 @@ impl Finish {
             emission: scene.emission(triangle, 0.0, 0.0),
             two_sided: material.double_sided,
             varies,
-            is_bent: material.normal_map.is_some() || triangle.vertices.iter().any(is_off),
+            is_bent: material.has_normal_map() || triangle.vertices.iter().any(is_off),
             is_unlit: material.unlit,
             clear,
         }

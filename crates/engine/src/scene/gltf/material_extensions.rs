@@ -2,6 +2,7 @@
 
 use super::extensions::{EXTENSIONS, Support, loss};
 use super::factors::{color, factor};
+use super::material_layers;
 use super::textures::{Reference, Textures};
 use super::warnings::Warnings;
 use crate::radiometry::Rgb;
@@ -40,6 +41,7 @@ pub(super) fn apply(
         specular_glossiness(extension, &at, material, textures, warnings)?;
     }
     clear(extensions, at, material, textures, warnings)?;
+    material_layers::apply(extensions, at, material, textures, warnings)?;
     if extensions.unlit.is_some() {
         material.unlit = true;
         material.emission = Rgb::ZERO;
