@@ -97,6 +97,9 @@ pub struct Material {
     /// KHR_materials_volume: what a body bounded by the surface is filled with; without it, the
     /// surface is a sheet that light passes straight through.
     pub volume: Option<Volume>,
+    /// KHR_materials_dispersion: 20 over the Abbe number of what the body is filled with; 0 where all
+    /// colours are bent alike.
+    pub dispersion: f32,
     /// What alpha means. The import says [`Alpha::Opaque`] too where alpha could leave no hole.
     pub alpha: Alpha,
     /// Factor of alpha, in [0, 1].
@@ -146,6 +149,7 @@ impl Default for Material {
             transmission: 0.0,
             transmission_texture: None,
             volume: None,
+            dispersion: 0.0,
             alpha: Alpha::Opaque,
             opacity: 1.0,
             layering: None,

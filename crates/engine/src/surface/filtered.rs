@@ -63,9 +63,10 @@ impl World {
     ) -> Surface {
         let mut surface = self.surface_at(triangle, part.at, spot, side);
         if self.finish(triangle).varies && surface.parameters != Parameters::BLACK {
-            let parameters = self.parameters_over(pyramids, triangle, part);
-            let place = (triangle, part.at);
-            surface.parameters = self.laid(parameters, place, surface.normal, side);
+            surface.parameters = self.parameters_over(pyramids, triangle, part);
+            if let Parameters::Layered(layered) = &mut surface.parameters {
+                self.lay(layered, (triangle, part.at), surface.normal, side);
+            }
         }
         surface
     }

@@ -135,7 +135,6 @@ pub struct LayeredReflection {
 
 impl LayeredReflection {
     /// Of a side that lies like this.
-    #[inline]
     pub fn new(layered: Layered, side: Side) -> Self {
         Self { layered, side }
     }
@@ -168,42 +167,60 @@ impl LayeredReflection {
     }
 }
 
+/// Not inlined, so that scenes without layers have the code that they would have without this.
 impl Reflection for LayeredReflection {
-    #[inline]
+    #[cold]
+    #[inline(never)]
     fn side(&self) -> Side {
         self.side
     }
 
+    #[cold]
+    #[inline(never)]
     fn diffuse(&self, viewer: Vec3) -> Rgb {
         self.layered.diffuse_albedo(self.cosine(viewer))
     }
 
+    #[cold]
+    #[inline(never)]
     fn mean_diffuse(&self) -> Rgb {
         self.layered.mean(Layered::diffuse_albedo)
     }
 
+    #[cold]
+    #[inline(never)]
     fn specular(&self) -> Rgb {
         self.layered.lobe_albedo(1.0)
     }
 
+    #[cold]
+    #[inline(never)]
     fn exponent(&self) -> f32 {
         self.layered.exponents().fold(0.0, f32::max)
     }
 
+    #[cold]
+    #[inline(never)]
     fn widest_exponent(&self) -> f32 {
         self.layered.exponents().fold(f32::MAX, f32::min)
     }
 
+    #[cold]
+    #[inline(never)]
     fn evaluate(&self, viewer: Vec3, source: Vec3) -> Parts {
         self.evaluate_with_pdf(viewer, source, 1.0).0
     }
 
+    #[cold]
+    #[inline(never)]
     fn pdf(&self, viewer: Vec3, source: Vec3, diffuse_share: f32) -> f32 {
         self.evaluate_with_pdf(viewer, source, diffuse_share).1
     }
 
     /// What the coat sends is measured by the cosine to its own normal, so it is divided by the one to
     /// the shading normal, which callers multiply by.
+    #[cold]
+    #[inline(never)]
     fn evaluate_with_pdf(&self, viewer: Vec3, source: Vec3, diffuse_share: f32) -> (Parts, f32) {
         let Layered { coat, sheen, .. } = &self.layered;
         let (below, base_pdf) = self.base().evaluate_with_pdf(viewer, source);
@@ -226,6 +243,8 @@ impl Reflection for LayeredReflection {
     }
 
     /// By the lobe that the first number picks.
+    #[cold]
+    #[inline(never)]
     fn lobe_direction(&self, viewer: Vec3, [mut x, y]: [f32; 2]) -> Vec3 {
         let [base, sheen, coat] = self.shares(viewer);
         let rest = |x: f32, share: f32| (x / share).clamp(0.0, 1.0 - f32::EPSILON);
@@ -240,6 +259,8 @@ impl Reflection for LayeredReflection {
         self.layered.coat.reflection(self.side).lobe_direction(viewer, [rest, y])
     }
 
+    #[cold]
+    #[inline(never)]
     fn albedo(&self, viewer: Vec3) -> Rgb {
         let cosine = self.cosine(viewer);
         let mut lobes = self.layered.lobe_albedos(cosine);
@@ -249,10 +270,14 @@ impl Reflection for LayeredReflection {
         self.layered.diffuse_albedo(cosine) + lobes.into_iter().sum::<Rgb>()
     }
 
+    #[cold]
+    #[inline(never)]
     fn mean_albedo(&self) -> Rgb {
         self.layered.mean_albedo()
     }
 
+    #[cold]
+    #[inline(never)]
     fn diffuse_share(&self, viewer: Vec3) -> f32 {
         let cosine = self.cosine(viewer);
         if cosine <= 0.0 {

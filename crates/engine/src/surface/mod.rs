@@ -39,7 +39,7 @@ mod filtered;
 #[cfg(test)]
 mod laws;
 
-pub use dielectric::{ExitDirection, Inside};
+pub use dielectric::{Clear, ExitDirection, Inside};
 pub use model::Parameters;
 pub use passage::{Passage, PassageEnd, mirrored_share};
 pub use point::Surface;

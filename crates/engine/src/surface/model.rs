@@ -33,10 +33,16 @@ impl Parameters {
         }
         let facets = Microfacets::new(material, at);
         match material.model {
-            Model::Ggx if !at.layers.is_none() => Self::Layered(Layered::new(facets, &at.layers)),
+            Model::Ggx if !at.layers.is_none() => Self::layered(facets, at),
             Model::Ggx if facets.is_glossy() => Self::Ggx(facets),
             _ => Self::Phong(material.reflectance(at)),
         }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn layered(facets: Microfacets, at: &Appearance) -> Self {
+        Self::Layered(Layered::new(facets, &at.layers))
     }
 
     /// Whether there is a lobe.

@@ -2,6 +2,7 @@
 //! surrounds them all.
 
 use super::dielectric::Clear;
+use super::layered::Layered;
 use super::model::Parameters;
 use super::point::Surface;
 use crate::radiometry::Rgb;
@@ -164,25 +165,14 @@ impl World {
         given.map(|given| given * side).filter(|given| given.dot(normal) > 0.0).unwrap_or(normal)
     }
 
-    /// What is reflected at barycentric coordinates of a triangle, by layers that lie as they do
-    /// there, on the side on which `normal` is the geometric one.
-    #[inline]
-    pub(super) fn laid(
-        &self,
-        parameters: Parameters,
-        place: (u32, Vec2),
-        normal: Vec3,
-        side: f32,
-    ) -> Parameters {
-        match parameters {
-            Parameters::Layered(layered) => {
-                let (triangle, at) = (&self.scene.triangles[place.0 as usize], place.1);
-                let layered = layered.with_coat_normal(self.coat_normal(place, normal, side));
-                let along = |along| self.scene.in_tangents(triangle, at, along);
-                Parameters::Layered(layered.brushed(along))
-            }
-            other => other,
-        }
+    /// Lets layers lie as they do at barycentric coordinates of a triangle, on the side on which
+    /// `normal` is the geometric one.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn lay(&self, layered: &mut Layered, place: (u32, Vec2), normal: Vec3, side: f32) {
+        let (triangle, at) = (&self.scene.triangles[place.0 as usize], place.1);
+        let coated = layered.with_coat_normal(self.coat_normal(place, normal, side));
+        *layered = coated.brushed(|along| self.scene.in_tangents(triangle, at, along));
     }
 
     /// Unit normal of a clear coat; see [`World::shading_normal`].
@@ -325,7 +315,9 @@ impl World {
             emission = Rgb::ZERO;
         }
         let shading_normal = self.shading_normal(index, at, normal, side);
-        parameters = self.laid(parameters, (index, at), normal, side);
+        if let Parameters::Layered(layered) = &mut parameters {
+            self.lay(layered, (index, at), normal, side);
+        }
         let at = at.to_array();
         Surface {
             triangle: index,

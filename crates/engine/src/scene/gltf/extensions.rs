@@ -56,10 +56,7 @@ pub const EXTENSIONS: &[Extension] = &[
         "KHR_materials_diffuse_transmission",
         Support::Ignored("diffuse transmission is ignored; the surface is opaque"),
     ),
-    extension(
-        "KHR_materials_dispersion",
-        Support::Ignored("dispersion is ignored; all colours are bent alike"),
-    ),
+    extension("KHR_materials_dispersion", Support::Implemented),
     extension("KHR_materials_emissive_strength", Support::Implemented),
     extension("KHR_materials_ior", Support::Implemented),
     extension(

@@ -337,7 +337,7 @@ fn layers_are_read_with_their_textures() {
         file.root["materials"] = json!([{ "extensions": extensions }]);
         file.import()
     };
-    let extensions = ["clearcoat", "sheen", "anisotropy", "iridescence"];
+    let extensions = ["clearcoat", "sheen", "anisotropy", "iridescence", "dispersion"];
     let extensions = extensions.map(|name| format!("KHR_materials_{name}"));
     for name in &extensions {
         let scene = of(json!({ name: {} }));
@@ -389,6 +389,26 @@ fn brushed_surfaces_have_tangents() {
     let scene = without.import();
     assert!(scene.warnings[0].what.contains("anisotropy has no effect"), "{:?}", scene.warnings);
     assert_eq!(along(&scene), Vec3::ZERO);
+}
+
+#[test]
+fn dispersion_is_that_of_a_body() {
+    let with = |thickness: f32, dispersion: f32| {
+        let mut file = mapped_square();
+        file.root["materials"] = json!([{ "extensions": {
+            "KHR_materials_transmission": { "transmissionFactor": 1 },
+            "KHR_materials_volume": { "thicknessFactor": thickness },
+            "KHR_materials_dispersion": { "dispersion": dispersion },
+        } }]);
+        file.import()
+    };
+    let scene = with(1.0, 0.36);
+    assert_eq!((scene.materials[0].dispersion, scene.warnings), (0.36, vec![]));
+    for (thickness, dispersion, expected) in [(0.0, 0.36, 0.0), (1.0, -1.0, 0.0)] {
+        let scene = with(thickness, dispersion);
+        assert_eq!(scene.materials[0].dispersion, expected);
+        assert!(scene.warnings[0].at.contains("KHR_materials_dispersion"), "{:?}", scene.warnings);
+    }
 }
 
 fn variant(file: &File, name: Option<&str>) -> Result<Scene, SceneError> {
