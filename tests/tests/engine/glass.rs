@@ -195,7 +195,7 @@ fn glass_in_a_uniform_sky_loses_nothing() {
 
 /// A closed room with a lamp on its ceiling, a pane, a frosted pane, a tinted ball of glass, and a
 /// block behind them.
-fn room() -> Arc<Scene> {
+fn room(dispersion: f32) -> Arc<Scene> {
     let mut builder = Builder::default();
     let wall = builder.lambertian(Rgb::new(0.6, 0.55, 0.5));
     let red = builder.lambertian(Rgb::new(0.6, 0.15, 0.1));
@@ -203,7 +203,11 @@ fn room() -> Arc<Scene> {
     let clear = builder.material(pane(Rgb::new(0.7, 0.9, 0.8), 0.0));
     let frosted = builder.material(pane(Rgb::splat(0.95), 0.4));
     let volume = Volume { attenuation_color: Rgb::new(0.3, 0.7, 0.9), attenuation_distance: 0.5 };
-    let solid = builder.material(Material { volume: Some(volume), ..Material::glass("ball", 1.5) });
+    let solid = builder.material(Material {
+        volume: Some(volume),
+        dispersion,
+        ..Material::glass("ball", 1.5)
+    });
     builder.cuboid(Vec3::ZERO, Vec3::new(4.0, 3.0, 4.0), true, wall);
     builder.quad(Vec3::new(1.5, 2.99, 1.5), Vec3::X, Vec3::Z, lamp);
     builder.cuboid(Vec3::new(0.4, 0.0, 0.3), Vec3::new(1.2, 1.1, 0.9), false, red);
@@ -225,7 +229,7 @@ const IN_THE_ROOM: ExplicitCamera = ExplicitCamera {
 #[test]
 fn a_room_with_glass_is_that_of_path_tracing() {
     let shot = Shot {
-        scene: room(),
+        scene: room(0.0),
         environment: Environment::none(),
         camera: IN_THE_ROOM,
         side: 48,
@@ -241,4 +245,21 @@ fn a_room_with_glass_is_that_of_path_tracing() {
     let half = planted.pixels.len() / 2;
     planted.pixels[half..].iter_mut().for_each(|pixel| *pixel *= 1.1);
     assert!(largest_deviation(&block_means(&planted, 8), &reference) > 0.04);
+}
+
+/// The same of one whose ball disperses light more than any mineral does.
+#[test]
+fn a_room_with_dispersion_is_that_of_path_tracing() {
+    let shot = |dispersion| Shot {
+        scene: room(dispersion),
+        environment: Environment::none(),
+        camera: IN_THE_ROOM,
+        side: 48,
+        seed: 6,
+    };
+    let reference = block_means(&shot(4.0).by("ray-traced", 1500), 8);
+    let ours = block_means(&shot(4.0).by("hemilux", 48), 8);
+    let deviation = largest_deviation(&ours, &reference);
+    println!("largest deviation of a block: {deviation:.4}");
+    assert!(deviation < 0.05, "{deviation}");
 }

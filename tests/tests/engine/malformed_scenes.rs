@@ -182,7 +182,11 @@ fn rich() -> (Value, Vec<u8>) {
           "emissiveFactor": [1, 1, 1], "emissiveTexture": { "index": 1, "texCoord": 1 },
           "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 30 } } },
         { "doubleSided": true, "alphaMode": "MASK", "normalTexture": { "index": 0 },
-          "extensions": { "KHR_materials_ior": { "ior": 1.8 }, "KHR_materials_sheen": {},
+          "extensions": { "KHR_materials_ior": { "ior": 1.8 },
+            "KHR_materials_clearcoat": { "clearcoatFactor": 0.5, "clearcoatTexture": { "index": 1 },
+              "clearcoatRoughnessFactor": 0.2, "clearcoatNormalTexture": { "index": 0 } },
+            "KHR_materials_sheen": { "sheenColorFactor": [1, 0.5, 0], "sheenRoughnessFactor": 0.5,
+              "sheenColorTexture": { "index": 0 }, "sheenRoughnessTexture": { "index": 1 } },
             "KHR_materials_specular": { "specularFactor": 0.5, "specularColorFactor": [1, 0.5, 2],
               "specularTexture": { "index": 1 }, "specularColorTexture": { "index": 0 } },
             "KHR_materials_transmission":

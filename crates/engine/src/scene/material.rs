@@ -1,6 +1,7 @@
 //! Materials: what a surface is made of, by its factors, and what textures make of it at a point.
 
-use super::texture::TextureSlot;
+use super::layers::{Layering, Layers};
+use super::texture::{NormalMap, TextureSlot};
 use crate::radiometry::{Reflectance, Rgb};
 use glam::Vec2;
 
@@ -30,16 +31,6 @@ pub enum Alpha {
     Blend,
 }
 
-/// A texture that tilts the shading normal.
-#[derive(Clone, Copy, Debug)]
-pub struct NormalMap {
-    /// Red and green are the tilt along tangent and bitangent, blue is along the normal, each from
-    /// −1 to 1; linear.
-    pub slot: TextureSlot,
-    /// Factor of red and green.
-    pub scale: f32,
-}
-
 /// What a material is at one point: factors with textures and vertex colours applied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Appearance {
@@ -55,6 +46,8 @@ pub struct Appearance {
     pub specular_color: Rgb,
     /// Share of a dielectric that is clear, in [0, 1].
     pub transmission: f32,
+    /// What lies on top.
+    pub layers: Layers,
 }
 
 /// A glTF metallic-roughness material with the extensions that change reflection.
@@ -104,10 +97,15 @@ pub struct Material {
     /// KHR_materials_volume: what a body bounded by the surface is filled with; without it, the
     /// surface is a sheet that light passes straight through.
     pub volume: Option<Volume>,
+    /// KHR_materials_dispersion: 20 over the Abbe number of what the body is filled with; 0 where all
+    /// colours are bent alike.
+    pub dispersion: f32,
     /// What alpha means. The import says [`Alpha::Opaque`] too where alpha could leave no hole.
     pub alpha: Alpha,
     /// Factor of alpha, in [0, 1].
     pub opacity: f32,
+    /// What lies on top of it, and how it is brushed; `None` where there is none of it.
+    pub layering: Option<Box<Layering>>,
     /// KHR_materials_unlit: shown in its base colour whatever the light; neither reflects nor
     /// emits.
     pub unlit: bool,
@@ -151,8 +149,10 @@ impl Default for Material {
             transmission: 0.0,
             transmission_texture: None,
             volume: None,
+            dispersion: 0.0,
             alpha: Alpha::Opaque,
             opacity: 1.0,
+            layering: None,
             unlit: false,
         }
     }
@@ -237,6 +237,35 @@ impl Material {
             || self.specular_texture.is_some()
             || self.specular_color_texture.is_some()
             || self.transmission_texture.is_some()
+            || self.layering.as_ref().is_some_and(|layering| layering.slots().next().is_some())
+    }
+
+    /// What the factors say of what lies on top.
+    fn layers(&self) -> Layers {
+        self.layering.as_ref().map_or(Layers::NONE, |layering| layering.factors)
+    }
+
+    /// The coat's normal map.
+    fn coat_normal_map(&self) -> Option<NormalMap> {
+        self.layering.as_ref().and_then(|layering| layering.coat_normal_map)
+    }
+
+    /// Whether a texture tilts the shading normal or the coat's.
+    pub fn has_normal_map(&self) -> bool {
+        self.normal_map.is_some() || self.coat_normal_map().is_some()
+    }
+
+    /// Whether a texture says how it is brushed.
+    pub fn is_brushed_by_texture(&self) -> bool {
+        self.layering.as_ref().is_some_and(|layering| layering.anisotropy_texture.is_some())
+    }
+
+    /// The texture along whose coordinates tangents are needed, if they are: that of the normal map,
+    /// or else that of the coat's, or else that of the brushing.
+    pub fn tangent_slot(&self) -> Option<TextureSlot> {
+        let maps = self.normal_map.or(self.coat_normal_map()).map(|map| map.slot);
+        let layering = self.layering.as_ref();
+        maps.or_else(|| layering.and_then(|layering| layering.brushing_slot()))
     }
 
     /// Whether light may pass the surface because it is not everywhere, or not wholly, there.
@@ -253,6 +282,7 @@ impl Material {
             specular_factor: self.specular_factor,
             specular_color: self.specular_color,
             transmission: self.transmission,
+            layers: self.layers(),
         }
     }
 
@@ -273,7 +303,7 @@ impl Material {
     ///
     /// For [`Model::Phong`] this is the law itself. For [`Model::Ggx`] it is a cosine lobe fitted to
     /// the microfacets, of their mean albedo and about their width, for hemicube shots and patches,
-    /// which know no other law. What is unlit reflects nothing.
+    /// which know no other law; layers on top are in the same lobe. What is unlit reflects nothing.
     pub fn reflectance(&self, at: &Appearance) -> Reflectance {
         if self.unlit {
             return Reflectance::lambertian(Rgb::ZERO);
@@ -289,6 +319,6 @@ impl Material {
         let f90 = Rgb::splat(at.specular_factor.clamp(0.0, 1.0)).lerp(Rgb::ONE, metallic);
         let specular = (f0 + (f90 - f0) / 21.0).clamp(Rgb::ZERO, Rgb::ONE);
         let diffuse = base_color * (1.0 - metallic) * (Rgb::ONE - specular);
-        Reflectance { diffuse, specular, exponent }
+        at.layers.over(Reflectance { diffuse, specular, exponent })
     }
 }

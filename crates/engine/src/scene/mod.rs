@@ -7,6 +7,7 @@ mod camera;
 pub mod daylight;
 pub mod environment;
 pub mod gltf;
+mod layers;
 pub mod made;
 mod material;
 mod message;
@@ -23,10 +24,11 @@ use glam::{Vec2, Vec3, Vec4};
 pub use background::Background;
 pub use camera::{Camera, Projection};
 pub use environment::{Environment, PlacedMap, Sky, Sun};
-pub use material::{Alpha, Appearance, Material, Model, NormalMap, Volume};
+pub use layers::{COAT_F0, COAT_MEAN, LEAST_SHEEN_ROUGHNESS, Layering, Layers};
+pub use material::{Alpha, Appearance, Material, Model, Volume};
 pub use message::{SceneError, Warning};
 pub use punctual::{LightKind, PunctualLight};
-pub use texture::{Encoding, Texture, TextureSlot, Wrap, srgb_to_linear};
+pub use texture::{Encoding, NormalMap, Texture, TextureSlot, Wrap, srgb_to_linear};
 
 /// A scene in world space, metres, right-handed, +Y up.
 #[derive(Clone, Debug, Default)]
@@ -176,6 +178,9 @@ impl Scene {
         if let Some(slot) = &material.transmission_texture {
             seen.transmission *= sample(slot).x;
         }
+        if let Some(layering) = &material.layering {
+            seen.layers = layering.at(&sample);
+        }
         seen
     }
 
@@ -209,17 +214,35 @@ impl Scene {
         self.shading_normal_by(triangle, [u, v], |slot| self.sample(Some(slot), triangle, u, v))
     }
 
+    /// The same of a clear coat on it, which has a normal map of its own or none.
+    pub fn coat_normal(&self, triangle: &Triangle, u: f32, v: f32) -> Option<Vec3> {
+        let layering = self.materials[triangle.material as usize].layering.as_ref();
+        let map = layering.and_then(|layering| layering.coat_normal_map.as_ref());
+        self.tilted_normal(map, triangle, [u, v], |slot| self.sample(Some(slot), triangle, u, v))
+    }
+
     /// The shading normal where `sample` says what the normal map is there.
     fn shading_normal_by(
         &self,
         triangle: &Triangle,
-        [u, v]: [f32; 2],
+        at: [f32; 2],
         sample: impl Fn(&TextureSlot) -> Vec4,
     ) -> Option<Vec3> {
         let material = &self.materials[triangle.material as usize];
+        self.tilted_normal(material.normal_map.as_ref(), triangle, at, sample)
+    }
+
+    /// The vertices' normals interpolated, and tilted by a map where `sample` says what that is.
+    fn tilted_normal(
+        &self,
+        map: Option<&NormalMap>,
+        triangle: &Triangle,
+        [u, v]: [f32; 2],
+        sample: impl Fn(&TextureSlot) -> Vec4,
+    ) -> Option<Vec3> {
         let normal = self.interpolate(triangle, u, v, |vertex| vertex.normal);
         let plain = normal.try_normalize();
-        let Some(map) = &material.normal_map else { return plain };
+        let Some(map) = map else { return plain };
         let tangent = self.interpolate(triangle, u, v, |vertex| vertex.tangent.truncate());
         let signs = triangle.vertices.map(|index| self.vertices[index as usize].tangent.w);
         let sign: f32 = signs.iter().sum();
@@ -234,6 +257,17 @@ impl Scene {
         let bitangent = sign.signum() * normal.cross(tangent);
         let tilt = map.scale * (texel.x * tangent + texel.y * bitangent);
         (tilt + texel.z * normal).try_normalize().or(plain)
+    }
+
+    /// The vector of space that has these coordinates along tangent and bitangent at barycentric
+    /// (u, v) of a triangle; 0 where there are no tangents.
+    pub fn in_tangents(&self, triangle: &Triangle, at: Vec2, along: Vec2) -> Vec3 {
+        let of = |attribute: fn(&Vertex) -> Vec3| self.interpolate(triangle, at.x, at.y, attribute);
+        let (normal, tangent) =
+            (of(|vertex| vertex.normal), of(|vertex| vertex.tangent.truncate()));
+        let signs = triangle.vertices.map(|index| self.vertices[index as usize].tangent.w);
+        let bitangent = signs.iter().sum::<f32>().signum() * normal.cross(tangent);
+        along.x * tangent + along.y * bitangent
     }
 
     /// Emitted radiance at barycentric (u, v) of a triangle.

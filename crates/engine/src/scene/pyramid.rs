@@ -194,8 +194,10 @@ fn needed(scene: &Scene) -> Vec<(u32, Encoding, Weight)> {
             (material.transmission_texture.as_ref(), Weight::Even),
             (emission, Weight::Even),
         ];
-        for (slot, weight) in slots {
-            let Some(slot) = slot else { continue };
+        let layers = material.layering.iter().flat_map(|layering| layering.slots());
+        let layers = layers.map(|slot| (slot, Weight::Even));
+        let slots = slots.into_iter().filter_map(|(slot, weight)| Some((slot?, weight)));
+        for (slot, weight) in slots.chain(layers) {
             let way = (slot.texture, slot.encoding, weight);
             if !all.contains(&way) {
                 all.push(way);

@@ -55,6 +55,16 @@ pub struct TextureSlot {
     pub nearest: bool,
 }
 
+/// A texture that tilts the shading normal.
+#[derive(Clone, Copy, Debug)]
+pub struct NormalMap {
+    /// Red and green are the tilt along tangent and bitangent, blue is along the normal, each from
+    /// −1 to 1; linear.
+    pub slot: TextureSlot,
+    /// Factor of red and green.
+    pub scale: f32,
+}
+
 impl TextureSlot {
     /// A colour slot with bilinear filter, repeat and no transform.
     pub fn plain(texture: u32) -> Self {

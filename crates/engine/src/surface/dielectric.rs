@@ -25,8 +25,11 @@ const LEAST_LEFT: f32 = 1e-30;
 pub struct Clear {
     /// The share of light that meets it as a clear surface, in (0, 1]; for the rest it is opaque.
     pub share: f32,
-    /// Index of refraction; below 1 it mirrors everything.
+    /// Index of refraction, of green; below 1 it mirrors everything.
     ior: f32,
+    /// How much larger that of blue is, and how much smaller that of red; 0 where all colours are bent
+    /// alike.
+    half_spread: f32,
     /// What a crossing leaves of each channel.
     tint: Rgb,
     /// Width of the distribution of microfacets, roughness²; 0 where it is polished.
@@ -83,9 +86,13 @@ impl Clear {
     pub fn new(material: &Material, metre: f64) -> Option<Self> {
         let share = material.clear_share();
         let inside = material.volume.map(|volume| Inside::new(&volume, metre));
+        // A sheet bends nothing. By the Abbe number V, n_F − n_C = (n_d − 1)/V.
+        let spread = (material.ior - 1.0).max(0.0) * material.dispersion / 20.0;
+        let half_spread = if inside.is_some() { 0.5 * spread } else { 0.0 };
         (share > 0.0).then_some(Self {
             share,
             ior: material.ior,
+            half_spread,
             tint: material.base_color,
             alpha: width(material.roughness),
             inside,
@@ -107,6 +114,32 @@ impl Clear {
     /// What it bounds; `None` of a sheet.
     pub fn inside(&self) -> Option<Inside> {
         self.inside
+    }
+
+    /// Whether it bends colours by different angles; then a ray is to be [`Clear::split`].
+    #[inline]
+    pub fn disperses(&self) -> bool {
+        self.half_spread > 0.0
+    }
+
+    /// The surface as one colour meets it (KHR_materials_dispersion), which a uniform number picks of
+    /// those that a ray carries, and what becomes of the ray's channels: of one it is all, of the others
+    /// nothing, and on the mean over the numbers nothing changes.
+    pub fn split(self, carried: Rgb, xi: f32) -> (Self, Rgb) {
+        let weights = carried.abs().to_array();
+        let sum: f32 = weights.iter().sum();
+        let Some(last) = weights.iter().rposition(|weight| *weight > 0.0) else {
+            return (self, Rgb::ONE);
+        };
+        let (mut channel, mut rest) = (0, xi * sum);
+        while channel < last && rest >= weights[channel] {
+            rest -= weights[channel];
+            channel += 1;
+        }
+        let ior = (self.ior + (channel as f32 - 1.0) * self.half_spread).max(1.0);
+        let mut factor = Rgb::ZERO;
+        factor[channel] = sum / weights[channel];
+        (Self { ior, half_spread: 0.0, ..self }, factor)
     }
 
     /// Exponent of a Phong lobe about as wide as what it lets through.
@@ -288,6 +321,34 @@ mod tests {
             assert!(out.inside.is_none());
             assert!((out.direction - viewer).length() < 1e-3, "{} {viewer}", out.direction);
         }
+    }
+
+    /// Colours are picked by what a ray carries of them, without a change on the mean, and blue is bent
+    /// more than red by as much as the Abbe number says.
+    #[test]
+    fn dispersion_bends_colours_by_the_abbe_number() {
+        let material = Material { dispersion: 0.5, ..Material::glass("flint", 1.6) };
+        let clear = Clear::new(&material, 1.0).expect("it is clear");
+        assert!(clear.disperses() && !glass(1.6).disperses());
+        let carried = Rgb::new(0.2, 0.5, 0.3);
+        let (mut mean, mut indices) = (Rgb::ZERO, [0.0; 3]);
+        for k in 0..1000 {
+            let (one, factor) = clear.split(carried, (k as f32 + 0.5) / 1000.0);
+            mean += factor / 1000.0;
+            let channel = factor.to_array().iter().position(|part| *part > 0.0).unwrap();
+            let viewer = Vec3::new(0.6, 0.0, 0.8);
+            let passed = one.pass(surface(false), viewer, THROUGH).expect("it goes through");
+            indices[channel] = -0.6 / passed.direction.x;
+            // What is one colour stays so.
+            let (again, factor) = clear.split(carried * factor, 0.7);
+            assert!(factor.abs_diff_eq(Rgb::AXES[channel], 1e-6), "{factor}");
+            assert_eq!(again.ior, one.ior);
+        }
+        assert!(mean.abs_diff_eq(Rgb::ONE, 5e-3), "{mean}");
+        let [red, green, blue] = indices;
+        assert!((green - 1.6).abs() < 1e-4, "{green}");
+        // V = 20/0.5.
+        assert!(((1.6 - 1.0) / (blue - red) - 40.0).abs() < 0.5, "{red} {blue}");
     }
 
     #[test]

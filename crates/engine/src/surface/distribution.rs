@@ -52,12 +52,19 @@ pub fn masked_beyond(alpha: f32, beyond: f32) -> f32 {
 /// +Z, for two uniform numbers (Dupuy and Benyoub 2023, by spherical caps).
 #[inline]
 pub fn visible_normal(alpha: f32, viewer: Vec3, xi: [f32; 2]) -> Vec3 {
-    let stretched = Vec3::new(viewer.x * alpha, viewer.y * alpha, viewer.z).normalize_or(Vec3::Z);
+    visible_normal_of([alpha; 2], viewer, xi)
+}
+
+/// The same of microfacets that have other widths along X and Y.
+#[inline]
+pub fn visible_normal_of(widths: [f32; 2], viewer: Vec3, xi: [f32; 2]) -> Vec3 {
+    let stretched = Vec3::new(viewer.x * widths[0], viewer.y * widths[1], viewer.z);
+    let stretched = stretched.normalize_or(Vec3::Z);
     let height = (1.0 - xi[0]) * (1.0 + stretched.z) - stretched.z;
     let across = (1.0 - height * height).max(0.0).sqrt();
     let (sin, cos) = (TAU * xi[1]).sin_cos();
     let half = Vec3::new(across * cos, across * sin, height) + stretched;
-    Vec3::new(half.x * alpha, half.y * alpha, half.z.max(0.0)).normalize_or(Vec3::Z)
+    Vec3::new(half.x * widths[0], half.y * widths[1], half.z.max(0.0)).normalize_or(Vec3::Z)
 }
 
 #[cfg(test)]

@@ -64,6 +64,9 @@ impl World {
         let mut surface = self.surface_at(triangle, part.at, spot, side);
         if self.finish(triangle).varies && surface.parameters != Parameters::BLACK {
             surface.parameters = self.parameters_over(pyramids, triangle, part);
+            if let Parameters::Layered(layered) = &mut surface.parameters {
+                self.lay(layered, (triangle, part.at), surface.normal, side);
+            }
         }
         surface
     }

@@ -130,7 +130,7 @@ impl Key {
         let is_off = |v: &u32| {
             scene.vertices[*v as usize].normal.normalize_or(normal).dot(normal) < FLAT_COSINE
         };
-        let is_bent = material.normal_map.is_some() || triangle.vertices.iter().any(is_off);
+        let is_bent = material.has_normal_map() || triangle.vertices.iter().any(is_off);
         let looks = match varies {
             true => {
                 let first = Parameters::new(material, &scene.appearance(triangle, 0.0, 0.0));

@@ -57,6 +57,17 @@ impl Microfacets {
         }
     }
 
+    /// Of the boundary of something clear and colourless, of which nothing below is to be seen.
+    pub fn coat(f0: f32, alpha: f32) -> Self {
+        Self {
+            diffuse: Rgb::ZERO,
+            f0: Rgb::splat(f0),
+            f90: 1.0,
+            dielectric: [f0, 1.0],
+            alpha: alpha.max(LEAST_ALPHA),
+        }
+    }
+
     /// Whether its lobe reflects anything at all.
     #[inline]
     pub fn is_glossy(&self) -> bool {

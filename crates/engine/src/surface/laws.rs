@@ -41,6 +41,11 @@ const CHANCE: f32 = 4.5;
 
 /// The laws that a reflection breaks.
 pub fn broken(reflection: &impl Reflection) -> Vec<Law> {
+    broken_within(reflection, TABLE)
+}
+
+/// The same of one whose albedos may be off by `table`.
+pub fn broken_within(reflection: &impl Reflection, table: f32) -> Vec<Law> {
     let side = reflection.side();
     let mut found = Vec::new();
     let mut check = |law, kept: bool| {
@@ -61,7 +66,7 @@ pub fn broken(reflection: &impl Reflection) -> Vec<Law> {
         check(Law::PdfIntegral, integral < 1.0 + SUM && kept);
         if side.normal == side.shading_normal {
             let off = (sampled.mean - reflection.albedo(viewer)).abs();
-            check(Law::Furnace, off.cmple(sampled.error * CHANCE + TABLE).all());
+            check(Law::Furnace, off.cmple(sampled.error * CHANCE + table).all());
         }
         for _ in 0..1000 {
             let source = direction_about(side.normal, numbers.uniform(), numbers.uniform());
@@ -71,7 +76,7 @@ pub fn broken(reflection: &impl Reflection) -> Vec<Law> {
         }
     }
     let off = (mean_of_albedo(reflection) - reflection.mean_albedo()).abs();
-    check(Law::MeanAlbedo, off.cmple(Rgb::splat(TABLE)).all());
+    check(Law::MeanAlbedo, off.cmple(Rgb::splat(table)).all());
     found
 }
 

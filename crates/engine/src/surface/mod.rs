@@ -12,7 +12,19 @@ mod ggx_albedo;
 
 mod distribution;
 
+mod layered;
+
 mod model;
+
+mod angle_table;
+
+mod base_lobe;
+
+mod film;
+
+mod coat;
+
+mod sheen;
 
 mod dielectric;
 
@@ -29,7 +41,7 @@ mod filtered;
 #[cfg(test)]
 mod laws;
 
-pub use dielectric::{ExitDirection, Inside};
+pub use dielectric::{Clear, ExitDirection, Inside};
 pub use model::Parameters;
 pub use passage::{Passage, PassageEnd, mirrored_share};
 pub use point::Surface;

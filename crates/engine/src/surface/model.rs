@@ -2,6 +2,7 @@
 //! ([`Parameters`]), and how it does so where it lies ([`AnyReflection`]).
 
 use super::ggx::{Ggx, Microfacets};
+use super::layered::{Layered, LayeredReflection};
 use super::phong::Phong;
 use super::reflection::{Parts, Reflection};
 use super::side::Side;
@@ -16,6 +17,8 @@ pub enum Parameters {
     Phong(Reflectance),
     /// The specification's microfacets.
     Ggx(Microfacets),
+    /// The same with layers on top.
+    Layered(Layered),
 }
 
 impl Parameters {
@@ -30,9 +33,16 @@ impl Parameters {
         }
         let facets = Microfacets::new(material, at);
         match material.model {
+            Model::Ggx if !at.layers.is_none() => Self::layered(facets, at),
             Model::Ggx if facets.is_glossy() => Self::Ggx(facets),
             _ => Self::Phong(material.reflectance(at)),
         }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn layered(facets: Microfacets, at: &Appearance) -> Self {
+        Self::Layered(Layered::new(facets, &at.layers))
     }
 
     /// Whether there is a lobe.
@@ -40,6 +50,7 @@ impl Parameters {
         match self {
             Self::Phong(reflectance) => reflectance.is_glossy(),
             Self::Ggx(facets) => facets.is_glossy(),
+            Self::Layered(_) => true,
         }
     }
 
@@ -50,6 +61,9 @@ impl Parameters {
         match self {
             Self::Phong(reflectance) => [reflectance.diffuse, Rgb::ONE],
             Self::Ggx(facets) => [facets.plain_diffuse_albedo(), facets.lobe_factor(cosine)],
+            Self::Layered(layered) => {
+                [layered.plain_diffuse_albedo(cosine), layered.lobe_factor(cosine)]
+            }
         }
     }
 
@@ -58,6 +72,7 @@ impl Parameters {
         match self {
             Self::Phong(reflectance) => reflectance.mean_albedo(),
             Self::Ggx(facets) => facets.mean_diffuse_albedo() + facets.mean_lobe_albedo(),
+            Self::Layered(layered) => layered.mean_albedo(),
         }
     }
 
@@ -66,6 +81,7 @@ impl Parameters {
         match &mut self {
             Self::Phong(reflectance) => reflectance.diffuse = Rgb::ZERO,
             Self::Ggx(facets) => facets.diffuse = Rgb::ZERO,
+            Self::Layered(layered) => *layered = layered.lobe_only(),
         }
         self
     }
@@ -78,6 +94,8 @@ pub enum AnyReflection {
     Phong(Phong),
     /// The specification's.
     Ggx(Ggx),
+    /// The same with layers on top.
+    Layered(LayeredReflection),
 }
 
 impl AnyReflection {
@@ -87,6 +105,7 @@ impl AnyReflection {
         match parameters {
             Parameters::Phong(reflectance) => Self::Phong(Phong::new(reflectance, side)),
             Parameters::Ggx(facets) => Self::Ggx(Ggx::new(facets, side)),
+            Parameters::Layered(layered) => Self::Layered(LayeredReflection::new(layered, side)),
         }
     }
 }
@@ -97,6 +116,7 @@ macro_rules! ask {
         match $self {
             AnyReflection::Phong($model) => $answer,
             AnyReflection::Ggx($model) => $answer,
+            AnyReflection::Layered($model) => $answer,
         }
     };
 }
@@ -125,6 +145,11 @@ impl Reflection for AnyReflection {
     #[inline]
     fn exponent(&self) -> f32 {
         ask!(self, model => model.exponent())
+    }
+
+    #[inline]
+    fn widest_exponent(&self) -> f32 {
+        ask!(self, model => model.widest_exponent())
     }
 
     #[inline]

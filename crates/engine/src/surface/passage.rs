@@ -98,6 +98,7 @@ impl World {
             let Some((surface, clear)) = self.arrive(&mut flight, numbers) else {
                 return flight.passage;
             };
+            let clear = flight.split(clear, numbers);
             let xi = [numbers.next(), numbers.next(), numbers.next()];
             let passed = clear.pass(surface.side(), -flight.passage.direction, xi);
             if !self.leave(&mut flight, &surface, passed) {
@@ -115,6 +116,7 @@ impl World {
         let Some((surface, clear)) = self.arrive(&mut flight, &mut numbers) else {
             return [Some(flight.passage), None];
         };
+        let clear = flight.split(clear, &mut numbers);
         let xi = [numbers.next(), numbers.next()];
         let both = clear.pass_both(surface.side(), -direction, xi);
         let mut way = |(share, passed): (f32, Option<ExitDirection>)| {
@@ -226,6 +228,16 @@ impl Flight {
         let passage = Passage::straight(direction, hit.distance, PassageEnd::Met(hit));
         let passage = Passage { chance: numbers.next(), ..passage };
         Self { passage, hit, inside: None, crossings: 0 }
+    }
+
+    /// A clear surface as the ray meets it: as one colour where that bends colours by different angles.
+    fn split(&mut self, clear: Clear, numbers: &mut HashedNumbers) -> Clear {
+        if !clear.disperses() {
+            return clear;
+        }
+        let (clear, factor) = clear.split(self.passage.left, numbers.next());
+        self.passage.left *= factor;
+        clear
     }
 }
 

@@ -77,6 +77,12 @@ pub trait Reflection {
     /// is about as wide. For what needs no more than the width.
     fn exponent(&self) -> f32;
 
+    /// The same of the widest of several lobes, of which [`Reflection::exponent`] tells the narrowest.
+    #[inline]
+    fn widest_exponent(&self) -> f32 {
+        self.exponent()
+    }
+
     /// f_r, 1/sr, without any cosine.
     fn evaluate(&self, viewer: Vec3, source: Vec3) -> Parts;
 
@@ -138,10 +144,11 @@ pub trait Reflection {
         self.specular().max_element() > 0.0
     }
 
-    /// Whether the lobe counts as a mirror: light that it gathers makes caustics.
+    /// Whether the lobe, or each of several, counts as a mirror: light that it gathers makes
+    /// caustics.
     #[inline]
     fn is_sharp(&self) -> bool {
-        self.is_glossy() && self.exponent() > SHARP_EXPONENT
+        self.is_glossy() && self.widest_exponent() > SHARP_EXPONENT
     }
 
     /// Whether anything is reflected.

@@ -2,6 +2,7 @@
 //! surrounds them all.
 
 use super::finish::{Finish, Finishes};
+use super::layered::Layered;
 use super::model::Parameters;
 use super::point::Surface;
 use crate::radiometry::Rgb;
@@ -142,6 +143,25 @@ impl World {
         given.map(|given| given * side).filter(|given| given.dot(normal) > 0.0).unwrap_or(normal)
     }
 
+    /// Lets layers lie as they do at barycentric coordinates of a triangle, on the side on which
+    /// `normal` is the geometric one.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn lay(&self, layered: &mut Layered, place: (u32, Vec2), normal: Vec3, side: f32) {
+        let (triangle, at) = (&self.scene.triangles[place.0 as usize], place.1);
+        let coated = layered.with_coat_normal(self.coat_normal(place, normal, side));
+        *layered = coated.brushed(|along| self.scene.in_tangents(triangle, at, along));
+    }
+
+    /// Unit normal of a clear coat; see [`World::shading_normal`].
+    fn coat_normal(&self, (triangle, at): (u32, Vec2), normal: Vec3, side: f32) -> Vec3 {
+        if !self.finishes.of(triangle).is_bent {
+            return normal;
+        }
+        let given = self.scene.coat_normal(&self.scene.triangles[triangle as usize], at.x, at.y);
+        given.map(|given| given * side).filter(|given| given.dot(normal) > 0.0).unwrap_or(normal)
+    }
+
     /// The surface at a hit; `None` at a black back.
     pub fn surface(&self, hit: &Hit) -> Option<Surface> {
         let finish = self.finishes.of(hit.triangle);
@@ -273,6 +293,9 @@ impl World {
             emission = Rgb::ZERO;
         }
         let shading_normal = self.shading_normal(index, at, normal, side);
+        if let Parameters::Layered(layered) = &mut parameters {
+            self.lay(layered, (index, at), normal, side);
+        }
         let at = at.to_array();
         Surface {
             triangle: index,

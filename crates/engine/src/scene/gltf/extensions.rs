@@ -45,24 +45,23 @@ pub const EXTENSIONS: &[Extension] = &[
     ),
     extension("KHR_draco_mesh_compression", Support::Implemented),
     extension("KHR_lights_punctual", Support::Implemented),
+    extension("KHR_materials_anisotropy", Support::Implemented),
     extension(
-        "KHR_materials_anisotropy",
-        Support::Ignored("anisotropy is ignored; highlights are round"),
+        "KHR_materials_clearcoat",
+        Support::Approximated(
+            "what shines under a clear coat is dimmed alike in all directions, and what is clear (KHR_materials_transmission) has no coat",
+        ),
     ),
-    extension("KHR_materials_clearcoat", Support::Ignored("the clear coat is ignored")),
     extension(
         "KHR_materials_diffuse_transmission",
         Support::Ignored("diffuse transmission is ignored; the surface is opaque"),
     ),
-    extension(
-        "KHR_materials_dispersion",
-        Support::Ignored("dispersion is ignored; all colours are bent alike"),
-    ),
+    extension("KHR_materials_dispersion", Support::Implemented),
     extension("KHR_materials_emissive_strength", Support::Implemented),
     extension("KHR_materials_ior", Support::Implemented),
     extension(
         "KHR_materials_iridescence",
-        Support::Ignored("iridescence is ignored; reflections keep their colour"),
+        Support::Approximated("what is clear (KHR_materials_transmission) has no film"),
     ),
     extension(
         "KHR_materials_pbrSpecularGlossiness",
@@ -70,7 +69,12 @@ pub const EXTENSIONS: &[Extension] = &[
             "specular-glossiness is shown as a dielectric whose reflection has the given colour; what is diffuse is weakened by what is reflected, channel by channel, instead of by the strongest channel, and roughness from a texture is rounded to 1/255",
         ),
     ),
-    extension("KHR_materials_sheen", Support::Ignored("the sheen is ignored")),
+    extension(
+        "KHR_materials_sheen",
+        Support::Approximated(
+            "roughness of sheen below 0.2 is shown as 0.2, so that it does not send more light than it gets",
+        ),
+    ),
     extension("KHR_materials_specular", Support::Implemented),
     extension("KHR_materials_transmission", Support::Implemented),
     extension("KHR_materials_unlit", Support::Implemented),

@@ -102,8 +102,13 @@ impl Geometry<'_> {
         shown: &[Shown<'_>],
         (scene, warnings): (&mut Scene, &mut Warnings),
     ) -> Result<(), SceneError> {
-        let normal_map = scene.materials[local.material as usize].normal_map;
-        let slot = normal_map.map(|map| map.slot);
+        let material = &scene.materials[local.material as usize];
+        let needed = material.tangent_slot().map(|slot| {
+            let only_brushed = !material.has_normal_map();
+            let what = if only_brushed { "anisotropy" } else { "normal map" };
+            let is_textured = !only_brushed || material.is_brushed_by_texture();
+            NeededTangents { slot, what, is_textured }
+        });
         let has_normals = local.has_normals;
         let mut placing = Placing::new(scene);
         let mut rest = shown.len();
@@ -114,9 +119,9 @@ impl Geometry<'_> {
             let mut shape = if rest > 0 { local.clone() } else { std::mem::take(&mut local) };
             let (weights, targets) = (run[0].weights, &primitive.targets);
             morph::displace(&mut shape, targets, weights, self.accessors)?;
-            if let Some(slot) = &slot {
+            if let Some(needed) = &needed {
                 let mut own = Warnings::default();
-                if self.add_tangents(primitive, slot, &mut shape, &mut own) {
+                if self.add_tangents(primitive, needed, &mut shape, &mut own) {
                     morph::displace_tangents(&mut shape, targets, weights, self.accessors)?;
                 }
                 // What is wrong with tangents is said once.
@@ -159,18 +164,23 @@ impl Geometry<'_> {
         Ok(())
     }
 
-    /// Gives the vertices of a primitive with a normal map their tangents: the file's, which is
-    /// what it returns, or else computed ones. Without either, the map has no effect.
+    /// Gives the vertices of a primitive with a normal map, or that is brushed, their tangents: the
+    /// file's, which is what it returns, or else computed ones. Without either, neither has an effect.
     fn add_tangents(
         &self,
         primitive: &Primitive,
-        slot: &TextureSlot,
+        needed: &NeededTangents,
         local: &mut Local,
         warnings: &mut Warnings,
     ) -> bool {
-        if primitive.uv[slot.uv_set as usize].is_none() {
+        let NeededTangents { slot, what, is_textured } = needed;
+        let has_coordinates = primitive.uv[slot.uv_set as usize].is_some();
+        let missing = |warnings: &mut Warnings| {
             let at = format!("{}.attributes.TEXCOORD_{}", primitive.at, slot.uv_set);
-            warnings.push(at, "is missing, so the material's normal map has no effect");
+            warnings.push(at, format!("is missing, so the material's {what} has no effect"));
+        };
+        if *is_textured && !has_coordinates {
+            missing(warnings);
             return false;
         }
         // Without normals, the format says, tangents are to be computed with them.
@@ -184,8 +194,14 @@ impl Geometry<'_> {
                 "has tangents that are zero or not finite; all are computed anew",
             );
         }
+        if !has_coordinates {
+            missing(warnings);
+            return false;
+        }
         if !tangents::compute(slot, local) {
-            let what = "has too many triangles at one vertex to compute tangents; the material's normal map has no effect";
+            let what = format!(
+                "has too many triangles at one vertex to compute tangents; the material's {what} has no effect"
+            );
             warnings.push(&primitive.at, what);
         }
         false
@@ -248,6 +264,16 @@ impl Geometry<'_> {
     }
 }
 
+/// What tangents are needed for.
+struct NeededTangents {
+    /// The texture along whose coordinates they are.
+    slot: TextureSlot,
+    /// What needs them.
+    what: &'static str,
+    /// Whether that is a texture, which needs coordinates, too.
+    is_textured: bool,
+}
+
 fn warn_of_missing_uv(
     primitive: &Primitive,
     scene: &Scene,
@@ -263,7 +289,8 @@ fn warn_of_missing_uv(
         &material.specular_color_texture,
         &material.transmission_texture,
     ];
-    for slot in slots.into_iter().flatten() {
+    let layers = material.layering.iter().flat_map(|layering| layering.slots());
+    for slot in slots.into_iter().flatten().chain(layers) {
         if primitive.uv[slot.uv_set as usize].is_none() {
             warnings.push(
                 format!("{}.attributes.TEXCOORD_{}", primitive.at, slot.uv_set),

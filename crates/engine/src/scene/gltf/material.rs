@@ -7,16 +7,13 @@ use super::picture::Images;
 use super::textures::{Reference, Textures};
 use super::warnings::Warnings;
 use crate::radiometry::Rgb;
-use crate::scene::{Alpha, Encoding, Material, Model, NormalMap, SceneError};
+use crate::scene::{Alpha, Encoding, Material, Model, SceneError};
 use glam::Vec2;
 use gltf::json;
 use gltf::json::material::{AlphaMode, PbrMetallicRoughness};
 
 /// Largest emitted radiance, in the file's unit: far above the sun, well within f32.
 const MAX_EMISSION: f32 = 1e12;
-
-/// Largest factor of a normal map's tilt: beyond it every tilt is a right angle.
-const MAX_NORMAL_SCALE: f32 = 1e6;
 
 /// Reads every material, in file order.
 pub(super) fn materials<'a>(
@@ -31,6 +28,10 @@ pub(super) fn materials<'a>(
         let mut material = material(object, index, &mut textures, warnings)?;
         if document.phong.get(index) == Some(&true) {
             material.model = Model::Phong;
+            if material.layering.take().is_some() {
+                let what = "has layers that are ignored; a Phong lobe knows none";
+                warnings.push(format!("materials[{index}].extensions"), what);
+            }
         }
         materials.push(material);
     }
@@ -78,11 +79,8 @@ fn normals(
     warnings: &mut Warnings,
 ) -> Result<(), SceneError> {
     let Some(info) = &object.normal_texture else { return Ok(()) };
-    let reference = Reference::to_normals(info, format!("{at}.normalTexture"))?;
-    let slot = textures.slot(&reference, Encoding::Linear, warnings)?;
-    let range = -MAX_NORMAL_SCALE..=MAX_NORMAL_SCALE;
-    let scale = factor(info.scale, &format!("{at}.normalTexture.scale"), range, warnings);
-    material.normal_map = Some(NormalMap { slot, scale });
+    let at = format!("{at}.normalTexture");
+    material.normal_map = Some(textures.normal_map(info, &at, warnings)?);
     Ok(())
 }
 

@@ -2,6 +2,7 @@
 
 use super::extensions::{EXTENSIONS, Support, loss};
 use super::factors::{color, factor};
+use super::material_layers;
 use super::textures::{Reference, Textures};
 use super::warnings::Warnings;
 use crate::radiometry::Rgb;
@@ -9,8 +10,14 @@ use crate::scene::{Encoding, Material, SceneError, Volume};
 use glam::Vec2;
 use gltf::json::Value;
 use gltf::json::extensions::material::{Material as Extensions, PbrSpecularGlossiness, Specular};
+use serde::Deserialize;
 
 const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
+
+const DISPERSION: &str = "KHR_materials_dispersion";
+
+/// Largest dispersion, 20 over the Abbe number: far above any material's.
+const MAX_DISPERSION: f32 = 1e3;
 
 /// Least attenuation distance, metres.
 const MIN_ATTENUATION: f32 = 1e-9;
@@ -40,6 +47,7 @@ pub(super) fn apply(
         specular_glossiness(extension, &at, material, textures, warnings)?;
     }
     clear(extensions, at, material, textures, warnings)?;
+    material_layers::apply(extensions, at, material, textures, warnings)?;
     if extensions.unlit.is_some() {
         material.unlit = true;
         material.emission = Rgb::ZERO;
@@ -121,6 +129,32 @@ fn specular_glossiness(
     Ok(())
 }
 
+/// KHR_materials_dispersion.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Dispersion {
+    dispersion: f32,
+}
+
+/// Reads by how much a clear body bends colours by different angles.
+fn dispersion(
+    extensions: &Extensions,
+    at: &str,
+    material: &mut Material,
+    warnings: &mut Warnings,
+) -> Result<(), SceneError> {
+    let found = material_layers::object::<Dispersion>(extensions, DISPERSION, at)?;
+    let Some((extension, at)) = found else { return Ok(()) };
+    let range = 0.0..=MAX_DISPERSION;
+    let value = factor(extension.dispersion, &format!("{at}.dispersion"), range, warnings);
+    if value > 0.0 && material.volume.is_none() {
+        warnings.push(at, "is ignored; nothing is bent without KHR_materials_volume");
+        return Ok(());
+    }
+    material.dispersion = value;
+    Ok(())
+}
+
 /// Reads how light passes through: a clear surface, and what is behind it.
 fn clear(
     extensions: &Extensions,
@@ -165,5 +199,5 @@ fn clear(
         let volume = Volume { attenuation_color: tint, attenuation_distance: distance };
         material.volume = (thickness > 0.0).then_some(volume);
     }
-    Ok(())
+    dispersion(extensions, at, material, warnings)
 }

@@ -26,6 +26,7 @@ mod limits;
 mod local;
 mod material;
 mod material_extensions;
+mod material_layers;
 mod meshopt;
 mod morph;
 mod node;

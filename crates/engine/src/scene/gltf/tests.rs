@@ -8,7 +8,7 @@ mod surfaces;
 use super::warnings::MAX_WARNINGS;
 use super::*;
 use crate::scene::made::assemble;
-use crate::scene::{Projection, Warning, Wrap};
+use crate::scene::{COAT_MEAN, Projection, Warning, Wrap};
 use glam::{Vec2, Vec3};
 use serde_json::{Value, json};
 use std::f64::consts::FRAC_PI_2;
@@ -236,7 +236,7 @@ fn materials_follow_the_extensions() {
                 "KHR_materials_emissive_strength": { "emissiveStrength": 8 },
                 "KHR_materials_ior": { "ior": 2.5 },
                 "KHR_materials_specular": { "specularFactor": 0.5, "specularColorFactor": [1, 0.5, 0.25] },
-                "KHR_materials_clearcoat": {},
+                "KHR_materials_clearcoat": { "clearcoatFactor": 1 },
             },
         },
         { "extensions": { "KHR_materials_unlit": {} }, "emissiveFactor": [1, 1, 1] },
@@ -248,7 +248,7 @@ fn materials_follow_the_extensions() {
     assert_eq!((glaze.metallic, glaze.roughness, glaze.ior), (0.25, 0.5, 2.5));
     assert_eq!(glaze.specular_factor, 0.5);
     assert!(close(glaze.specular_color, Vec3::new(1.0, 0.5, 0.25)));
-    assert!(close(glaze.emission, Vec3::new(8.0, 4.0, 0.0)));
+    assert!(close(glaze.emission, Vec3::new(8.0, 4.0, 0.0) * (1.0 - COAT_MEAN)));
     let unlit = &scene.materials[1];
     assert!(unlit.unlit && !unlit.emits() && !glaze.unlit);
     let at: Vec<_> = scene.warnings.iter().map(|warning| warning.at.as_str()).collect();

@@ -1,9 +1,10 @@
 //! What a material's references to textures lead to.
 
 use super::document::{malformed, valid};
+use super::factors::factor;
 use super::picture::Images;
 use super::warnings::Warnings;
-use crate::scene::{Encoding, SceneError, TextureSlot, Wrap};
+use crate::scene::{Encoding, NormalMap, SceneError, TextureSlot, Wrap};
 use glam::{Mat2, Vec2};
 use gltf::json::extensions::texture::TextureTransform;
 use gltf::json::material::NormalTexture;
@@ -13,6 +14,9 @@ use gltf::json::{self, Root};
 
 /// Extensions that name an image to be taken instead of the one that all readers know, the best last.
 const SOURCES: [&str; 2] = ["KHR_texture_basisu", "EXT_texture_webp"];
+
+/// Largest factor of a normal map's tilt: beyond it every tilt is a right angle.
+const MAX_NORMAL_SCALE: f32 = 1e6;
 
 /// A material's reference to a texture, of whatever kind.
 pub(super) struct Reference {
@@ -95,6 +99,20 @@ impl<'a> Textures<'a, '_> {
         let place = self.images.texture(image)?;
         let slot = TextureSlot { encoding, ..TextureSlot::plain(place) };
         self.placed(slot, texture, reference, warnings)
+    }
+
+    /// A normal map as a material uses it.
+    pub fn normal_map(
+        &mut self,
+        info: &NormalTexture,
+        at: &str,
+        warnings: &mut Warnings,
+    ) -> Result<NormalMap, SceneError> {
+        let reference = Reference::to_normals(info, at.to_owned())?;
+        let slot = self.slot(&reference, Encoding::Linear, warnings)?;
+        let range = -MAX_NORMAL_SCALE..=MAX_NORMAL_SCALE;
+        let scale = factor(info.scale, &format!("{at}.scale"), range, warnings);
+        Ok(NormalMap { slot, scale })
     }
 
     /// The texture of roughness that a texture with glossiness in its alpha says, as a material

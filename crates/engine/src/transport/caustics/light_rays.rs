@@ -18,7 +18,7 @@ use crate::random::{Numbers, Stream};
 use crate::rays::Eye;
 use crate::sampling::Discrete;
 use crate::sampling::frame;
-use crate::surface::{Reflection, Surface, World};
+use crate::surface::{Clear, Reflection, Surface, World};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::{PI, TAU};
@@ -323,6 +323,7 @@ impl LightRays<'_> {
                 .filter(|clear| clear.share >= 1.0 || walk.numbers.uniform() < clear.share);
             let (origin, direction);
             if let Some(clear) = clear {
+                let clear = walk.split(clear);
                 let xi = [(); 3].map(|()| walk.numbers.uniform());
                 let Some(passed) = clear.pass(surface.side(), source, xi) else { return };
                 is_bent |= !(passed.through && self.lit.world.is_pane(surface.triangle));
@@ -370,6 +371,18 @@ struct Walk {
     rays: u64,
     /// Rays of its kind of light in a pass.
     count: f32,
+}
+
+impl Walk {
+    /// A clear surface as the ray meets it: as one colour where that bends colours by different angles.
+    fn split(&mut self, clear: Clear) -> Clear {
+        if !clear.disperses() {
+            return clear;
+        }
+        let (clear, factor) = clear.split(self.power, self.numbers.uniform());
+        self.power *= factor;
+        clear
+    }
 }
 
 /// Place of a ray in a well-spread sequence in the unit cube: additive recurrence by the powers of

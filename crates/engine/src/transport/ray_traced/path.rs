@@ -277,6 +277,11 @@ impl Tracer<'_> {
                 }
                 flight.carried = flight.carried.times(Rgb::splat(1.0 / survival));
             }
+            let mut clear = clear;
+            if clear.disperses() {
+                let (one, factor) = clear.split(flight.carried.all, walk.numbers.uniform());
+                (clear, flight.carried) = (one, flight.carried.times(factor));
+            }
             let xi = [(); 3].map(|()| walk.numbers.uniform());
             let Some(passed) = clear.pass(surface.side(), viewer, xi) else {
                 return (radiance, None);

@@ -285,6 +285,132 @@ fn specular_glossiness_keeps_its_reflection() {
     assert!(warning.at.ends_with("KHR_materials_pbrSpecularGlossiness"));
 }
 
+/// What lies on a surface is what factors and channels of textures say.
+#[test]
+fn layers_are_read_with_their_textures() {
+    let mut file = mapped_square();
+    let texture = file.image(&row(&[[128, 64, 255, 51]]));
+    let info = json!({ "index": texture });
+    file.root["materials"] = json!([{ "extensions": {
+        "KHR_materials_clearcoat": {
+            "clearcoatFactor": 0.8, "clearcoatTexture": info,
+            "clearcoatRoughnessFactor": 0.6, "clearcoatRoughnessTexture": info,
+            "clearcoatNormalTexture": { "index": texture, "scale": 0.5 },
+        },
+        "KHR_materials_sheen": {
+            "sheenColorFactor": [1, 0.5, 0.25], "sheenColorTexture": info,
+            "sheenRoughnessFactor": 0.9, "sheenRoughnessTexture": info,
+        },
+        "KHR_materials_anisotropy": {
+            "anisotropyStrength": 0.5, "anisotropyRotation": 0.3, "anisotropyTexture": info,
+        },
+        "KHR_materials_iridescence": {
+            "iridescenceFactor": 0.5, "iridescenceTexture": info, "iridescenceIor": 1.8,
+            "iridescenceThicknessMinimum": 200, "iridescenceThicknessMaximum": 600,
+            "iridescenceThicknessTexture": info,
+        },
+    } }]);
+    let scene = file.import();
+    assert_eq!(scene.warnings, []);
+    let seen = scene.appearance(&scene.triangles[0], 0.3, 0.3).layers;
+    let near = |a: f32, b: f32| assert!((a - b).abs() < 1e-6, "{a} is not {b}");
+    near(seen.coat, 0.8 * 128.0 / 255.0);
+    near(seen.coat_roughness, 0.6 * 64.0 / 255.0);
+    near(seen.sheen_color.y, 0.5 * srgb_to_linear(64));
+    near(seen.sheen_roughness, 0.9 * 0.2);
+    let turned = (2.0 * Vec2::new(128.0, 64.0) / 255.0 - 1.0).to_angle() + 0.3;
+    let expected = 0.5 * Vec2::from_angle(turned);
+    assert!(seen.anisotropy.abs_diff_eq(expected, 1e-5), "{} {expected}", seen.anisotropy);
+    near(seen.film, 0.5 * 128.0 / 255.0);
+    near(seen.film_ior, 1.8);
+    assert!((seen.film_thickness - (200.0 + 400.0 * 64.0 / 255.0)).abs() < 1e-3);
+    // The map of the coat tilts the coat alone: by (128, 64)/255 · 2 − 1, halved, over blue's 1.
+    let triangle = &scene.triangles[0];
+    let tilt = 0.5 * (2.0 * Vec2::new(128.0, 64.0) / 255.0 - 1.0);
+    let expected = tilt.extend(1.0).normalize();
+    let found = scene.coat_normal(triangle, 0.3, 0.3).unwrap();
+    assert!(found.abs_diff_eq(expected, 1e-5), "{found} {expected}");
+    assert_eq!(scene.shading_normal(triangle, 0.3, 0.3), Some(Vec3::Z));
+    // Nothing is there by default, and what is wrong is named.
+    let of = |extensions: Value| {
+        let mut file = mapped_square();
+        file.root["materials"] = json!([{ "extensions": extensions }]);
+        file.import()
+    };
+    let extensions = ["clearcoat", "sheen", "anisotropy", "iridescence", "dispersion"];
+    let extensions = extensions.map(|name| format!("KHR_materials_{name}"));
+    for name in &extensions {
+        let scene = of(json!({ name: {} }));
+        assert!(scene.materials[0].layering.is_none() && scene.warnings.is_empty(), "{name}");
+    }
+    let scene = of(json!({ "KHR_materials_clearcoat": { "clearcoatFactor": 1.5 } }));
+    assert_eq!(scene.appearance(&scene.triangles[0], 0.3, 0.3).layers.coat, 1.0);
+    let at = "materials[0].extensions.KHR_materials_clearcoat.clearcoatFactor";
+    assert_eq!(scene.warnings[0].at, at);
+    file.root["materials"] = json!([{ "extensions":
+        { "KHR_materials_sheen": { "sheenColorFactor": [1, 1] } } }]);
+    let error = variant(&file, None).unwrap_err();
+    assert!(error.at.starts_with("materials[0].extensions.KHR_materials_sheen"), "{error}");
+}
+
+/// A brushed surface has its direction in space by the file's tangents, or by those of its texture
+/// coordinates; without either it is told that it is not brushed.
+#[test]
+fn brushed_surfaces_have_tangents() {
+    let brushed = || {
+        let mut file = mapped_square();
+        file.root["materials"] = json!([{ "extensions": { "KHR_materials_anisotropy":
+            { "anisotropyStrength": 0.8, "anisotropyRotation": std::f64::consts::FRAC_PI_2 } } }]);
+        file
+    };
+    let along = |scene: &Scene| {
+        let seen = scene.appearance(&scene.triangles[0], 0.3, 0.3).layers.anisotropy;
+        scene.in_tangents(&scene.triangles[0], Vec2::splat(0.3), seen)
+    };
+    let scene = brushed().import();
+    assert_eq!(scene.warnings, []);
+    // A quarter turn against the clock takes +X, where u grows, to +Y.
+    assert!(close(along(&scene), 0.8 * Vec3::Y), "{}", along(&scene));
+    let mut given = brushed();
+    let normal = given.floats(&[0., 0., 1.].repeat(4), "VEC3", 3);
+    given.attribute("NORMAL", normal);
+    let tangent = given.floats(&[0., 1., 0., 1.].repeat(4), "VEC4", 4);
+    given.attribute("TANGENT", tangent);
+    let without_coordinates = |file: &mut File| {
+        let attributes = &mut file.root["meshes"][0]["primitives"][0]["attributes"];
+        attributes.as_object_mut().unwrap().remove("TEXCOORD_0");
+    };
+    without_coordinates(&mut given);
+    let scene = given.import();
+    assert_eq!(scene.warnings, []);
+    assert!(close(along(&scene), -0.8 * Vec3::X), "{}", along(&scene));
+    let mut without = brushed();
+    without_coordinates(&mut without);
+    let scene = without.import();
+    assert!(scene.warnings[0].what.contains("anisotropy has no effect"), "{:?}", scene.warnings);
+    assert_eq!(along(&scene), Vec3::ZERO);
+}
+
+#[test]
+fn dispersion_is_that_of_a_body() {
+    let with = |thickness: f32, dispersion: f32| {
+        let mut file = mapped_square();
+        file.root["materials"] = json!([{ "extensions": {
+            "KHR_materials_transmission": { "transmissionFactor": 1 },
+            "KHR_materials_volume": { "thicknessFactor": thickness },
+            "KHR_materials_dispersion": { "dispersion": dispersion },
+        } }]);
+        file.import()
+    };
+    let scene = with(1.0, 0.36);
+    assert_eq!((scene.materials[0].dispersion, scene.warnings), (0.36, vec![]));
+    for (thickness, dispersion, expected) in [(0.0, 0.36, 0.0), (1.0, -1.0, 0.0)] {
+        let scene = with(thickness, dispersion);
+        assert_eq!(scene.materials[0].dispersion, expected);
+        assert!(scene.warnings[0].at.contains("KHR_materials_dispersion"), "{:?}", scene.warnings);
+    }
+}
+
 fn variant(file: &File, name: Option<&str>) -> Result<Scene, SceneError> {
     let mut root = file.root.clone();
     root["buffers"] = json!([{ "byteLength": file.binary.len() }]);

@@ -64,8 +64,8 @@ struct LobeAt<'a> {
 impl<'a> LobeAt<'a> {
     fn new(coarse: &'a CoarseSolution, surface: Surface, viewer: Vec3, is_mapped: bool) -> Self {
         let reflection = surface.reflection();
-        let axis =
-            LobeAxis { direction: surface.mirrored(viewer), exponent: reflection.exponent() };
+        let exponent = reflection.widest_exponent();
+        let axis = LobeAxis { direction: surface.mirrored(viewer), exponent };
         let unoccluded = coarse.lights.for_lobe(surface.start(), surface.shading_normal, axis);
         let is_mapped = is_mapped && reflection.is_sharp();
         Self { coarse, surface, viewer, unoccluded, is_mapped }

@@ -42,7 +42,7 @@ pub fn batch(
     let surface = surface.lobe_only();
     let viewer = visible.frame.towards_eye(surface.spot.point);
     let reflection = surface.reflection();
-    let sharpness = (SHARP_FROM / (reflection.exponent() + 1.0)).min(1.0);
+    let sharpness = (SHARP_FROM / (reflection.widest_exponent() + 1.0)).min(1.0);
     let by_sky = (BY_SKY * sharpness).round() as u32;
     let picks = Picks { lights, surface, viewer, counts: [BATCH - by_sky, by_sky] };
     let mut sum = Rgb::ZERO;
