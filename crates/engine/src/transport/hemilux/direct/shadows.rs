@@ -271,7 +271,7 @@ impl DirectLighting {
         around(visible, index, reach, |other, across, down| {
             let other = &self.sums[other];
             let weight = 1.0 / (1.0 + (across * across + down * down) as f32 * 0.5);
-            if other.known_rays() > 0 {
+            if other.tells_share_of(sums, exact) {
                 let alike = if exact { sums.alike(other) } else { 1.0 };
                 let weight = other.known_rays() as f32 * weight * alike;
                 plane.add(across, down, other.share(exact), weight);

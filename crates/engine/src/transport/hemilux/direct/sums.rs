@@ -167,6 +167,13 @@ impl ShadowSums {
         alike(off, self.chance() + other.chance())
     }
 
+    /// Whether its rays tell which share arrives of the light that `other` knows: any has gone to
+    /// such light, and the sky is apart in both or in neither.
+    pub fn tells_share_of(&self, other: &ShadowSums, exact: bool) -> bool {
+        let same = self.apart.is_any == other.apart.is_any;
+        self.known_rays() > 0 && (!exact || (same && self.cast != Rgb::ZERO))
+    }
+
     /// Standard deviation of what one ray says of the irradiance, importance.
     pub fn deviation(&self) -> f32 {
         let known = importance(self.unoccluded).powi(2) * self.chance();

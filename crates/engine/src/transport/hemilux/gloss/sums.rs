@@ -209,12 +209,11 @@ mod tests {
     /// lobe's variance says.
     #[test]
     fn mean_and_variance_are_those_over_seeds() {
-        for seen in [0.0, 0.3, 0.8, 1.0] {
+        for seen in [0.1, 0.3, 0.8, 1.0] {
             let all: Vec<LobeSums> = (0..4000).map(|seed| sums(seed, 8, seen, 4)).collect();
-            let factors: Vec<f32> = (all.iter().cycle().skip(1).step_by(1))
-                .zip(&all)
-                .map(|(other, _)| open_factor([other.covariance()].into_iter()))
-                .collect();
+            let beside = all.iter().cycle().skip(1).take(all.len());
+            let factors: Vec<f32> =
+                beside.map(|other| open_factor([other.covariance()].into_iter())).collect();
             let means: Vec<Rgb> =
                 all.iter().zip(&factors).map(|(s, f)| s.rest(*f).0 + *f * s.open_sky().0).collect();
             let count = all.len() as f32;
