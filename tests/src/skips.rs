@@ -36,7 +36,7 @@ pub fn without_wgpu() -> bool {
 
 /// Where test data lies that is too large for the repository: `HEMILUX_SHARED_DIR`, or `shared` beside
 /// the repository.
-fn shared_folder() -> PathBuf {
+pub fn shared_folder() -> PathBuf {
     let beside = || crate::server::repository().join("../shared");
     std::env::var_os("HEMILUX_SHARED_DIR").map_or_else(beside, PathBuf::from)
 }

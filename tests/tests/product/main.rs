@@ -9,4 +9,5 @@ mod import_graph;
 mod kill_loop;
 mod load;
 mod promises;
+mod real_files;
 mod settings_table;

@@ -30,9 +30,9 @@ const GOLDEN_RATIO: f32 = 0.618_034;
 const NO_FRAGMENT: usize = usize::MAX;
 /// Squares along and across a pixel that sees one facet alone, over which textures are averaged.
 const SQUARES: u32 = 4;
-/// Side of the part of a pixel that a ray of a lobe stands for where textures say how it reflects:
-/// four rays share a pixel at first.
-const LOBE_PART: f32 = 0.5;
+/// Rays of a lobe that share its part of a pixel at first where textures say how it reflects. Later
+/// ones stand for ever less: between metal and paint the mean of both is neither.
+const FIRST_LOBE_RAYS: u32 = 4;
 /// Cosine of the angle, 14°, by which the normals of facets in one fragment may differ.
 const SMOOTH_COSINE: f32 = 0.97;
 
@@ -336,8 +336,10 @@ impl VisibleSurfaces {
         (groups[0], 0)
     }
 
-    /// The surface at a lobe's n-th sample.
-    pub fn surface(&self, world: &World, lobe: &Lobe, n: u32) -> Surface {
+    /// The surface at a lobe's n-th sample, of the part of it that a ray stands for which so many
+    /// were `before`.
+    pub fn surface(&self, world: &World, lobe: &Lobe, (n, before): (u32, u32)) -> Surface {
+        let area = self.share(lobe) / (before + 1).max(FIRST_LOBE_RAYS) as f32;
         let (SampleGroup { code, mask }, n) = self.group_of(lobe, n);
         let (facet, back) = item::decode(code).unwrap_or((0, false));
         let pixel = self.fragments[lobe.fragment as usize].pixel;
@@ -351,7 +353,7 @@ impl VisibleSurfaces {
             let at = self.cut.to_source(FacetIndex(facet), at);
             return world.surface_at(source, at, spot, side);
         }
-        let part = self.part(facet, (pixel, offset), LOBE_PART * self.share(lobe).sqrt());
+        let part = self.part(facet, (pixel, offset), area.sqrt());
         world.surface_over(&self.pyramids, (source, &part), spot, side)
     }
 

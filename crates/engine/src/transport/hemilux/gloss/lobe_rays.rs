@@ -208,6 +208,12 @@ pub fn radiance_by_lobe(
     found
 }
 
+/// Albedo of a surface's lobe towards the viewer; 0 where the shading normal faces away.
+pub fn albedo_towards(lobe: &Surface, viewer: Vec3) -> Rgb {
+    let is_faced = lobe.shading_normal.dot(viewer) > 0.0;
+    if is_faced { lobe.reflection().albedo(viewer) } else { Rgb::ZERO }
+}
+
 /// Radiance that arrives at a diffuse surface along a ray in `direction` that met this, beside
 /// what is found as direct light. With random numbers the light at its end is found out afresh.
 pub fn arriving(

@@ -2,7 +2,7 @@
 //! pixels share these rays as far as the lobes blur what they show (docs/decisions/0024). What they
 //! share is radiance over the lobe's albedo, so that textures of colour and metal stay sharp.
 
-use super::lobe_rays::{LobePathNumbers, LobeRadiance, radiance_by_lobe};
+use super::lobe_rays::{LobePathNumbers, LobeRadiance, albedo_towards, radiance_by_lobe};
 use super::open_sky;
 use super::seen_through::seen_through;
 use super::sums::{Found, LobeSums, open_factor};
@@ -145,7 +145,7 @@ impl Gloss {
     /// The lobes that a camera sees, without a ray yet.
     pub fn new(world: &World, visible: &VisibleSurfaces) -> Self {
         let placed = |lobe: &Lobe| {
-            let surface = visible.surface(world, lobe, 0);
+            let surface = visible.surface(world, lobe, (0, 0));
             let viewer = visible.frame.towards_eye(surface.spot.point);
             let exponent = surface
                 .clear
@@ -229,10 +229,8 @@ impl Gloss {
             let sequence = Shifted::new(seed, Stream::OpenLobe, u64::from(pixel));
             for batch in sums.batches..sums.batches + work.batches {
                 let lit = (&*coarse.world, &*coarse.lights);
-                let mean = open_sky::batch(lit, visible, (lobe, batch), &sequence);
-                if let Some(mean) = mean {
-                    sums.add_batch(mean);
-                }
+                let (mean, albedo) = open_sky::batch(lit, visible, (lobe, batch), &sequence);
+                sums.add_batch(mean, albedo);
             }
         });
         self.passes += 1;
@@ -415,7 +413,7 @@ fn trace(
     (lobe, ray): (&Lobe, u32),
     at: &Shifted,
 ) -> Found {
-    let surface = visible.surface(&coarse.world, lobe, ray);
+    let surface = visible.surface(&coarse.world, lobe, (ray, ray));
     if coarse.world.is_clear(surface.triangle) {
         let (origin, direction) = visible.lobe_ray(lobe, ray);
         let (radiance, nearness) = seen_through(coarse, origin, direction, at.afresh());
@@ -431,10 +429,7 @@ fn trace(
     };
     let LobeRadiance { radiance, sky, open_sky, nearness } =
         radiance_by_lobe(coarse, surface, viewer, path_numbers);
-    let albedo = match surface.shading_normal.dot(viewer) > 0.0 {
-        true => surface.lobe_only().reflection().albedo(viewer),
-        false => Rgb::ZERO,
-    };
+    let albedo = albedo_towards(&surface.lobe_only(), viewer);
     Found { radiance, sky, open_sky, albedo, nearness }
 }
 

@@ -4,13 +4,17 @@
 //! beside a lamp of 5°: where directions are dense they had its light, and where they are few the
 //! means had it again. Nor was their noise lower, given directions of both kinds.)
 
+use super::lobe_rays::albedo_towards;
 use crate::emitters::DirectLights;
 use crate::radiometry::Rgb;
+use crate::random::pcg;
 use crate::sampling::Shifted;
 use crate::surface::{Reflection, Surface, World};
 use crate::transport::hemilux::fragments::{Lobe, VisibleSurfaces};
 use glam::Vec3;
 
+/// Places of a pixel that batches start from, at most: more than there are samples.
+const MOST_PLACES: u32 = 4096;
 /// Directions in a batch.
 const BATCH: u32 = 8;
 /// Those of them that are picked by the sky's light, where the lobe is wide.
@@ -27,17 +31,19 @@ struct Picks<'a> {
     counts: [u32; 2],
 }
 
-/// Radiance that the lobe reflects of an open sky by the batch of that number. `None` of what has no lobe of
-/// that kind: what is clear.
+/// Radiance that the lobe reflects of an open sky by the batch of that number, and its albedo where
+/// that starts. What is clear has no such lobe: nothing, as its rays say.
 pub fn batch(
     (world, lights): (&World, &DirectLights),
     visible: &VisibleSurfaces,
     (lobe, batch): (&Lobe, u32),
     numbers: &Shifted,
-) -> Option<Rgb> {
-    let surface = visible.surface(world, lobe, batch);
+) -> (Rgb, Rgb) {
+    // At random, not in turn, so that few batches are no more likely to be of one side of the pixel.
+    let place = pcg(lobe.fragment ^ pcg(batch)) % MOST_PLACES;
+    let surface = visible.surface(world, lobe, (place, batch));
     if world.is_clear(surface.triangle) {
-        return None;
+        return (Rgb::ZERO, Rgb::ONE);
     }
     let surface = surface.lobe_only();
     let viewer = visible.frame.towards_eye(surface.spot.point);
@@ -56,7 +62,7 @@ pub fn batch(
             sum += direction.map_or(Rgb::ZERO, |direction| picks.along(direction));
         }
     }
-    Some(sum)
+    (sum, albedo_towards(&surface, viewer))
 }
 
 impl Picks<'_> {

@@ -27,6 +27,8 @@ pub struct LobeSums {
     open_rays: Rgb,
     /// Σ over batches of directions, none of them traced: their mean radiance of an open sky.
     open: Rgb,
+    /// Σ over batches: albedos where their directions start.
+    open_albedo: Rgb,
     /// Σ albedos of the lobe towards the camera.
     albedo: Rgb,
     /// Σ of all channels' radiance of the sky that arrives.
@@ -76,9 +78,10 @@ impl LobeSums {
         self.rays += 1;
     }
 
-    /// Adds a batch of directions along which an open sky has that mean.
-    pub fn add_batch(&mut self, mean: Rgb) {
+    /// Adds a batch of directions along which an open sky has that mean, from a place of that albedo.
+    pub fn add_batch(&mut self, mean: Rgb, albedo: Rgb) {
         self.open += mean;
+        self.open_albedo += albedo;
         self.open_squares += mean.length_squared();
         self.batches += 1;
     }
@@ -108,7 +111,9 @@ impl LobeSums {
     /// Radiance over albedo of the open sky by the batches: its mean, and the variance of that.
     pub fn open_sky(&self) -> (Rgb, f32) {
         let count = self.batches.max(1) as f32;
-        self.over_albedo(self.open / count, self.batch_variance(1.0) / count)
+        let (_, variance) = self.over_albedo(Rgb::ZERO, self.batch_variance(1.0) / count);
+        // Over their own: batches start at fewer places of the pixel than rays.
+        (self.open / self.open_albedo.max(Rgb::splat(LEAST_ALBEDO * count)), variance)
     }
 
     fn count(&self) -> f32 {
@@ -201,7 +206,8 @@ mod tests {
                 nearness: 0.0,
             });
         }
-        (0..batches).for_each(|_| sums.add_batch((0..8).map(|_| sky()).sum::<Rgb>() / 8.0));
+        (0..batches)
+            .for_each(|_| sums.add_batch((0..8).map(|_| sky()).sum::<Rgb>() / 8.0, Rgb::ONE));
         sums
     }
 
