@@ -2,13 +2,13 @@
 //!
 //! Where a sky shines, most of what lobes reflect is its light, and most of what scatters is how
 //! that varies within the lobe. But the sky alone, with nothing in the way, is known without a ray
-//! being traced ([`OpenSky`]). So each ray also says what it would bring of an open sky; what
+//! being traced ([`batch`]). So each ray also says what it would bring of an open sky; what
 //! all of them bring is corrected by the difference between the known light of an open sky and the
 //! mean of what they say of it (a control variate), times a factor: about the share of the sky that
 //! is seen. The factor comes from the rays of the lobes beside it, so that it knows nothing of the
 //! chance in its own, which would bias the mean. In the open nothing scatters then.
 //!
-//! [`OpenSky`]: super::open_sky::OpenSky
+//! [`batch`]: super::open_sky::batch
 
 use crate::radiometry::Rgb;
 use bytemuck::{Pod, Zeroable};
