@@ -22,17 +22,17 @@ const LEAST_SURVIVAL: f32 = 0.1;
 const FOLLOWED_PER_SHARE: f32 = 2.0;
 /// Lower bound of that probability: its inverse, 10, is the largest weight of such a path.
 const LEAST_FOLLOWED: f32 = 0.1;
-/// Most lobes that a gather ray follows one after the other.
+/// Most lobes that a path follows one after the other.
 const MOST_LOBES: u32 = 8;
 
-/// Random numbers of a path from lobe to lobe, and its greatest length.
+/// Random numbers of a path from lobe to lobe, and what it is for.
 pub struct LobePathNumbers {
     /// Its direction from the first.
     pub xi: [f32; 2],
     /// Numbers for the lights, and for what comes after.
     pub numbers: Afresh,
-    /// Most lobes that it follows.
-    pub most_lobes: u32,
+    /// Whether it is to say what an open sky would bring.
+    pub tells_open_sky: bool,
     /// Whether a map has what emitters bring along it, as long as its lobes are sharp: then it began
     /// at a diffuse reflection.
     pub is_mapped: bool,
@@ -45,7 +45,7 @@ pub struct LobeRadiance {
     pub radiance: Rgb,
     /// What of it is light of the sky that comes to the first lobe itself.
     pub sky: Rgb,
-    /// What that would be if nothing were in the way.
+    /// What that would be if nothing were in the way, where that is asked for.
     pub open_sky: Rgb,
     /// 1 over the distance to what the path met first, 0 where that is nothing.
     pub nearness: f32,
@@ -148,7 +148,7 @@ pub fn radiance_by_lobe(
     mut viewer: Vec3,
     path_numbers: LobePathNumbers,
 ) -> LobeRadiance {
-    let LobePathNumbers { mut xi, mut numbers, most_lobes, mut is_mapped } = path_numbers;
+    let LobePathNumbers { mut xi, mut numbers, tells_open_sky, mut is_mapped } = path_numbers;
     let world = &*coarse.world;
     let mut surface = surface.lobe_only();
     let (mut found, mut carried) = (LobeRadiance::default(), Rgb::ONE);
@@ -165,7 +165,7 @@ pub fn radiance_by_lobe(
         let Some(scattered) = scattered else { break };
         let sight = world.look(surface.start(), scattered.direction);
         carried *= scattered.factor.both();
-        if lobe == 1 && coarse.lights.has_sky() {
+        if lobe == 1 && tells_open_sky {
             found.open_sky += carried * at.open_sky(scattered.direction, scattered.pdf);
         }
         if !at.is_mapped {
@@ -189,7 +189,7 @@ pub fn radiance_by_lobe(
         let Some(met) = world.surface(&hit) else { break };
         found.radiance += carried * at.emitted(&sight, &hit, &met, scattered.pdf);
         carried *= sight.left;
-        let Some(next) = numbers.next.filter(|_| met.reflection().is_glossy() && lobe < most_lobes)
+        let Some(next) = numbers.next.filter(|_| met.reflection().is_glossy() && lobe < MOST_LOBES)
         else {
             found.radiance += carried * coarse.reflected_as_diffuse(&hit, Some(numbers));
             break;
@@ -261,6 +261,6 @@ pub fn reflected_at(
     }
     let numbers = Afresh { next: Some(next.after()), ..next.afresh() };
     let path_numbers =
-        LobePathNumbers { xi: numbers.bounce, numbers, most_lobes: MOST_LOBES, is_mapped };
+        LobePathNumbers { xi: numbers.bounce, numbers, tells_open_sky: false, is_mapped };
     diffuse + radiance_by_lobe(coarse, surface, -direction, path_numbers).radiance / probability
 }

@@ -32,8 +32,6 @@ const NEGLIGIBLE_ERROR: f64 = 0.004;
 const NEIGHBOUR_VARIANCE_FACTOR: f64 = 0.5;
 /// Most lobe rays in a pass, as a multiple of those in the first pass, where lobes scatter most.
 const MOST_RAYS_FACTOR: f32 = 16.0;
-/// Most lobes that a ray from the camera follows one after the other.
-const MOST_LOBES: u32 = 8;
 /// Pixels in each direction that share rays.
 const NEIGHBOUR_REACH: i32 = 2;
 /// Lobes share rays if they look less than 1/√this beside each other, as a share of the angle at
@@ -424,7 +422,7 @@ fn trace(
     let path_numbers = LobePathNumbers {
         xi: at.pair(),
         numbers: at.afresh(),
-        most_lobes: MOST_LOBES,
+        tells_open_sky: coarse.lights.has_sky(),
         is_mapped: false,
     };
     let LobeRadiance { radiance, sky, open_sky, nearness } =
