@@ -47,6 +47,8 @@ pub enum Stream {
     Opening = 20,
     /// Directions of a lobe, along which nothing is in the way of the sky.
     OpenLobe = 21,
+    /// Places of the camera's rays in pixels at edges.
+    Edge = 22,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use std::f32::consts::PI;
 
 /// Variance of a surface's share of a pixel is this times (number of samples)^−1.5, for samples
-/// that are well spread.
+/// that are well spread; see [`VisibleSurfaces::edge_weight`].
 const COVERAGE_VARIANCE: f32 = 0.04;
 /// Most places of a fragment at which the map of caustics is read.
 const MOST_MAP_READS: u32 = 8;
@@ -81,7 +81,7 @@ pub fn measure(known: &PictureInputs<'_>) -> (Picture, Option<Errors>) {
     if known.gloss.len() > 0 {
         gloss = known.gloss.of_fragments(visible, options.lobe_filter);
     }
-    let coverage = COVERAGE_VARIANCE * (options.samples as f32).powf(-1.5);
+    let coverage = COVERAGE_VARIANCE / visible.edge_weight;
     let count = visible.shine.len();
     let estimates: Vec<PixelEstimate> = (0..count)
         .into_par_iter()
@@ -100,7 +100,8 @@ impl PictureInputs<'_> {
     fn pixel(&self, gloss: &[(Rgb, Rgb)], coverage: f32, pixel: usize) -> PixelEstimate {
         let visible = self.visible;
         let background = visible.background.get(pixel).copied().unwrap_or_default();
-        let mut radiance = visible.shine[pixel] + background;
+        let stray = visible.strays.get(pixel).copied().unwrap_or_default();
+        let mut radiance = visible.shine[pixel] + background + stray;
         let mut variance = [0.0; 5];
         let (mut least, mut most, mut all) = (Rgb::INFINITY, Rgb::ZERO, 0.0);
         for index in visible.start[pixel] as usize..visible.start[pixel + 1] as usize {

@@ -2,6 +2,7 @@
 //! rasterised and grouped by surface into fragments.
 
 mod band;
+mod edges;
 
 use super::places::FragmentPlaces;
 use crate::hemicube::item;
@@ -19,6 +20,8 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 use std::sync::Arc;
 
+pub use edges::Edges;
+
 /// Rows of pixels that are rasterised together, a parallel task.
 const BAND: u32 = 16;
 /// Most sub-pixel samples: each has a bit of a fragment's mask.
@@ -35,6 +38,8 @@ const SQUARES: u32 = 4;
 const FIRST_LOBE_RAYS: u32 = 4;
 /// Cosine of the angle, 14°, by which the normals of facets in one fragment may differ.
 const SMOOTH_COSINE: f32 = 0.97;
+/// By how much the diffuse albedos of facets in one fragment may differ, in any channel.
+const ALIKE_DIFFUSE: f32 = 0.02;
 
 /// A fragment: the part of a pixel that one smooth surface fills.
 #[derive(Clone, Copy)]
@@ -83,6 +88,11 @@ impl Fragment {
     /// How much of its pixel's radiance its irradiance makes, but for the factor 1/π.
     pub fn weight(&self) -> f32 {
         self.share * importance(self.diffuse)
+    }
+
+    /// Whether it sends on any light.
+    fn reflects(&self) -> bool {
+        self.diffuse != Rgb::ZERO || self.glossy
     }
 }
 
@@ -174,6 +184,12 @@ pub struct VisibleSurfaces {
     pub background: Vec<Rgb>,
     /// Share of each pixel that surfaces cover; empty where the picture shows no alpha.
     pub coverage: Vec<f32>,
+    /// Radiance that each pixel sees on surfaces that are none of its fragments, as [`Edges`] find
+    /// them; empty where there are none.
+    pub strays: Vec<Rgb>,
+    /// One over this, times a constant, is the variance of a surface's share of a pixel: the power
+    /// 3/2 of the number of samples, and of the number of rays of [`Edges`], added up.
+    pub edge_weight: f32,
 }
 
 impl VisibleSurfaces {
@@ -212,7 +228,10 @@ impl VisibleSurfaces {
             shine: Vec::with_capacity((width * height) as usize),
             background: Vec::new(),
             coverage: Vec::new(),
+            strays: Vec::new(),
+            edge_weight: 0.0,
         };
+        visible.edge_weight = (visible.samples.len() as f32).powf(1.5);
         let bands: Vec<_> = (0..height.div_ceil(BAND))
             .into_par_iter()
             .map(|band| visible.band(world, &view, band * BAND))
@@ -445,12 +464,9 @@ impl VisibleSurfaces {
     }
 
     /// Offsets of some samples, by a bit each, in their pixel.
-    fn offsets(&self, mut mask: u64) -> impl Iterator<Item = Vec2> + '_ {
-        std::iter::from_fn(move || {
-            let offset = (mask != 0).then(|| self.samples[mask.trailing_zeros() as usize]);
-            mask &= mask.wrapping_sub(1);
-            offset
-        })
+    fn offsets(&self, mask: u64) -> impl Iterator<Item = Vec2> + Clone + '_ {
+        let rest = std::iter::successors(Some(mask), |mask| Some(mask & mask.wrapping_sub(1)));
+        rest.take_while(|mask| *mask != 0).map(|mask| self.samples[mask.trailing_zeros() as usize])
     }
 }
 

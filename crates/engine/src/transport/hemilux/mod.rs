@@ -62,7 +62,7 @@ impl Method for Hemilux {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        5
+        6
     }
 
     fn summary(&self) -> &'static str {

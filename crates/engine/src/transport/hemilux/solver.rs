@@ -4,9 +4,9 @@ use super::clock::Clock;
 use super::coarse::{CoarseSolution, PATCH_POINTS};
 use super::direct::DirectLighting;
 use super::estimate::{self, Errors, PictureInputs};
-use super::fragments::{Fragment, VisibleSurfaces};
+use super::fragments::{Edges, Fragment, VisibleSurfaces};
 use super::gather::{Gathering, IrradianceCache, PilotSampling, Spacing, least_scale};
-use super::gloss::Gloss;
+use super::gloss::{Gloss, of_camera};
 use super::settings::HemiluxSettings;
 use crate::checkpoint::{CheckpointError, Reader};
 use crate::device::DeviceError;
@@ -43,6 +43,10 @@ const MOST_CATCH_UP: u32 = 8;
 const KNOWN_SCENE_SHADOW_PASSES: u32 = 2;
 /// Most passes of lobe rays in an iteration.
 const MOST_LOBE_PASSES: u32 = 6;
+/// Most of the camera's rays in a pixel at an edge in an iteration.
+const MOST_EDGE_RAYS: u32 = 32;
+/// How many of them there are where edges make half of the squared error.
+const EDGE_RAYS: f64 = 12.0;
 /// Time that drawing a picture is assumed to take, as a share of the first iteration, until one has
 /// been drawn and timed.
 const PICTURE_SHARE: f64 = 0.25;
@@ -77,6 +81,10 @@ pub struct Tiers {
     gloss: Gloss,
     /// Passes of lobe rays in an iteration.
     lobe_passes: u32,
+    /// Found when they are first asked for.
+    edges: Option<Edges>,
+    /// The camera's rays in a pixel at an edge in an iteration.
+    edge_rays: u32,
     options: HemiluxSettings,
     /// Whether the first picture had better come soon than be good.
     hasty: bool,
@@ -132,6 +140,8 @@ impl Tiers {
             direct,
             gloss: Gloss::new(&world, &visible),
             lobe_passes: 1,
+            edges: None,
+            edge_rays: 0,
             world,
             lights,
             visible,
@@ -189,6 +199,10 @@ impl Tiers {
         self.direct.restore(&mut from)?;
         self.gloss.restore(&self.visible, &mut from)?;
         self.lobe_passes = from.value::<u32>()?.clamp(1, MOST_LOBE_PASSES);
+        self.edge_rays = from.value::<u32>()?.min(MOST_EDGE_RAYS);
+        let mut edges = Edges::default();
+        edges.restore(&mut self.visible, &mut from)?;
+        self.edges = (edges.rays() > 0).then_some(edges);
         from.end()
     }
 
@@ -230,29 +244,47 @@ impl Tiers {
             self.trace_lobes(number.max(self.reused_iterations));
         }
         self.clock.lap("seconds_gloss");
+        if self.edge_rays > 0 {
+            self.look_at_edges();
+        }
+        self.clock.lap("seconds_edges");
         let tally = &mut run.standing.tally;
         tally.iterations += 1;
         let by_light = self.coarse.caustics().map_or(0, |caustics| caustics.rays());
         tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays + by_light;
         tally.light_shots = self.direct.rays + by_light;
         self.done = tally.iterations;
-        if self.gloss.passes > 1 && self.done.is_power_of_two() {
+        if self.done > 1 && self.done.is_power_of_two() {
             self.balance();
         }
     }
 
-    /// Finds how many passes of lobe rays an iteration is to have beside its shadow rays and gather
-    /// rays, so that time goes where it lowers the error most: as many as in proportion to the error
-    /// that one pass of either leaves (for equal times).
+    /// Draws more of the camera's rays at edges.
+    fn look_at_edges(&mut self) {
+        let Self { edges, visible, coarse, seed, edge_rays, .. } = self;
+        let edges = edges.get_or_insert_with(|| Edges::new(visible));
+        edges.pass(visible, *seed, *edge_rays, &|hit, [origin, direction], numbers| {
+            of_camera(coarse, hit, [origin, direction], numbers)
+        });
+    }
+
+    /// Finds how many passes of lobe rays, and how many of the camera's rays at edges, an iteration
+    /// is to have beside its shadow rays and gather rays, so that time goes where it lowers the
+    /// error most: lobes as many as in proportion to the error that one pass of either leaves (for
+    /// equal times), edges by their error over that of all else.
     fn balance(&mut self) {
         let (passes, iterations) = (f64::from(self.gloss.passes), self.done as f64);
-        let Some(Errors { by_cause: [noise, _, shadows, lobes, _], .. }) = self.draw().errors
+        let Some(Errors { by_cause: [noise, bent, shadows, lobes, edges], .. }) = self.draw().errors
         else {
             return;
         };
+        let least = f64::MIN_POSITIVE;
         let others = noise.max(shadows) * iterations.sqrt();
-        let ratio = lobes * passes.sqrt() / others.max(f64::MIN_POSITIVE);
+        let ratio = lobes * passes.sqrt() / others.max(least);
         self.lobe_passes = (ratio.round() as u32).clamp(1, MOST_LOBE_PASSES);
+        let squares: f64 = [noise, bent, shadows, lobes].map(|cause| cause * cause).iter().sum();
+        let rays = EDGE_RAYS * edges / squares.sqrt().max(least);
+        self.edge_rays = (rays.round() as u32).min(MOST_EDGE_RAYS);
     }
 
     /// Doubles the number of links and solves for all of them. Iterations do so whenever their
@@ -407,6 +439,8 @@ impl Solver for Tiers {
         self.direct.save(&mut parts.bound);
         self.gloss.save(&mut parts.bound);
         parts.bound.value(self.lobe_passes);
+        parts.bound.value(self.edge_rays);
+        self.edges.as_ref().unwrap_or(&Edges::default()).save(&mut parts.bound);
         Ok(())
     }
 
@@ -427,6 +461,8 @@ impl Solver for Tiers {
         figures.insert("first_rays".into(), f64::from(self.first_rays));
         figures.insert("gather_rays".into(), self.cache.rays() as f64);
         figures.insert("shadow_rays".into(), self.direct.rays as f64);
+        let at_edges = self.edges.as_ref().map_or(0, Edges::rays);
+        figures.insert("edge_rays".into(), at_edges as f64);
         figures.insert("links".into(), self.coarse.links() as f64);
         figures.insert("fragments".into(), self.visible.fragments.len() as f64);
         figures.insert("lights".into(), self.lights.count() as f64);

@@ -1,7 +1,7 @@
 //! How bands of rows are rasterised and their samples grouped into fragments.
 
 use super::{
-    BAND, Fragment, GOLDEN_RATIO, IN_PLANE_COSINE, IN_PLANE_PIXELS, Lobe, MOST_SAMPLES,
+    ALIKE_DIFFUSE, BAND, Fragment, GOLDEN_RATIO, IN_PLANE_COSINE, IN_PLANE_PIXELS, Lobe, MOST_SAMPLES,
     NO_FRAGMENT, SMOOTH_COSINE, SampleGroup, SampleMeans, VisibleSurfaces,
 };
 use crate::hemicube::item;
@@ -9,6 +9,7 @@ use crate::measurement::{BoxOffset, View};
 use crate::patches::{Cut, FacetIndex};
 use crate::radiometry::Rgb;
 use crate::raster::{Target, fill};
+use crate::rays::Hit;
 use crate::surface::World;
 use glam::{Vec2, Vec3};
 
@@ -86,14 +87,16 @@ impl VisibleSurfaces {
         let (origin, direction) = self.ray(pixel, self.samples[sample]);
         let spread = (sample as f32 * GOLDEN_RATIO).fract();
         let hit = world.rays.closest_in_pixel(origin, direction, spread, pixel);
-        let place = hit.and_then(|hit| {
-            let facet = match &*self.cut {
-                Cut::Listed(listed) => listed.place_on_triangle(hit.triangle, hit.u, hit.v)?.0.0,
-                Cut::Crowd(_) => hit.triangle,
-            };
-            Some(item::encode(facet, hit.back))
-        });
-        place.unwrap_or(item::EMPTY)
+        hit.and_then(|hit| self.code_of(&hit)).unwrap_or(item::EMPTY)
+    }
+
+    /// Code of the facet and side that a ray has met; see [`item`].
+    pub(super) fn code_of(&self, hit: &Hit) -> Option<u32> {
+        let facet = match &*self.cut {
+            Cut::Listed(listed) => listed.place_on_triangle(hit.triangle, hit.u, hit.v)?.0.0,
+            Cut::Crowd(_) => hit.triangle,
+        };
+        Some(item::encode(facet, hit.back))
     }
 
     /// Origin and unit direction of the ray through a place in a pixel.
@@ -118,19 +121,20 @@ impl VisibleSurfaces {
         let mut shine = Rgb::ZERO;
         let first = fragments.len();
         for (number, group) in groups.iter().enumerate() {
-            let Some((one, own)) = self.fragment_of(world, pixel, group) else { continue };
-            shine += own;
-            if one.diffuse == Rgb::ZERO && !one.glossy {
+            let seen = self.samples_of(group);
+            let Some((one, own)) = self.fragment_of(world, pixel, group.code, seen) else {
+                continue;
+            };
+            let one = Fragment { mask: group.mask, in_plane: group.mask, ..one };
+            shine += own * one.share;
+            if !one.reflects() {
                 continue;
             }
             // Facets of a smooth surface share a fragment.
-            let reach = 3.0 * self.frame.footprint(one.point, self.height);
             let near = fragments[first..].iter().position(|other| {
-                other.glossy == one.glossy
-                    && other.normal.dot(one.normal) > SMOOTH_COSINE
-                    && other.normal.dot(other.point - one.point).abs() < reach
+                self.is_same_surface(other, &one)
                     && other.shading_normal.dot(one.shading_normal) > SMOOTH_COSINE
-                    && (other.diffuse - one.diffuse).abs().max_element() < 0.02
+                    && (other.diffuse - one.diffuse).abs().max_element() < ALIKE_DIFFUSE
             });
             let fragment = near.map_or(fragments.len(), |near| first + near);
             match fragments.get_mut(fragment) {
@@ -155,6 +159,15 @@ impl VisibleSurfaces {
         shine
     }
 
+    /// Whether two fragments that are near each other in the picture lie on one smooth surface, by
+    /// place and normal.
+    pub(super) fn is_same_surface(&self, one: &Fragment, other: &Fragment) -> bool {
+        let reach = 3.0 * self.frame.footprint(other.point, self.height);
+        one.glossy == other.glossy
+            && one.normal.dot(other.normal) > SMOOTH_COSINE
+            && one.normal.dot(one.point - other.point).abs() < reach
+    }
+
     /// Whether two fragments' facets lie in one plane.
     fn is_in_plane(&self, one: &Fragment, other: &Fragment) -> bool {
         let facets = (item::decode(one.code), item::decode(other.code));
@@ -166,21 +179,35 @@ impl VisibleSurfaces {
         normal.dot(other_normal) > IN_PLANE_COSINE && normal.dot(other_place - place).abs() < least
     }
 
-    /// A fragment of a group of samples, and the emitted radiance that it adds to the pixel.
-    fn fragment_of(
+    /// The samples of a group, as places in the pixel.
+    fn samples_of(&self, group: &SampleGroup) -> SeenPart<impl Iterator<Item = Vec2> + Clone> {
+        let (mask, all) = (group.mask, self.samples.len() as f32);
+        let count = mask.count_ones() as usize;
+        let is_whole = count == self.samples.len();
+        // Each sample stands for as much of the pixel.
+        let (masked, squares) = if is_whole { (0, &self.squares[..]) } else { (mask, &[][..]) };
+        let side = (if is_whole { self.squares.len() as f32 } else { all }).sqrt().recip();
+        SeenPart {
+            share: count as f32 * all.recip(),
+            middle: self.offsets(mask).sum::<Vec2>() / count as f32,
+            side,
+            places: squares.iter().copied().chain(self.offsets(masked)),
+        }
+    }
+
+    /// A fragment of what is seen of a facet in a pixel, without its mask, and the mean of the
+    /// radiance that it emits.
+    pub(super) fn fragment_of(
         &self,
         world: &World,
         pixel: u32,
-        group: &SampleGroup,
+        code: u32,
+        seen: SeenPart<impl Iterator<Item = Vec2> + Clone>,
     ) -> Option<(Fragment, Rgb)> {
-        let &SampleGroup { code, mask } = group;
         let (facet, back) = item::decode(code)?;
         let source = self.cut.source(FacetIndex(facet));
         let finish = world.finish(source);
-        let each = 1.0 / self.samples.len() as f32;
-        let count = mask.count_ones() as f32;
-        let share = count * each;
-        let middle = self.offsets(mask).sum::<Vec2>() / count;
+        let (share, middle) = (seen.share, seen.middle);
         let placed = self.placed(facet);
         let at = self.within(&placed, pixel, middle);
         let (point, flat) = placed.spot(back, at);
@@ -189,14 +216,14 @@ impl VisibleSurfaces {
         let normal = world.smooth_normal(source, source_at, flat, side);
         let varies = finish.varies || world.material(source).normal_map.is_some();
         let (diffuse, lobe_factor, shine, shading_normal) = if varies {
-            let means = self.means(world, (facet, back), pixel, mask);
+            let means = self.means(world, (facet, back), pixel, seen);
             let normal = means.normal.normalize_or(normal);
-            (means.diffuse, means.lobe_factor, means.shine * share, normal)
+            (means.diffuse, means.lobe_factor, means.shine, normal)
         } else {
             let viewer = self.frame.towards_eye(point);
             let [diffuse, lobe_factor] =
                 finish.parameters.diffuse_and_lobe_factor(normal.dot(viewer));
-            (diffuse, lobe_factor, world.shine(source, source_at) * share, normal)
+            (diffuse, lobe_factor, world.shine(source, source_at), normal)
         };
         // What is clear is seen by rays, with all that it reflects.
         let is_clear = world.is_clear(source);
@@ -206,8 +233,8 @@ impl VisibleSurfaces {
         let fragment = Fragment {
             pixel,
             code,
-            mask,
-            in_plane: mask,
+            mask: 0,
+            in_plane: 0,
             share,
             point,
             normal,
@@ -219,28 +246,22 @@ impl VisibleSurfaces {
         Some((fragment, shine))
     }
 
-    /// Means over some samples of a facet on which something varies.
+    /// Means over what is seen of a facet on which something varies.
     fn means(
         &self,
         world: &World,
         (facet, back): (u32, bool),
         pixel: u32,
-        mask: u64,
+        seen: SeenPart<impl Iterator<Item = Vec2> + Clone>,
     ) -> SampleMeans {
         let source = self.cut.source(FacetIndex(facet));
         let side = if back { -1.0 } else { 1.0 };
         let mut means = SampleMeans::default();
-        // Each sample stands for as much of the pixel.
-        let is_whole = mask.count_ones() as usize == self.samples.len();
-        let (all, count) = match is_whole {
-            true => (self.squares.len(), self.squares.len()),
-            false => (self.samples.len(), mask.count_ones() as usize),
-        };
-        let (width, each) = ((all as f32).sqrt().recip(), (count as f32).recip());
-        let mut add = |offset: Vec2| {
+        let each = (seen.places.clone().count() as f32).recip();
+        for offset in seen.places {
             let at = self.barycentric(facet, pixel, offset);
             let (point, flat) = self.spot(facet, back, at);
-            let part = self.part(facet, (pixel, offset), width);
+            let part = self.part(facet, (pixel, offset), seen.side);
             let normal = world.shading_normal_over(&self.pyramids, (source, &part), flat, side);
             let cosine = normal.dot(self.frame.towards_eye(point));
             let parameters = world.parameters_over(&self.pyramids, source, &part);
@@ -249,14 +270,21 @@ impl VisibleSurfaces {
             means.lobe_factor += lobe_factor * each;
             means.shine += world.shine_over(&self.pyramids, source, &part) * each;
             means.normal += normal * each;
-        };
-        if is_whole {
-            self.squares.iter().copied().for_each(&mut add);
-        } else {
-            self.offsets(mask).for_each(&mut add);
         }
         means
     }
+}
+
+/// What is seen of a facet in a pixel.
+pub(super) struct SeenPart<I> {
+    /// Share of the pixel.
+    pub share: f32,
+    /// Its middle, from the pixel's.
+    pub middle: Vec2,
+    /// Side, in pixels, of the square that each of the places stands for.
+    pub side: f32,
+    /// Places of it, from the pixel's middle.
+    pub places: I,
 }
 
 impl Fragment {

@@ -9,3 +9,4 @@ mod sums;
 
 pub use lobe_rays::arriving;
 pub use lobes::Gloss;
+pub use seen_through::of_camera;

@@ -8,6 +8,20 @@ use crate::surface::{Passage, PassageEnd};
 use crate::transport::hemilux::coarse::CoarseSolution;
 use glam::Vec3;
 
+/// Radiance that a camera's ray brings from its first `hit`, which it may see through, without what
+/// that surface emits.
+pub fn of_camera(
+    coarse: &CoarseSolution,
+    hit: &Hit,
+    [origin, direction]: [Vec3; 2],
+    numbers: Afresh,
+) -> Rgb {
+    if coarse.world.is_clear(hit.triangle) {
+        return seen_through(coarse, origin, direction, numbers).0;
+    }
+    reflected_at(coarse, hit, (direction, false), Some(numbers))
+}
+
 /// Radiance that arrives along a camera's ray that meets something clear, and 1 over the length of
 /// its way, 0 where that leads out of the scene. The clear surface's own emission is not in it.
 ///
