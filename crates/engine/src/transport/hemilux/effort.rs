@@ -15,7 +15,7 @@ pub struct Effort {
 
 impl Effort {
     /// Most patches, whatever the limits.
-    pub const MOST_PATCHES: usize = 30_000;
+    pub const MOST_PATCHES: usize = 120_000;
 
     /// By the limits of a request and the size of its picture.
     pub fn new(request: &RenderRequest) -> Self {
@@ -26,8 +26,12 @@ impl Effort {
         let iterations = iterations.unwrap_or(0);
         let (samples, patches) = if hasty {
             (8, 5000)
-        } else if seconds >= 4.0 || error <= 0.015 || iterations >= 16 {
+        } else if seconds >= 120.0 || error <= 0.003 || iterations >= 256 {
             (64, Self::MOST_PATCHES)
+        } else if seconds >= 30.0 || error <= 0.006 || iterations >= 64 {
+            (64, 60_000)
+        } else if seconds >= 4.0 || error <= 0.015 || iterations >= 16 {
+            (64, 30_000)
         } else if seconds >= 2.0 {
             (64, 16_000)
         } else if seconds >= 1.0 || error <= 0.025 || iterations >= 8 {
@@ -72,9 +76,9 @@ mod tests {
 
     #[test]
     fn whoever_asks_for_more_gets_no_less() {
-        let seconds = [0.1, 0.5, 1.5, 3.0, 60.0];
+        let seconds = [0.1, 0.5, 1.5, 3.0, 10.0, 60.0, 600.0];
         let by_time = seconds.map(|s| Limits { seconds: Some(s), ..Limits::default() });
-        let errors = [0.1, 0.03, 0.02, 0.01];
+        let errors = [0.1, 0.03, 0.02, 0.01, 0.005, 0.002];
         let by_error = errors.map(|e| Limits { target_error: Some(e), ..Limits::default() });
         for limits in [&by_time[..], &by_error[..]] {
             for side in [100, 300, 1000] {

@@ -38,6 +38,8 @@ const SQUARES: u32 = 4;
 const FIRST_LOBE_RAYS: u32 = 4;
 /// Cosine of the angle, 14°, by which the normals of facets in one fragment may differ.
 const SMOOTH_COSINE: f32 = 0.97;
+/// How far, in pixels, one may be in front of the other.
+const STEP_PIXELS: f32 = 0.3;
 /// By how much the diffuse albedos of facets in one fragment may differ, in any channel.
 const ALIKE_DIFFUSE: f32 = 0.02;
 

@@ -9,6 +9,7 @@
 //! Each iteration makes all three better. What an iteration does depends on its number alone, so
 //! the same iterations give the same bits, whatever the number of threads.
 
+mod balance;
 mod clock;
 mod coarse;
 mod direct;

@@ -1,5 +1,6 @@
 //! The three tiers at work: what an iteration does, and the picture after it.
 
+use super::balance::{Balance, WorkDone};
 use super::clock::Clock;
 use super::coarse::{CoarseSolution, PATCH_POINTS};
 use super::direct::DirectLighting;
@@ -41,12 +42,6 @@ const MOST_CATCH_UP: u32 = 8;
 /// Passes of shadow rays in each iteration of a second camera while it reuses links and records of
 /// the first: only the shadows are new then.
 const KNOWN_SCENE_SHADOW_PASSES: u32 = 2;
-/// Most passes of lobe rays in an iteration.
-const MOST_LOBE_PASSES: u32 = 6;
-/// Most of the camera's rays in a pixel at an edge in an iteration.
-const MOST_EDGE_RAYS: u32 = 32;
-/// How many of them there are where edges make half of the squared error.
-const EDGE_RAYS: f64 = 12.0;
 /// Time that drawing a picture is assumed to take, as a share of the first iteration, until one has
 /// been drawn and timed.
 const PICTURE_SHARE: f64 = 0.25;
@@ -79,12 +74,9 @@ pub struct Tiers {
     cache: IrradianceCache,
     direct: DirectLighting,
     gloss: Gloss,
-    /// Passes of lobe rays in an iteration.
-    lobe_passes: u32,
     /// Found when they are first asked for.
     edges: Option<Edges>,
-    /// The camera's rays in a pixel at an edge in an iteration.
-    edge_rays: u32,
+    balance: Balance,
     options: HemiluxSettings,
     /// Whether the first picture had better come soon than be good.
     hasty: bool,
@@ -139,9 +131,8 @@ impl Tiers {
         Self {
             direct,
             gloss: Gloss::new(&world, &visible),
-            lobe_passes: 1,
             edges: None,
-            edge_rays: 0,
+            balance: Balance::default(),
             world,
             lights,
             visible,
@@ -198,8 +189,7 @@ impl Tiers {
     pub fn restore_bound(&mut self, mut from: Reader<'_>) -> Result<(), CheckpointError> {
         self.direct.restore(&mut from)?;
         self.gloss.restore(&self.visible, &mut from)?;
-        self.lobe_passes = from.value::<u32>()?.clamp(1, MOST_LOBE_PASSES);
-        self.edge_rays = from.value::<u32>()?.min(MOST_EDGE_RAYS);
+        self.balance = from.value::<Balance>()?.bounded();
         let mut edges = Edges::default();
         edges.restore(&mut self.visible, &mut from)?;
         self.edges = (edges.rays() > 0).then_some(edges);
@@ -244,7 +234,7 @@ impl Tiers {
             self.trace_lobes(number.max(self.reused_iterations));
         }
         self.clock.lap("seconds_gloss");
-        if self.edge_rays > 0 {
+        if self.balance.edge_rays > 0 {
             self.look_at_edges();
         }
         self.clock.lap("seconds_edges");
@@ -254,37 +244,29 @@ impl Tiers {
         tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays + by_light;
         tally.light_shots = self.direct.rays + by_light;
         self.done = tally.iterations;
-        if self.done > 1 && self.done.is_power_of_two() {
-            self.balance();
+        if Balance::is_due(self.done) {
+            self.share_out();
         }
     }
 
     /// Draws more of the camera's rays at edges.
     fn look_at_edges(&mut self) {
-        let Self { edges, visible, coarse, seed, edge_rays, .. } = self;
+        let Self { edges, visible, coarse, seed, balance, .. } = self;
         let edges = edges.get_or_insert_with(|| Edges::new(visible));
-        edges.pass(visible, *seed, *edge_rays, &|hit, [origin, direction], numbers| {
+        edges.pass(visible, *seed, balance.edge_rays, &|hit, [origin, direction], numbers| {
             of_camera(coarse, hit, [origin, direction], numbers)
         });
     }
 
-    /// Finds how many passes of lobe rays, and how many of the camera's rays at edges, an iteration
-    /// is to have beside its shadow rays and gather rays, so that time goes where it lowers the
-    /// error most: lobes as many as in proportion to the error that one pass of either leaves (for
-    /// equal times), edges by their error over that of all else.
-    fn balance(&mut self) {
-        let (passes, iterations) = (f64::from(self.gloss.passes), self.done as f64);
-        let Some(Errors { by_cause: [noise, bent, shadows, lobes, edges], .. }) = self.draw().errors
-        else {
-            return;
+    /// Finds how later iterations share out their time, by what is wrong with the present picture.
+    fn share_out(&mut self) {
+        let Some(errors) = self.draw().errors else { return };
+        let done = WorkDone {
+            iterations: self.done,
+            lobe_passes: self.gloss.passes,
+            rays_per_record: self.cache.rays() as f64 / self.cache.len().max(1) as f64,
         };
-        let least = f64::MIN_POSITIVE;
-        let others = noise.max(shadows) * iterations.sqrt();
-        let ratio = lobes * passes.sqrt() / others.max(least);
-        self.lobe_passes = (ratio.round() as u32).clamp(1, MOST_LOBE_PASSES);
-        let squares: f64 = [noise, bent, shadows, lobes].map(|cause| cause * cause).iter().sum();
-        let rays = EDGE_RAYS * edges / squares.sqrt().max(least);
-        self.edge_rays = (rays.round() as u32).min(MOST_EDGE_RAYS);
+        self.balance = Balance::of(&errors, done);
     }
 
     /// Doubles the number of links and solves for all of them. Iterations do so whenever their
@@ -304,18 +286,28 @@ impl Tiers {
         // picture left many, over some iterations, so that the first picture comes soon.
         let so_far = number.max(self.reused_iterations);
         let enough = self.rays_after(so_far);
+        let asked = std::mem::take(&mut self.balance.new_rays);
+        let is_asked = asked > 0 && !scene_is_known && options.adaptive;
+        let new_rays = match (scene_is_known, is_asked) {
+            (true, _) => enough.min(options.gather_rays),
+            (false, true) => enough.min(asked),
+            (false, false) => enough,
+        };
         let gathering = Gathering {
             seed: self.seed,
             rays: self.gather_rays(so_far),
-            new_rays: if scene_is_known { enough.min(options.gather_rays) } else { enough },
+            new_rays,
             afresh: options.gather_direct,
             spacing: self.spacing(so_far),
         };
-        if !first {
+        let every = if scene_is_known { 1 } else { u64::from(self.balance.refine_every) };
+        if !first && number.is_multiple_of(every) {
             let enough = if scene_is_known { enough } else { u32::MAX };
-            self.cache.refine(&self.world, &self.coarse, gathering, enough, number as usize);
+            let turn = (number / every) as usize;
+            self.cache.refine(&self.visible, &self.coarse, gathering, enough, turn);
         }
-        if !(first || (REFILL_ITERATIONS.contains(&number) && !scene_is_known)) {
+        let fills = first || is_asked || REFILL_ITERATIONS.contains(&number);
+        if !fills || scene_is_known && !first {
             return None;
         }
         self.cache.smooth(&self.visible, options.gather_fit);
@@ -323,7 +315,7 @@ impl Tiers {
         let direct = |index| self.direct.irradiance(lights, visible, index, true).0;
         let follows = first && !scene_is_known && options.adaptive;
         let pilot = follows.then_some(PilotSampling { hasty: self.hasty, direct: &direct });
-        let rays = self.cache.fill(&self.world, &self.coarse, visible, gathering, pilot);
+        let rays = self.cache.fill(&self.coarse, visible, gathering, pilot);
         follows.then_some(rays)
     }
 
@@ -335,7 +327,7 @@ impl Tiers {
             self.gloss.pass(&self.coarse, &self.visible, self.seed, self.options.adaptive);
             self.gloss.brightness = self.brightness();
         }
-        for _ in 0..self.lobe_passes {
+        for _ in 0..self.balance.lobe_passes {
             if (first && self.hasty) || !self.gloss.may_matter(&self.visible, iterations) {
                 break;
             }
@@ -438,8 +430,7 @@ impl Solver for Tiers {
         to.slice::<Rgb>(&[]);
         self.direct.save(&mut parts.bound);
         self.gloss.save(&mut parts.bound);
-        parts.bound.value(self.lobe_passes);
-        parts.bound.value(self.edge_rays);
+        parts.bound.value(self.balance);
         self.edges.as_ref().unwrap_or(&Edges::default()).save(&mut parts.bound);
         Ok(())
     }

@@ -1,8 +1,9 @@
 //! How bands of rows are rasterised and their samples grouped into fragments.
 
 use super::{
-    ALIKE_DIFFUSE, BAND, Fragment, GOLDEN_RATIO, IN_PLANE_COSINE, IN_PLANE_PIXELS, Lobe, MOST_SAMPLES,
-    NO_FRAGMENT, SMOOTH_COSINE, SampleGroup, SampleMeans, VisibleSurfaces,
+    ALIKE_DIFFUSE, BAND, Fragment, GOLDEN_RATIO, IN_PLANE_COSINE, IN_PLANE_PIXELS, Lobe,
+    MOST_SAMPLES, NO_FRAGMENT, SMOOTH_COSINE, STEP_PIXELS, SampleGroup, SampleMeans,
+    VisibleSurfaces,
 };
 use crate::hemicube::item;
 use crate::measurement::{BoxOffset, View};
@@ -160,12 +161,14 @@ impl VisibleSurfaces {
     }
 
     /// Whether two fragments that are near each other in the picture lie on one smooth surface, by
-    /// place and normal.
+    /// place and normal: the chord of an arc is across the mean of the normals at its ends. What is
+    /// parallel, but behind, has other shadows.
     pub(super) fn is_same_surface(&self, one: &Fragment, other: &Fragment) -> bool {
-        let reach = 3.0 * self.frame.footprint(other.point, self.height);
+        let reach = STEP_PIXELS * self.frame.footprint(other.point, self.height);
+        let between = 0.5 * (one.normal + other.normal);
         one.glossy == other.glossy
             && one.normal.dot(other.normal) > SMOOTH_COSINE
-            && one.normal.dot(one.point - other.point).abs() < reach
+            && between.dot(one.point - other.point).abs() < reach
     }
 
     /// Whether two fragments' facets lie in one plane.

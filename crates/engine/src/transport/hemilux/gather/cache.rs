@@ -5,16 +5,15 @@
 //! counts within a radius that goes by the harmonic mean distance to other surfaces (Ward,
 //! Rubinstein, Clear 1988), and not behind what stands on its horizon.
 
-use super::record::Record;
+use super::fitted::{FittedIrradiance, RecordPlane};
+use super::record::{NO_FRAGMENT, Record, Surroundings};
 use super::splat::{LocalFit, splat};
 use super::stored_record;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
 use crate::sampling::Seed;
-use crate::surface::World;
 use crate::transport::hemilux::coarse::CoarseSolution;
 use crate::transport::hemilux::fragments::VisibleSurfaces;
-use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 /// Most records that get more rays in one iteration; where there are more, they take turns. It
@@ -28,8 +27,12 @@ const MOST_NEW: usize = 16_384;
 const GRID_SPACINGS: [u32; 5] = [16, 8, 4, 2, 1];
 /// Sum of the records' weights below which a fragment is uncovered. A record's weight is at most 1.
 const COVERED_WEIGHT: f32 = 0.6;
-/// The same on the last grid, of every pixel, which fills only what hardly any record reaches.
-const LAST_COVERED_WEIGHT: f32 = 0.02;
+/// The same on the last grid, of every pixel: at first it fills only what hardly any record reaches.
+/// Later it fills what hears a record from afar only, such as thin things that lie between the pixels
+/// of the coarser grids.
+const LAST_COVERED_WEIGHTS: [f32; 2] = [0.02, 0.2];
+/// Share of what radii would be below which light is so bent that the last grid fills all.
+const LAST_BENT_FACTOR: f32 = 0.5;
 /// Side, in pixels, of the square picture to which limits in pixels refer.
 const ORDINARY_SIDE: f32 = 500.0;
 /// Pilot rays: rays of each of the first records, whose noise says how many rays all records get
@@ -45,8 +48,10 @@ const LEAST_PIXELS: f32 = 6.0;
 /// Largest radius of a record, in pixels of a picture of ordinary size (docs/decisions/0007: better
 /// than 40).
 const MOST_PIXELS: f32 = 20.0;
-/// Smallest radius in pixels of the picture itself: with a smaller one records would stand alone.
+/// Smallest radius in pixels of the picture itself, and the same where light is bent: with a smaller
+/// one every record would stand alone.
 const LEAST_OWN_PIXELS: f32 = 1.5;
+const LEAST_BENT_PIXELS: f32 = 0.75;
 /// Radius, in pixels of a picture of ordinary size, where the setting `adaptive` is off.
 const EVEN_PIXELS: f32 = 14.0;
 /// Factors by which radii shrink, `(times, factor)`: the first entry counts for which a record's
@@ -85,6 +90,17 @@ pub struct Gathering {
     pub spacing: Spacing,
 }
 
+impl Gathering {
+    fn surroundings<'a>(
+        &self,
+        visible: &'a VisibleSurfaces,
+        coarse: &'a CoarseSolution,
+    ) -> Surroundings<'a> {
+        let Self { seed, afresh, .. } = *self;
+        Surroundings { world: &coarse.world, coarse, visible, seed, afresh }
+    }
+}
+
 /// How pilot rays, of the first records, decide how many gather rays every record gets.
 #[derive(Clone, Copy)]
 pub struct PilotSampling<'a> {
@@ -96,9 +112,7 @@ pub struct PilotSampling<'a> {
 
 /// What new records are made with.
 struct FillContext<'a> {
-    world: &'a World,
-    coarse: &'a CoarseSolution,
-    visible: &'a VisibleSurfaces,
+    known: Surroundings<'a>,
     gathering: Gathering,
     /// [`Record::radius_factor`] of a new record, by fragment; empty before there are records.
     radius_factor: &'a [f32],
@@ -111,7 +125,7 @@ struct FillContext<'a> {
 pub struct Spacing {
     /// Factor of all radii.
     pub scale: f32,
-    /// Lower bound of `scale` times [`Record::radius_factor`].
+    /// Lower bound of `scale`.
     pub least: f32,
     /// Whether all radii are the same in the picture, rather than going by what is near.
     pub even: bool,
@@ -145,21 +159,20 @@ impl IrradianceCache {
     /// where there are many.
     pub fn refine(
         &mut self,
-        world: &World,
+        visible: &VisibleSurfaces,
         coarse: &CoarseSolution,
         gathering: Gathering,
         enough: u32,
         turn: usize,
     ) {
+        let known = gathering.surroundings(visible, coarse);
         let mut wanted: Vec<&mut Record> =
             self.records.iter_mut().filter(|record| record.rays < enough).collect();
         let every = wanted.len().div_ceil(MOST_REFINED).max(1);
         let records = wanted.par_iter_mut().enumerate().with_max_len(16);
-        records.filter(|(index, _)| (index + turn).is_multiple_of(every)).for_each(
-            |(_, record)| {
-                record.gather(world, coarse, gathering.seed, gathering.rays, gathering.afresh);
-            },
-        );
+        records
+            .filter(|(index, _)| (index + turn).is_multiple_of(every))
+            .for_each(|(_, record)| record.gather(&known, gathering.rays));
     }
 
     /// Adds records until every fragment is covered, and returns the rays of each: as many as
@@ -167,7 +180,6 @@ impl IrradianceCache {
     /// for.
     pub fn fill(
         &mut self,
-        world: &World,
         coarse: &CoarseSolution,
         visible: &VisibleSurfaces,
         gathering: Gathering,
@@ -183,9 +195,7 @@ impl IrradianceCache {
         self.coverage = vec![0.0; visible.fragments.len()];
         self.cover(visible, 0);
         let context = FillContext {
-            world,
-            coarse,
-            visible,
+            known: gathering.surroundings(visible, coarse),
             gathering,
             radius_factor: &radius_factor,
             picture_scale: picture_scale(visible),
@@ -194,7 +204,7 @@ impl IrradianceCache {
             let pilot = pilot.filter(|_| spacing == GRID_SPACINGS[0]);
             let mut direct = Rgb::ZERO;
             for phase in phases(spacing) {
-                let uncovered = thinned(self.uncovered(visible, spacing, *phase));
+                let uncovered = thinned(self.uncovered(&context, spacing, *phase));
                 if let Some(pilot) = pilot {
                     direct +=
                         uncovered.iter().map(|place| (pilot.direct)(*place as usize)).sum::<Rgb>();
@@ -213,18 +223,27 @@ impl IrradianceCache {
     /// Uncovered fragments in the pixels of one phase of a grid.
     fn uncovered(
         &self,
-        visible: &VisibleSurfaces,
+        context: &FillContext<'_>,
         spacing: u32,
         [across, down]: [u32; 2],
     ) -> Vec<u32> {
-        let least = if spacing == 1 { LAST_COVERED_WEIGHT } else { COVERED_WEIGHT };
+        let visible = context.known.visible;
+        let is_bent = |fragment: u32| {
+            let factor = context.radius_factor.get(fragment as usize);
+            factor.is_some_and(|factor| *factor < LAST_BENT_FACTOR)
+        };
+        let last = LAST_COVERED_WEIGHTS[usize::from(!context.radius_factor.is_empty())];
+        let least = |fragment: u32| match spacing == 1 && !is_bent(fragment) {
+            true => last,
+            false => COVERED_WEIGHT,
+        };
         let double = 2 * spacing as usize;
         let mut uncovered = Vec::new();
         for row in (down * spacing..visible.height).step_by(double) {
             for column in (across * spacing..visible.width).step_by(double) {
                 let pixel = (row * visible.width + column) as usize;
                 let range = visible.start[pixel]..visible.start[pixel + 1];
-                uncovered.extend(range.filter(|f| self.coverage[*f as usize] < least));
+                uncovered.extend(range.filter(|f| self.coverage[*f as usize] < least(*f)));
             }
         }
         uncovered
@@ -232,8 +251,8 @@ impl IrradianceCache {
 
     /// Adds records on these fragments, each with so many rays.
     fn add_records(&mut self, context: &FillContext<'_>, uncovered: Vec<u32>, rays: u32) {
-        let FillContext { world, coarse, visible, gathering, radius_factor, picture_scale } =
-            *context;
+        let FillContext { known, gathering, radius_factor, picture_scale } = *context;
+        let visible = known.visible;
         let first = self.records.len();
         let sequences = self.sequences;
         let new: Vec<Record> = uncovered
@@ -248,7 +267,8 @@ impl IrradianceCache {
                 let point = visible.middle_point(fragment);
                 let mut record = Record::new(point, fragment.normal, footprint, number);
                 record.flat = visible.flat_normal(fragment);
-                record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
+                record.fragment = place;
+                record.gather(&known, rays);
                 record.radius_factor = radius_factor.get(place as usize).copied().unwrap_or(1.0);
                 record.radius = radius(&record, gathering.spacing);
                 record
@@ -261,13 +281,13 @@ impl IrradianceCache {
 
     /// Traces more rays of all records, whose radii then follow what these found.
     fn gather_more(&mut self, context: &FillContext<'_>, rays: u32) {
-        let FillContext { world, coarse, visible, gathering, .. } = *context;
+        let FillContext { known, gathering, .. } = *context;
         self.records.par_iter_mut().with_max_len(16).for_each(|record| {
-            record.gather(world, coarse, gathering.seed, rays, gathering.afresh);
+            record.gather(&known, rays);
             record.radius = radius(record, gathering.spacing);
         });
         self.coverage.fill(0.0);
-        self.cover(visible, 0);
+        self.cover(known.visible, 0);
     }
 
     /// Rays of a record with which its noise is `allowed` relative to the mean irradiance, a
@@ -316,6 +336,7 @@ impl IrradianceCache {
             record.footprint =
                 picture_scale * visible.frame.footprint(record.point, visible.height);
             record.radius = radius(record, spacing);
+            record.fragment = NO_FRAGMENT;
             let around = record.weight_function(1.0);
             let Some([x0, x1, y0, y1]) = record.window(visible, 1.0) else { return false };
             (y0..y1).any(|row| {
@@ -468,121 +489,6 @@ fn radius(record: &Record, Spacing { scale, least, even }: Spacing) -> f32 {
     }
     let pixels = [LEAST_PIXELS, MOST_PIXELS].map(|pixels| pixels * record.footprint);
     let radius = (RADIUS_PER_DISTANCE * record.distance()).clamp(pixels[0], pixels[1]);
-    radius * (scale * record.radius_factor).max(least)
-}
-
-/// Irradiance of a record by the plane fitted through its neighbours; the fields are those of
-/// [`Record`].
-struct FittedIrradiance {
-    value: Rgb,
-    slope: [Vec3; 3],
-    noise: Rgb,
-    noise_slope: [Vec3; 3],
-    bent: Rgb,
-}
-
-impl FittedIrradiance {
-    /// The record's own irradiance, where it has too few neighbours for a plane.
-    fn alone(record: &Record) -> Self {
-        let (value, noise) = (record.irradiance(), record.noise());
-        Self { value, slope: [Vec3::ZERO; 3], noise, noise_slope: [Vec3::ZERO; 3], bent: Rgb::ZERO }
-    }
-}
-
-impl Record {
-    fn set_fit(&mut self, fit: FittedIrradiance) {
-        (self.value, self.slope) = (fit.value, fit.slope);
-        (self.noise, self.noise_slope) = (fit.noise, fit.noise_slope);
-        self.bent = fit.bent;
-    }
-}
-
-/// Sums of a weighted least-squares plane through records' irradiances over their places along the
-/// surface, in radii of the record in the middle. (The plane of [`crate::filter`] is one through
-/// pixels.)
-struct RecordPlane {
-    /// Σ w (1, x, y)ᵀ(1, x, y).
-    matrix: Mat3,
-    /// Σ w (1, x, y)ᵀ E, per channel.
-    right: Mat3,
-    /// The same of the noise.
-    noise: Mat3,
-    /// Σ w².
-    squares: f32,
-    /// Σ w E².
-    energy: Rgb,
-    /// Σ w noise².
-    noise_energy: Rgb,
-    /// Least and largest irradiance of the records.
-    range: Option<(Rgb, Rgb)>,
-}
-
-impl RecordPlane {
-    /// A plane through no records yet. (`Mat3::default()` is the identity.)
-    fn new() -> Self {
-        Self {
-            matrix: Mat3::ZERO,
-            right: Mat3::ZERO,
-            noise: Mat3::ZERO,
-            squares: 0.0,
-            energy: Rgb::ZERO,
-            noise_energy: Rgb::ZERO,
-            range: None,
-        }
-    }
-
-    fn add(&mut self, center: &Record, other: &Record, weight: f32) {
-        let between = (other.point - center.point) / center.radius;
-        let [tangent, bitangent] = center.tangents;
-        let at = Vec3::new(1.0, between.dot(tangent), between.dot(bitangent));
-        let (e, noise) = (other.irradiance(), other.noise());
-        let (least, most) = self.range.unwrap_or((e, e));
-        self.range = Some((least.min(e), most.max(e)));
-        let weighted = at * weight;
-        self.matrix += Mat3::from_cols(weighted * at.x, weighted * at.y, weighted * at.z);
-        self.right += Mat3::from_cols(weighted * e.x, weighted * e.y, weighted * e.z);
-        self.noise += Mat3::from_cols(weighted * noise.x, weighted * noise.y, weighted * noise.z);
-        self.energy += e * e * weight;
-        self.noise_energy += noise * noise * weight;
-        self.squares += weight * weight;
-    }
-
-    fn fit(mut self, record: &Record) -> FittedIrradiance {
-        let total = self.matrix.x_axis.x;
-        // Effective number of records.
-        let count = total * total / self.squares.max(f32::MIN_POSITIVE);
-        if total.is_nan() || total <= 0.0 || count < 3.0 {
-            return FittedIrradiance::alone(record);
-        }
-        let ridge = 0.01 * total;
-        self.matrix.y_axis.y += ridge;
-        self.matrix.z_axis.z += ridge;
-        let inverse = self.matrix.inverse();
-        if !inverse.is_finite() {
-            return FittedIrradiance::alone(record);
-        }
-        let [tangent, bitangent] = record.tangents;
-        let along = |channel: Vec3| (tangent * channel.y + bitangent * channel.z) / record.radius;
-        let solved = inverse * self.right;
-        let channels = [solved.x_axis, solved.y_axis, solved.z_axis];
-        // Value and slope stay within the records' range: docs/decisions/0012.
-        let (least, most) = self.range.unwrap_or_default();
-        let value = Rgb::from_array(channels.map(|c| c.x)).clamp(least, most);
-        let range = (most - least) / record.radius;
-        let slope = std::array::from_fn(|k| along(channels[k]).clamp_length_max(range[k]));
-        let noise = inverse * self.noise;
-        let noise = [noise.x_axis, noise.y_axis, noise.z_axis];
-        // Σ w (E − plane)², by the normal equations; the plane takes three of the records.
-        let explained =
-            Rgb::from_array(std::array::from_fn(|k| channels[k].dot(self.right.col(k))));
-        let scatter = (self.energy - explained) / total * (count / (count - 2.0).max(1.0));
-        let bent = (scatter - self.noise_energy / total).max(Rgb::ZERO);
-        FittedIrradiance {
-            value,
-            slope,
-            noise: Rgb::from_array(noise.map(|c| c.x)),
-            noise_slope: noise.map(along),
-            bent,
-        }
-    }
+    let scale = scale.max(least);
+    radius * (scale * record.radius_factor).max(LEAST_BENT_PIXELS / LEAST_OWN_PIXELS * least)
 }

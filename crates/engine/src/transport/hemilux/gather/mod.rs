@@ -1,6 +1,7 @@
 //! Tier 2: indirect irradiance at records on what the camera sees, by rays over the hemisphere.
 
 mod cache;
+mod fitted;
 mod record;
 mod splat;
 mod stored_record;

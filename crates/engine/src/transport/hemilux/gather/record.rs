@@ -3,7 +3,7 @@
 
 use crate::patches::PatchIndex;
 use crate::radiometry::Rgb;
-use crate::random::Stream;
+use crate::random::{Stream, pcg};
 use crate::rays::{Eye, Hit, Ray};
 use crate::sampling::{Afresh, Seed, Shifted, cosine_local, frame};
 use crate::surface::World;
@@ -23,6 +23,10 @@ const HIDDEN_FROM: f32 = 0.9;
 /// distance from the record is not behind it.
 const IN_FRONT: f32 = 1e-3;
 
+/// Of a record whose rays start at its point.
+pub const NO_FRAGMENT: u32 = u32::MAX;
+/// Turns of a fragment's samples among which the places that rays start from are picked.
+const SAMPLE_TURNS: u32 = 16;
 /// One in so many gather rays is aimed at bright patches, where there are such.
 const AIMED_EVERY: u32 = 4;
 
@@ -57,6 +61,9 @@ pub struct Record {
     pub footprint: f32,
     /// Number of its random sequence.
     pub number: u32,
+    /// The fragment that it was made for, from all over which its rays start, or [`NO_FRAGMENT`]: the
+    /// light in a gap may vary within a pixel.
+    pub fragment: u32,
     /// Rays so far.
     pub rays: u32,
     /// Σ radiance over rays.
@@ -82,6 +89,21 @@ pub struct Record {
     pub radius_factor: f32,
     /// Radius within which it counts.
     pub radius: f32,
+}
+
+/// What gather rays are traced in.
+#[derive(Clone, Copy)]
+pub struct Surroundings<'a> {
+    /// The scene as rays meet it.
+    pub world: &'a World,
+    /// What they see at their ends.
+    pub coarse: &'a CoarseSolution,
+    /// What the camera sees: where they start.
+    pub visible: &'a VisibleSurfaces,
+    /// Seed of their random numbers.
+    pub seed: Seed,
+    /// Whether direct light is found afresh, by a shadow ray, at their ends.
+    pub afresh: bool,
 }
 
 /// A gather ray of a record, beside its direction.
@@ -136,6 +158,7 @@ impl Record {
             tangents: [tangent, bitangent],
             footprint,
             number,
+            fragment: NO_FRAGMENT,
             rays: 0,
             sum: Rgb::ZERO,
             split: Rgb::ZERO,
@@ -152,21 +175,16 @@ impl Record {
     }
 
     /// Traces more rays.
-    pub fn gather(
-        &mut self,
-        world: &World,
-        coarse: &CoarseSolution,
-        seed: Seed,
-        rays: u32,
-        afresh: bool,
-    ) {
+    pub fn gather(&mut self, known: &Surroundings<'_>, rays: u32) {
+        let Surroundings { world, coarse, afresh, .. } = *known;
         let batch = RayBatch::new(coarse, self.rays, rays);
-        let (gather_rays, traced) = self.gather_rays(coarse, seed, &batch);
+        let (gather_rays, traced) = self.gather_rays(known, &batch);
         let mut hits = Vec::with_capacity(traced.len());
         world.rays.closest_many(Eye::Light, &traced, &mut hits);
-        for ((ray, Ray { direction, .. }), hit) in gather_rays.iter().zip(&traced).zip(&hits) {
+        for ((ray, traced), hit) in gather_rays.iter().zip(&traced).zip(&hits) {
             let Some(hit) = hit else { continue };
-            let weight = self.weight(coarse, &batch, ray, *direction, hit);
+            let Ray { direction, .. } = traced;
+            let weight = self.weight(coarse, &batch, ray, traced, hit);
             let Some(weight) = weight else { continue };
             if ray.aim.is_none() {
                 self.nearness += 1.0 / (batch.shares[0] * hit.distance.max(1e-3));
@@ -183,10 +201,10 @@ impl Record {
     /// The rays of a batch: what belongs to each, and origin and direction.
     fn gather_rays(
         &self,
-        coarse: &CoarseSolution,
-        seed: Seed,
+        known: &Surroundings<'_>,
         batch: &RayBatch,
     ) -> (Vec<GatherRay>, Vec<Ray>) {
+        let Surroundings { coarse, seed, .. } = *known;
         let [tangent, bitangent] = self.tangents;
         let sequence = |number: u64, at| Shifted::new(seed, Stream::Gather, number).at(at);
         let so_far = batch.aimed(batch.first);
@@ -195,11 +213,12 @@ impl Record {
         let count = batch.rays as usize;
         let (mut gather_rays, mut traced) = (Vec::with_capacity(count), Vec::with_capacity(count));
         for number in 0..batch.rays {
+            let origin = self.origin(known.visible, batch.first + number);
             let (direction, aim, numbers) = if batch.is_aimed(number) {
                 aimed_at_bright.next_pair();
                 let xi = aimed_at_bright.triple();
                 let guide = coarse.guide.as_ref();
-                let aim = guide.and_then(|guide| guide.aim(self.point, self.normal, xi));
+                let aim = guide.and_then(|guide| guide.aim(origin, self.normal, xi));
                 let Some(aim) = aim else { continue };
                 // Other numbers than those that the aim was taken by.
                 (aim.direction, Some(aim.patch), aimed_at_bright.apart())
@@ -212,9 +231,19 @@ impl Record {
                 continue;
             }
             gather_rays.push(GatherRay { number, aim, numbers });
-            traced.push(Ray { origin: self.point, direction });
+            traced.push(Ray { origin, direction });
         }
         (gather_rays, traced)
+    }
+
+    /// Where its n-th ray starts.
+    fn origin(&self, visible: &VisibleSurfaces, n: u32) -> Vec3 {
+        let Some(fragment) = visible.fragments.get(self.fragment as usize) else {
+            return self.point;
+        };
+        // By chance, since directions are in an order of their own.
+        let turn = pcg(self.number ^ pcg(n)) % (SAMPLE_TURNS * fragment.mask.count_ones().max(1));
+        visible.sample_point(fragment, turn)
     }
 
     /// Weight of a ray by the balance heuristic; `None` for a ray that was aimed at another patch
@@ -224,7 +253,7 @@ impl Record {
         coarse: &CoarseSolution,
         batch: &RayBatch,
         ray: &GatherRay,
-        direction: Vec3,
+        &Ray { origin, direction }: &Ray,
         hit: &Hit,
     ) -> Option<f32> {
         let [hemisphere, aimed_at_bright] = batch.shares;
@@ -236,9 +265,8 @@ impl Record {
             return None;
         }
         let cosine = coarse.world.rays.spot(hit).normal.dot(direction);
-        let density = patch.map_or(0.0, |patch| {
-            guide.density(self.point, self.normal, patch, hit.distance, cosine)
-        });
+        let density = patch
+            .map_or(0.0, |patch| guide.density(origin, self.normal, patch, hit.distance, cosine));
         // The balance heuristic (Veach 1997): what either way of picking it makes of a place.
         let height = self.normal.dot(direction).max(f32::MIN_POSITIVE);
         Some(height / (hemisphere * height + aimed_at_bright * PI * density))
@@ -378,7 +406,11 @@ mod tests {
         let specimen = Specimen::furnace();
         for afresh in [false, true] {
             let mut record = record(&specimen);
-            record.gather(&specimen.world, &specimen.coarse, SEED, 64, afresh);
+            let visible = specimen.visible();
+            let (world, coarse) = (&*specimen.world, &specimen.coarse);
+            let known = Surroundings { world, coarse, visible: &visible, seed: SEED, afresh };
+            record.fragment = visible.fragments.len() as u32 / 2;
+            record.gather(&known, 64);
             let exact = PI * ALBEDO * EMISSION / (1.0 - ALBEDO);
             assert!(is_near(record.irradiance(), exact, 0.02), "{}", record.irradiance());
             assert!(record.noise().abs().max_element() < 0.02 * exact);

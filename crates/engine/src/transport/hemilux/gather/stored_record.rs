@@ -35,6 +35,7 @@ struct StoredRecord {
     flat: Vec3,
     footprint: f32,
     number: u32,
+    fragment: u32,
     rays: u32,
     sum: Rgb,
     split: Rgb,
@@ -52,6 +53,7 @@ impl From<&Record> for StoredRecord {
             flat: record.flat,
             footprint: record.footprint,
             number: record.number,
+            fragment: record.fragment,
             rays: record.rays,
             sum: record.sum,
             split: record.split,
@@ -66,6 +68,7 @@ impl From<&Record> for StoredRecord {
 impl From<&StoredRecord> for Record {
     fn from(kept: &StoredRecord) -> Self {
         Record {
+            fragment: kept.fragment,
             rays: kept.rays,
             sum: kept.sum,
             split: kept.split,

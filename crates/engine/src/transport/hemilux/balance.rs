@@ -1,0 +1,136 @@
+//! How the time of an iteration is shared out among the causes of the error.
+
+use super::estimate::Errors;
+use bytemuck::{Pod, Zeroable};
+
+/// Most passes of lobe rays in an iteration.
+const MOST_LOBE_PASSES: u32 = 6;
+/// Most of the camera's rays in a pixel at an edge in an iteration.
+const MOST_EDGE_RAYS: u32 = 32;
+/// How many of them there are where edges make half of the squared error.
+const EDGE_RAYS: f64 = 12.0;
+/// Most iterations from one in which records get more rays to the next.
+const MOST_REFINE_EVERY: u32 = 32;
+/// Share of the squared error from which interpolation between records asks for more records.
+const REFILLED_FROM: f64 = 0.25;
+/// Squared error by noise that new records may have, over that by interpolation.
+const NOISE_OF_NEW: f64 = 0.3;
+/// Fewest rays of a new record.
+const LEAST_NEW_RAYS: f64 = 32.0;
+
+/// What an iteration does beside its shadow rays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Balance {
+    /// Passes of lobe rays.
+    pub lobe_passes: u32,
+    /// The camera's rays in a pixel at an edge.
+    pub edge_rays: u32,
+    /// Records get more rays in every so-manieth iteration.
+    pub refine_every: u32,
+    /// Rays of new records, where the next iteration is to make some; 0 where not.
+    pub new_rays: u32,
+}
+
+/// What has been done so far.
+#[derive(Clone, Copy)]
+pub struct WorkDone {
+    /// Iterations.
+    pub iterations: u64,
+    /// Passes of lobe rays.
+    pub lobe_passes: u32,
+    /// Mean number of rays of a record.
+    pub rays_per_record: f64,
+}
+
+impl Default for Balance {
+    fn default() -> Self {
+        Self { lobe_passes: 1, edge_rays: 0, refine_every: 1, new_rays: 0 }
+    }
+}
+
+impl Balance {
+    /// Whether to find it anew after so many iterations: 2, 3, 4, 6, 8, 12 and so on.
+    pub fn is_due(iterations: u64) -> bool {
+        let is_between = iterations.is_multiple_of(3) && (iterations / 3).is_power_of_two();
+        iterations > 1 && (iterations.is_power_of_two() || is_between)
+    }
+
+    /// Shares time out so that it goes where it lowers the error most. There are as many lobe rays as
+    /// in proportion to the error that one pass of them leaves, over that of one pass of others (for
+    /// equal times); rays at edges by the error of those over that of all else; more rays for records
+    /// where noise counts, and more records where interpolation does.
+    pub fn of(errors: &Errors, done: WorkDone) -> Self {
+        let [noise, bent, shadows, lobes, edges] = errors.by_cause;
+        let least = f64::MIN_POSITIVE;
+        let others = noise.max(shadows) * (done.iterations as f64).sqrt();
+        let lobe_passes = lobes * f64::from(done.lobe_passes).sqrt() / others.max(least);
+        let squares = |causes: &[f64]| causes.iter().map(|cause| cause * cause).sum::<f64>();
+        let but_edges = squares(&[noise, bent, shadows, lobes]);
+        let edge_rays = EDGE_RAYS * edges / but_edges.sqrt().max(least);
+        let but_noise = squares(&[bent, shadows, lobes, edges]);
+        let refine_every = but_noise / (4.0 * noise * noise).max(least);
+        let all = squares(&errors.by_cause);
+        let enough = done.rays_per_record * (noise / bent.max(least)).powi(2) / NOISE_OF_NEW;
+        let refills = bent * bent > REFILLED_FROM * all;
+        Self {
+            lobe_passes: (lobe_passes.round() as u32).clamp(1, MOST_LOBE_PASSES),
+            edge_rays: (edge_rays.round() as u32).min(MOST_EDGE_RAYS),
+            refine_every: (refine_every.round() as u32).clamp(1, MOST_REFINE_EVERY),
+            new_rays: if refills { enough.max(LEAST_NEW_RAYS).round() as u32 } else { 0 },
+        }
+    }
+
+    /// The same within the bounds that [`Balance::of`] keeps, whatever a checkpoint says.
+    pub fn bounded(self) -> Self {
+        Self {
+            lobe_passes: self.lobe_passes.clamp(1, MOST_LOBE_PASSES),
+            edge_rays: self.edge_rays.min(MOST_EDGE_RAYS),
+            refine_every: self.refine_every.clamp(1, MOST_REFINE_EVERY),
+            new_rays: self.new_rays,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DONE: WorkDone = WorkDone { iterations: 4, lobe_passes: 4, rays_per_record: 200.0 };
+
+    fn balance(by_cause: [f64; 5]) -> Balance {
+        Balance::of(&Errors { by_cause, total: 0.0 }, DONE)
+    }
+
+    #[test]
+    fn it_is_found_anew_ever_less_often() {
+        let due: Vec<u64> = (0..50).filter(|count| Balance::is_due(*count)).collect();
+        assert_eq!(due, [2, 3, 4, 6, 8, 12, 16, 24, 32, 48]);
+    }
+
+    #[test]
+    fn work_goes_to_what_is_wrong() {
+        // Noise alone: nothing else is worth its time.
+        let noise = balance([0.02, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!(noise, Balance { lobe_passes: 1, edge_rays: 0, refine_every: 1, new_rays: 0 });
+        // What records lose between them: more of them, with fewer rays where noise is small.
+        let bent = balance([0.002, 0.02, 0.0, 0.0, 0.0]);
+        assert_eq!((bent.refine_every, bent.new_rays), (25, 32));
+        assert_eq!(balance([0.02, 0.02, 0.0, 0.0, 0.0]).new_rays, 667);
+        let edges = balance([0.01, 0.0, 0.0, 0.0, 0.01]);
+        assert_eq!((edges.edge_rays, edges.new_rays), (12, 0));
+        let lobes = balance([0.01, 0.0, 0.0, 0.03, 0.0]);
+        assert_eq!((lobes.lobe_passes, lobes.edge_rays), (3, 0));
+    }
+
+    #[test]
+    fn all_of_it_is_bounded() {
+        for errors in [[0.0; 5], [1.0; 5], [0.0, 0.0, 0.0, 1.0, 1.0], [1e-300; 5]] {
+            let found = balance(errors);
+            assert_eq!(found, found.bounded());
+        }
+        let wild = Balance { lobe_passes: 0, edge_rays: 999, refine_every: 0, new_rays: 7 };
+        let bounded = Balance { lobe_passes: 1, edge_rays: 32, refine_every: 1, new_rays: 7 };
+        assert_eq!(wild.bounded(), bounded);
+    }
+}
