@@ -251,8 +251,9 @@ impl EdgePixel {
         self.seen.covered += 1.0;
         let side = (MOST_SAMPLES as f32).sqrt().recip();
         let seen = SeenPart { share: 1.0, middle: offset, side, places: once(offset) };
-        let one =
-            visible.code_of(&hit).and_then(|code| visible.fragment_of(world, self.pixel, code, seen));
+        let one = visible
+            .code_of(&hit)
+            .and_then(|code| visible.fragment_of(world, self.pixel, code, seen));
         let Some((one, shine)) = one else { return };
         self.seen.shine += shine;
         if !one.reflects() {
@@ -323,7 +324,7 @@ impl VisibleSurfaces {
             let material = |code| {
                 let (facet, _) = item::decode(code)?;
                 let source = self.cut.source(crate::patches::FacetIndex(facet));
-                Some(self.placing.world.scene.triangles[source as usize].material)
+                Some(self.placing.world.scene.triangle(source).material)
             };
             one.code == other.code || material(one.code) == material(other.code)
         };
