@@ -85,9 +85,10 @@ pub fn without_emitters(
 
 /// The scene with every triangle black and glowing in the given colour.
 fn glowing(scene: &Scene, color: impl Fn(usize) -> Rgb) -> Scene {
-    let mut glowing = scene.clone();
+    let mut glowing = scene.flattened();
     glowing.materials.clear();
-    for (index, triangle) in scene.triangles.iter().enumerate() {
+    for index in 0..glowing.triangles.len() {
+        let triangle = glowing.triangles[index];
         let double_sided = scene.materials[triangle.material as usize].double_sided;
         glowing.triangles[index].material = index as u32;
         glowing.materials.push(Material {
@@ -108,7 +109,7 @@ fn seen(scene: Scene, camera: &Camera, width: u32, height: u32, samples: u32) ->
 /// Pixels beside a pixel that sees another surface.
 fn edges(scene: &Scene, camera: &Camera, width: u32, height: u32) -> Vec<bool> {
     // Whole numbers up to 2^24 are exact in single precision.
-    assert!(scene.triangles.len() < 1 << 24, "too many triangles to number them as colours");
+    assert!(scene.triangle_count() < 1 << 24, "too many triangles to number them as colours");
     let numbered = glowing(scene, |index| Rgb::splat(index as f32 + 1.0));
     let picture = seen(numbered, camera, width, height, 1);
     let hits: Vec<Option<Hit>> = (picture.pixels.iter().enumerate())
@@ -147,7 +148,7 @@ impl Hit {
         triangle: usize,
         (eye, ray): (Vec3, Vec3),
     ) -> Option<Self> {
-        let [a, b, c] = scene.corners(&scene.triangles[triangle]);
+        let [a, b, c] = scene.corners(&scene.triangle(triangle as u32));
         let normal = (b - a).cross(c - a).normalize_or_zero();
         let normal = if normal.dot(ray) > 0.0 { -normal } else { normal };
         let along = normal.dot(a - eye) / normal.dot(ray);

@@ -56,7 +56,8 @@ pub struct Config {
     /// Jobs that may wait; beyond it the server answers 429.
     #[arg(long, env = "HEMILUX_MAX_QUEUED", default_value_t = 1000)]
     pub max_queued: u64,
-    /// Most triangles of a scene after instancing.
+    /// Most triangles of a scene; those of a mesh that instances share count once, and each of its
+    /// instances as two.
     #[arg(long, env = "HEMILUX_MAX_TRIANGLES", default_value_t = 4_000_000)]
     pub max_triangles: usize,
     /// Seconds between checkpoints of a running job, more where writing them would cost over 2 %

@@ -11,6 +11,7 @@ mod glass;
 mod glossy;
 mod hemilux;
 mod illumination_map;
+mod instances;
 mod layers;
 mod malformed_scenes;
 mod methods;

@@ -55,6 +55,7 @@ fn every_malformed_file_meets_its_expectation() {
 
 /// What [`Scene`] promises of itself.
 fn check_valid(scene: &Scene) {
+    let scene = &scene.flattened();
     for vertex in &scene.vertices {
         assert!(vertex.position.is_finite() && vertex.color.is_finite());
         assert!(vertex.uv.iter().all(|uv| uv.is_finite()));

@@ -250,7 +250,7 @@ pub fn conditions(outcome: &Outcome) -> String {
         format!(
             "{}: {} triangles, {} × {} pixels",
             task.view.name,
-            task.view.scene.triangles.len(),
+            task.view.scene.triangle_count(),
             task.view.size.0,
             task.view.size.1
         ),

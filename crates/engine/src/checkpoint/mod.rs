@@ -11,7 +11,7 @@ mod bytes;
 mod error;
 
 use crate::scene::environment::Environment;
-use crate::scene::{Background, Camera, Projection, Scene};
+use crate::scene::{Background, Camera, Projection, Scene, Triangle, Vertex};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -223,28 +223,8 @@ impl Checkpoint {
 /// that they had before there were skies.
 pub fn scene_hash(scene: &Scene, environment: &Environment) -> String {
     let mut hash = Sha256::new();
-    let mut numbers: Vec<f32> = Vec::new();
-    for some in scene.vertices.chunks(1024) {
-        numbers.clear();
-        for vertex in some {
-            numbers.extend(vertex.position.to_array());
-            numbers.extend(vertex.normal.to_array());
-            numbers.extend(vertex.uv.iter().flat_map(|uv| uv.to_array()));
-            numbers.extend(vertex.color.to_array());
-            numbers.push(vertex.alpha);
-            numbers.extend(vertex.tangent.to_array());
-        }
-        hash.update(bytemuck::cast_slice(&numbers));
-    }
-    let mut indices: Vec<u32> = Vec::new();
-    for some in scene.triangles.chunks(1024) {
-        indices.clear();
-        for triangle in some {
-            indices.extend(triangle.vertices);
-            indices.push(triangle.material);
-        }
-        hash.update(bytemuck::cast_slice(&indices));
-    }
+    digest_mesh(&scene.vertices, &scene.triangles, &mut hash);
+    digest_instances(scene, &mut hash);
     for texture in &scene.textures {
         hash.update(texture.width.to_le_bytes());
         hash.update(texture.height.to_le_bytes());
@@ -257,6 +237,46 @@ pub fn scene_hash(scene: &Scene, environment: &Environment) -> String {
     hash.update(format!("{counts:?}"));
     environment.digest_into(&mut |bytes| hash.update(bytes));
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn digest_mesh(vertices: &[Vertex], triangles: &[Triangle], hash: &mut Sha256) {
+    let mut numbers: Vec<f32> = Vec::new();
+    for some in vertices.chunks(1024) {
+        numbers.clear();
+        for vertex in some {
+            numbers.extend(vertex.position.to_array());
+            numbers.extend(vertex.normal.to_array());
+            numbers.extend(vertex.uv.iter().flat_map(|uv| uv.to_array()));
+            numbers.extend(vertex.color.to_array());
+            numbers.push(vertex.alpha);
+            numbers.extend(vertex.tangent.to_array());
+        }
+        hash.update(bytemuck::cast_slice(&numbers));
+    }
+    let mut indices: Vec<u32> = Vec::new();
+    for some in triangles.chunks(1024) {
+        indices.clear();
+        for triangle in some {
+            indices.extend(triangle.vertices);
+            indices.push(triangle.material);
+        }
+        hash.update(bytemuck::cast_slice(&indices));
+    }
+}
+
+/// Adds meshes that are there many times; nothing where there are none.
+fn digest_instances(scene: &Scene, hash: &mut Sha256) {
+    if scene.instances.is_empty() {
+        return;
+    }
+    for shape in scene.instances.shapes() {
+        digest_mesh(&shape.vertices, &shape.triangles, hash);
+        hash.update(format!("{:?}", [shape.vertices.len(), shape.triangles.len()]));
+    }
+    for instance in scene.instances.all() {
+        hash.update(instance.shape.to_le_bytes());
+        hash.update(bytemuck::cast_slice(&instance.to_world.to_cols_array()));
+    }
 }
 
 #[cfg(test)]

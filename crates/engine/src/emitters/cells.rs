@@ -6,7 +6,7 @@ use super::lit_texels::LitTexels;
 use super::means::{EmissionMeans, MeanBounds, part_of};
 use crate::radiometry::{Rgb, importance};
 use crate::rays::Rays;
-use crate::scene::Scene;
+use crate::scene::{Material, Scene};
 use glam::Vec2;
 use rayon::prelude::*;
 use std::collections::{BinaryHeap, HashMap};
@@ -268,15 +268,13 @@ impl Building<'_> {
 /// The triangles of a scene that a texture lets emit and that have an area.
 fn textured(scene: &Scene, rays: &Rays) -> Vec<Textured> {
     let mut all = Vec::new();
-    for (index, triangle) in scene.triangles.iter().enumerate() {
-        let material = &scene.materials[triangle.material as usize];
-        if !material.emits() || material.emission_texture.is_none() {
-            continue;
-        }
-        let (_, area) = rays.corners(scene, index as u32);
+    let is_textured = |material: &Material| material.emits() && material.emission_texture.is_some();
+    for index in scene.triangles_of(is_textured) {
+        let material = &scene.materials[scene.triangle(index).material as usize];
+        let (_, area) = rays.corners(scene, index);
         let sides = if material.double_sided { 2.0 } else { 1.0 };
         if area > 0.0 && area.is_finite() {
-            all.push((index as u32, f64::from(area) * sides));
+            all.push((index, f64::from(area) * sides));
         }
     }
     all

@@ -2,6 +2,7 @@
 //! emissive triangles, and is sampled at its centre and at random points of its area or of its
 //! edge.
 
+use super::of_triangles::OfTriangles;
 use super::triangles::{Emitter, TriangleLights};
 use crate::radiometry::{Rgb, importance};
 use crate::random::Numbers;
@@ -12,8 +13,6 @@ use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
 
-/// Group of a triangle that emits nothing.
-const NO_GROUP: u32 = u32::MAX;
 /// A group is a sheet if its vector area is over this share of its area, else a closed body: that
 /// of a closed surface is zero, that of a flat one the area.
 const SHEET: f32 = 0.2;
@@ -22,8 +21,8 @@ const SHEET: f32 = 0.2;
 pub struct Disks {
     disks: Vec<Disk>,
     choice: Discrete,
-    /// Group of each scene triangle, or [`NO_GROUP`].
-    group_of: Vec<u32>,
+    /// Group of each triangle that shines.
+    group_of: OfTriangles,
 }
 
 /// A connected group of emissive triangles as a disk of the same area.
@@ -71,7 +70,7 @@ impl Disks {
 
     /// Whether a triangle belongs to the group that `disk` stands for.
     pub fn is_of(&self, disk: &Disk, triangle: u32) -> bool {
-        self.group_of[triangle as usize] == disk.group
+        self.group_of.of(triangle) == Some(disk.group)
     }
 }
 
@@ -112,7 +111,7 @@ impl Disk {
 }
 
 /// Groups of emissive triangles with common corners, and a disk for each.
-fn disks(world: &World, emitters: &[Emitter]) -> (Vec<u32>, Vec<Disk>) {
+fn disks(world: &World, emitters: &[Emitter]) -> (OfTriangles, Vec<Disk>) {
     let mut parent: Vec<usize> = (0..emitters.len()).collect();
     fn root(parent: &mut [usize], mut at: usize) -> usize {
         while parent[at] != at {
@@ -138,7 +137,7 @@ fn disks(world: &World, emitters: &[Emitter]) -> (Vec<u32>, Vec<Disk>) {
         power: DVec3,
         two_sided: bool,
     }
-    let mut group_of = vec![NO_GROUP; world.scene.triangles.len()];
+    let mut group_of = OfTriangles::new(&world.scene);
     let mut number: HashMap<usize, u32> = HashMap::new();
     let mut sums: Vec<Sum> = Vec::new();
     for (index, emitter) in emitters.iter().enumerate() {
@@ -147,7 +146,7 @@ fn disks(world: &World, emitters: &[Emitter]) -> (Vec<u32>, Vec<Disk>) {
             sums.push(Sum { two_sided: true, ..Sum::default() });
             sums.len() as u32 - 1
         });
-        group_of[emitter.triangle as usize] = group;
+        group_of.set(emitter.triangle, group);
         let sum = &mut sums[group as usize];
         let [a, b, c] = emitter.corners;
         sum.area += emitter.area;

@@ -48,7 +48,7 @@ impl UntexturedEmitter {
 /// (docs/decisions/0020).
 pub fn shine_outwards_only(triangles: &mut [UntexturedEmitter], scene: &Scene, rays: &Rays) {
     let bodies = bodies(triangles);
-    if bodies.is_empty() || bodies.len() * scene.triangles.len() > MOST_TESTS {
+    if bodies.is_empty() || bodies.len() * scene.triangle_count() > MOST_TESTS {
         return;
     }
     let mut body_of = HashMap::new();
@@ -57,7 +57,7 @@ pub fn shine_outwards_only(triangles: &mut [UntexturedEmitter], scene: &Scene, r
     }
     // Something is in a body that a corner of it is in ...
     let mut empty = vec![true; bodies.len()];
-    for index in 0..scene.triangles.len() as u32 {
+    for index in triangles_near(scene, rays, &bodies) {
         let own = body_of.get(&index);
         let corners = rays.corners(scene, index).0;
         for (number, body) in bodies.iter().enumerate() {
@@ -87,6 +87,28 @@ pub fn shine_outwards_only(triangles: &mut [UntexturedEmitter], scene: &Scene, r
             }
         }
     }
+}
+
+/// The triangles that may have a corner in a body's box: all that are listed, and those of instances
+/// that are near one.
+fn triangles_near<'a>(
+    scene: &'a Scene,
+    rays: &'a Rays,
+    bodies: &'a [Body],
+) -> impl Iterator<Item = u32> + 'a {
+    let listed = scene.triangles.len() as u32;
+    let instances = &scene.instances;
+    let is_near = move |instance: &u32| {
+        let own = &instances.all()[*instance as usize];
+        let shape = instances.shape_of(own);
+        let (low, high) = own.box_around(shape);
+        let (low, high) = (rays.place(low), rays.place(high));
+        let meets = |body: &Body| body.low.cmple(high).all() && low.cmple(body.high).all();
+        bodies.iter().any(meets)
+    };
+    let near = (0..instances.all().len() as u32).filter(is_near);
+    let numbers = move |instance| instances.triangles_of(instance).map(move |own| listed + own);
+    (0..listed).chain(near.flat_map(numbers))
 }
 
 /// A closed surface of emissive triangles with its bounding box.
@@ -226,7 +248,7 @@ mod tests {
         let rays = Rays::new(scene);
         let mut all: Vec<UntexturedEmitter> = (0..scene.triangles.len() as u32)
             .map(|index| {
-                let material = &scene.materials[scene.triangles[index as usize].material as usize];
+                let material = &scene.materials[scene.triangle(index).material as usize];
                 let mut corners = rays.corners(scene, index).0;
                 if flip {
                     corners.swap(1, 2);

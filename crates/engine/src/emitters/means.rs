@@ -45,7 +45,7 @@ impl MeanBounds {
 
 /// Length of the longest side of a triangle, texels.
 fn longest_side(scene: &Scene, triangle: u32) -> f32 {
-    let triangle = &scene.triangles[triangle as usize];
+    let triangle = &scene.triangle(triangle);
     let material = &scene.materials[triangle.material as usize];
     let Some(slot) = &material.emission_texture else { return 0.0 };
     let texture = &scene.textures[slot.texture as usize];
@@ -90,7 +90,7 @@ impl EmissionMeans {
         let mut sampling = Sampling {
             scene,
             lit,
-            triangle: &scene.triangles[triangle as usize],
+            triangle: &scene.triangle(triangle),
             centered: apart <= IN_STEP,
             count: 0,
             range: [Rgb::INFINITY, Rgb::ZERO],

@@ -10,6 +10,7 @@ mod light_tree;
 mod lit_texels;
 mod means;
 mod merging;
+mod of_triangles;
 mod openings;
 mod polygon;
 mod polygons;

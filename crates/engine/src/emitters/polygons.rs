@@ -8,7 +8,7 @@ use super::polygon::PolygonLight;
 use super::unoccluded::{ClosedForms, LobeAxis, MOST_LIGHTS, Unoccluded};
 use crate::radiometry::Rgb;
 use crate::rays::{Hit, Rays};
-use crate::scene::Scene;
+use crate::scene::{Material, Scene};
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
 
@@ -75,21 +75,20 @@ impl PolygonLights {
     pub fn new(scene: &Scene, rays: &Rays) -> Option<Self> {
         let cells = EmissionCells::new(scene, rays, CELLS);
         let mut untextured: Vec<UntexturedEmitter> = Vec::new();
-        for (index, triangle) in scene.triangles.iter().enumerate() {
-            let material = &scene.materials[triangle.material as usize];
-            if !material.emits() || material.emission_texture.is_some() {
-                continue;
-            }
-            let (corners, area) = rays.corners(scene, index as u32);
+        let is_untextured =
+            |material: &Material| material.emits() && material.emission_texture.is_none();
+        for triangle in scene.triangles_of(is_untextured) {
+            let material = &scene.materials[scene.triangle(triangle).material as usize];
+            let (corners, area) = rays.corners(scene, triangle);
             if area > 0.0 {
-                let (triangle, radiance) = (index as u32, material.emission);
+                let radiance = material.emission;
                 let two_sided = material.double_sided;
                 untextured.push(UntexturedEmitter { triangle, corners, radiance, two_sided });
             }
         }
         let (mut lights, mut of_cell) = (Vec::new(), Vec::new());
         for EmissionCell { triangle, corners, radiance, is_even, .. } in &cells.cells {
-            let material = scene.triangles[*triangle as usize].material;
+            let material = scene.triangle(*triangle).material;
             let (triangle, radiance) = (*triangle, *radiance);
             let two_sided = scene.materials[material as usize].double_sided;
             let whole = rays.corners(scene, triangle).0;

@@ -2,9 +2,11 @@
 //! lights.
 
 use super::cells::{CellLimits, EmissionCells};
+use super::of_triangles::OfTriangles;
 use crate::radiometry::{Rgb, importance};
 use crate::rays::{Spot, unit_normal};
 use crate::sampling::Discrete;
+use crate::scene::Material;
 use crate::surface::{Surface, World};
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
@@ -36,8 +38,8 @@ pub struct TriangleLights {
     cells: EmissionCells,
     /// Probability per area of each of `parts`, square ray units.
     density: Vec<f32>,
-    /// Of each scene triangle without a texture, which of `parts` it is; [`NO_PART`] of others.
-    whole: Vec<u32>,
+    /// Of each triangle that shines and has no texture, which of `parts` it is.
+    whole: OfTriangles,
 }
 
 /// A part of an emissive triangle, in which points are uniform.
@@ -49,9 +51,6 @@ struct Part {
     /// Its share of the triangle's area.
     share: f32,
 }
-
-/// In place of the part of a triangle that is not picked as a whole.
-const NO_PART: u32 = u32::MAX;
 
 /// A point of a light, sampled for a surface.
 pub struct LightSample {
@@ -95,13 +94,14 @@ impl TriangleLights {
             parts.emitters[emitter as usize].radiance += cell.radiance * cell.share;
             parts.add(emitter, cell.corners, cell.share, cell.radiance);
         }
-        let mut whole = vec![NO_PART; scene.triangles.len()];
-        for (index, triangle) in scene.triangles.iter().enumerate() {
-            let material = &scene.materials[triangle.material as usize];
-            let (_, area) = world.rays.corners(scene, index as u32);
-            if material.emits() && material.emission_texture.is_none() && area > 0.0 {
-                let emitter = parts.add_emitter(index as u32, material.emission);
-                whole[index] = parts.parts.len() as u32;
+        let mut whole = OfTriangles::new(scene);
+        let is_untextured =
+            |material: &Material| material.emits() && material.emission_texture.is_none();
+        for index in scene.triangles_of(is_untextured) {
+            let material = world.material(index);
+            if world.rays.corners(scene, index).1 > 0.0 {
+                let emitter = parts.add_emitter(index, material.emission);
+                whole.set(index, parts.parts.len() as u32);
                 parts.add(emitter, [Vec2::ZERO, Vec2::X, Vec2::Y], 1.0, material.emission);
             }
         }
@@ -120,9 +120,9 @@ impl TriangleLights {
 
     /// The part that a place of a triangle belongs to; `None` where it is black.
     fn part_at(&self, triangle: u32, at: [f32; 2]) -> Option<usize> {
-        match self.whole[triangle as usize] {
-            NO_PART => self.cells.find(triangle, at),
-            part => Some(part as usize),
+        match self.whole.of(triangle) {
+            None => self.cells.find(triangle, at),
+            Some(part) => Some(part as usize),
         }
     }
 

@@ -157,6 +157,31 @@ impl Frame {
         (x0 < x1 && y0 < y1).then_some([x0, x1, y0, y1])
     }
 
+    /// Pixels [x0, x1) × [y0, y1) that can see what lies between the corners of a box, as
+    /// [x0, x1, y0, y1]; `None` where none can.
+    pub fn box_of(&self, corners: &[Vec3; 8], [width, height]: [u32; 2]) -> Option<[u32; 4]> {
+        let projected = corners.map(|corner| self.project(corner));
+        if projected.iter().all(|(_, depth)| *depth <= 0.0) {
+            return None;
+        }
+        if self.perspective && projected.iter().any(|(at, _)| at.z <= 1e-6 * at.abs().max_element())
+        {
+            return Some([0, width, 0, height]);
+        }
+        let at = projected.map(|(at, _)| at.truncate() / at.z);
+        let low = at.into_iter().fold(Vec2::INFINITY, Vec2::min);
+        let high = at.into_iter().fold(Vec2::NEG_INFINITY, Vec2::max);
+        // With a pixel more on each side for rounding.
+        let side = |low: f32, high: f32, count: u32| {
+            let pixel = |x: f32| 0.5 * (1.0 + x) * count as f32;
+            let first = (pixel(low) - 1.0).max(0.0) as u32;
+            (first.min(count), ((pixel(high) + 2.0).max(0.0) as u32).min(count))
+        };
+        let (x0, x1) = side(low.x, high.x, width);
+        let (y0, y1) = side(-high.y, -low.y, height);
+        (x0 < x1 && y0 < y1).then_some([x0, x1, y0, y1])
+    }
+
     /// The part of a triangle in front of an orthographic camera, as up to two triangles. (For a
     /// perspective camera the sign of homogeneous coordinates clips.)
     fn in_front(&self, corners: [Vec3; 3]) -> [Option<[Vec3; 3]>; 2] {
@@ -214,7 +239,8 @@ impl View {
         };
         let mut view = Self::grid(camera, width, height);
         let corners = |facet: u32| cut.corners(FacetIndex(facet));
-        let count = cut.facets();
+        // Instances are seen by rays.
+        let count = crowd.scene.triangles.len();
         let depth_of = |facet: usize| {
             corners(facet as u32)
                 .map(|corner| view.frame.project(corner).1)

@@ -294,7 +294,7 @@ fn lattice_index(n: u32, i: u32, j: u32) -> u32 {
 fn shading_normal(scene: &PatchedScene, facet: &Facet, i: u32, j: u32, back: bool) -> Vec3 {
     let n = facet.divisions as f32;
     let at = facet.to_source(i as f32 / n, j as f32 / n);
-    let triangle = &scene.scene.triangles[facet.source as usize];
+    let triangle = &scene.scene.triangle(facet.source);
     let normal = scene.scene.interpolate(triangle, at.x, at.y, |vertex| vertex.normal);
     let [a, b, c] = facet.corners.map(|p| scene.positions[p as usize]);
     let normal = normal.normalize_or((b - a).cross(c - a).normalize_or_zero());

@@ -134,7 +134,7 @@ pub fn shade(
     let scene = &patched.scene;
     runs(inputs, band, |run, row_start, columns| {
         let facet = &patched.facets[run.facet];
-        let triangle = &scene.triangles[facet.source as usize];
+        let triangle = &scene.triangle(facet.source);
         let material = &scene.materials[triangle.material as usize];
         let varies = patched.colour_varies(facet);
         let uniform = material.reflectance(&scene.appearance(triangle, 0.0, 0.0));
@@ -187,7 +187,7 @@ pub fn weigh(inputs: ShadingInputs<'_>, band: Band<'_>, weights: &mut VertexWeig
     weights.pixels += band.items.len() as f64;
     runs(inputs, band, |run, _, columns| {
         let facet = &patched.facets[run.facet];
-        let triangle = &scene.triangles[facet.source as usize];
+        let triangle = &scene.triangle(facet.source);
         let material = &scene.materials[triangle.material as usize];
         if material.emits() {
             weights.pixels -= columns.len() as f64;

@@ -32,7 +32,7 @@ pub fn facets_of_dark_closed_bodies(
         }
     }
     for (facet, &body) in facets.iter().zip(&body_of) {
-        let triangle = &scene.triangles[facet.source as usize];
+        let triangle = &scene.triangle(facet.source);
         closed[body] &= !scene.materials[triangle.material as usize].has_holes();
         for (a, b) in edges(facet) {
             closed[body] &= directed[&(a, b)] == 1 && directed.get(&(b, a)) == Some(&1);
@@ -51,7 +51,7 @@ pub fn facets_of_dark_closed_bodies(
         dark[body] &= !scene.lights.iter().any(|light| is_in(light.position));
     }
     let emits = |facet: &Facet| {
-        let triangle = &scene.triangles[facet.source as usize];
+        let triangle = &scene.triangle(facet.source);
         scene.materials[triangle.material as usize].emits()
     };
     if facets.iter().filter(|f| emits(f)).count().saturating_mul(bodies) > MAX_PAIRS {
@@ -63,7 +63,7 @@ pub fn facets_of_dark_closed_bodies(
         }
         // A two-sided emitter lights its own inside.
         let two_sided =
-            scene.materials[scene.triangles[facet.source as usize].material as usize].double_sided;
+            scene.materials[scene.triangle(facet.source).material as usize].double_sided;
         let corners = facet.corners.map(|p| positions[p as usize]);
         let low = corners[0].min(corners[1]).min(corners[2]);
         let high = corners[0].max(corners[1]).max(corners[2]);

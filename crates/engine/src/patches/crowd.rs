@@ -1,13 +1,15 @@
 //! A scene of many more triangles than patches are wanted. Each side of a triangle is one patch, and
 //! all that is kept of it is whether it is so: corners and materials are the scene's. Only triangles
-//! that are larger than a patch are cut, and those pieces listed.
+//! that are larger than a patch are cut, and those pieces listed. The patches of instances are clusters
+//! of their triangles' sides ([`super::clusters`]).
 
+use super::clusters::{Clusters, Outline};
 use super::facet::{NO_PATCH, Sides, cells, in_piece, nth_cell};
 use super::focus::{Focus, area_of, pieces_of};
 use super::index::{FacetIndex, PatchIndex};
 use super::means::{CellMeans, colour_varies, point_of};
 use super::split::{MAX_ELONGATION, elongation};
-use crate::scene::{Scene, Triangle};
+use crate::scene::{Material, Scene, Triangle};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -42,6 +44,10 @@ pub struct Crowd {
     /// Triangles that are cut, each with its first piece, sorted.
     cut: Vec<(u32, u32)>,
     pieces: Vec<CutPiece>,
+    /// Patches of instances, if there are any; their numbers come last.
+    clusters: Option<Clusters>,
+    /// Number of the first of those.
+    first_cluster: u32,
 }
 
 /// A piece of a triangle that is cut.
@@ -89,12 +95,20 @@ impl Crowd {
             is_cut: vec![0; scene.triangles.len().div_ceil(64)],
             cut: Vec::new(),
             pieces: Vec::new(),
+            clusters: None,
+            first_cluster: 0,
             scene,
         };
         let found = this.find_pieces(true);
         let pieces: usize = found.iter().map(|found| found.pieces.len()).sum();
         let found = if pieces > MOST_PIECES { this.find_pieces(false) } else { found };
         this.list(found);
+        this.first_cluster = this.listed_bound() as u32;
+        if !this.scene.instances.is_empty() {
+            let clusters = Clusters::new(&this.scene, this.cell_area.sqrt(), focus);
+            this.count += clusters.count() as usize;
+            this.clusters = Some(clusters);
+        }
         this
     }
 
@@ -114,7 +128,7 @@ impl Crowd {
 
     /// Cuts a triangle, if need be.
     fn cut_triangle(&self, triangle: u32, may_cut: bool, found: &mut FoundPieces) {
-        let corners = self.scene.corners(&self.scene.triangles[triangle as usize]);
+        let corners = self.scene.corners(&self.scene.triangle(triangle));
         let area = area_of(corners);
         if area.is_nan() || area <= 0.0 {
             found.left_out += 1;
@@ -170,6 +184,12 @@ impl Crowd {
 
     /// The bound of the patches' numbers; some of them are no patches.
     pub fn bound(&self) -> usize {
+        let of_instances = self.clusters.as_ref().map_or(0, Clusters::count);
+        self.first_cluster as usize + of_instances as usize
+    }
+
+    /// The same of those that are not of instances.
+    fn listed_bound(&self) -> usize {
         let whole = self.sides as usize * self.scene.triangles.len();
         let of = |piece: &CutPiece| {
             let sides = if piece.sides.back == NO_PATCH { 1 } else { 2 };
@@ -180,37 +200,75 @@ impl Crowd {
 
     /// Whether a triangle's back has patches, too.
     pub fn is_two_sided(&self, triangle: u32) -> bool {
-        let triangle = &self.scene.triangles[triangle as usize];
+        let triangle = &self.scene.triangle(triangle);
         self.scene.materials[triangle.material as usize].double_sided
     }
 
     fn is_cut(&self, triangle: u32) -> bool {
+        if triangle as usize >= self.scene.triangles.len() {
+            return false;
+        }
         self.is_cut[triangle as usize / 64] >> (triangle % 64) & 1 == 1
     }
 
     /// The triangle of a facet: a triangle that is not cut, or a piece.
     pub fn source(&self, facet: FacetIndex) -> u32 {
-        let piece = facet.at().checked_sub(self.scene.triangles.len());
+        let piece = facet.at().checked_sub(self.scene.triangle_count());
         piece.map_or(facet.0, |piece| self.pieces[piece].triangle)
     }
 
     /// Barycentric (u, v) in the triangle of a place in a facet.
     pub fn to_source(&self, facet: FacetIndex, at: Vec2) -> Vec2 {
-        let Some(piece) = facet.at().checked_sub(self.scene.triangles.len()) else { return at };
+        let Some(piece) = facet.at().checked_sub(self.scene.triangle_count()) else { return at };
         let [a, b, c] = self.pieces[piece].at;
         a * (1.0 - at.x - at.y) + b * at.x + c * at.y
     }
 
     /// How a facet is cut.
     pub fn sides(&self, facet: FacetIndex) -> Sides {
-        match facet.at().checked_sub(self.scene.triangles.len()) {
+        match facet.at().checked_sub(self.scene.triangle_count()) {
             Some(piece) => self.pieces[piece].sides,
+            None if facet.at() >= self.scene.triangles.len() => self.sides_of_instance(facet),
             None => {
                 let front = self.sides * facet.0;
                 let back = if self.is_two_sided(facet.0) { front + 1 } else { NO_PATCH };
                 Sides { divisions: 1, front, back }
             }
         }
+    }
+
+    fn sides_of_instance(&self, facet: FacetIndex) -> Sides {
+        let found = self.scene.instance_of(facet.0).zip(self.clusters.as_ref());
+        let none = Sides { divisions: 1, front: NO_PATCH, back: NO_PATCH };
+        found.map_or(none, |(triangle, clusters)| {
+            clusters.sides(&self.scene, triangle, self.first_cluster)
+        })
+    }
+
+    /// The patches of instances and a patch's number among them, if it is one of those.
+    pub fn cluster(&self, patch: PatchIndex) -> Option<(&Clusters, u32)> {
+        Some((self.clusters.as_ref()?, patch.0.checked_sub(self.first_cluster)?))
+    }
+
+    /// What groups of patches are made by; `None` where the number is that of no patch.
+    pub fn outline(&self, index: PatchIndex) -> Option<Outline> {
+        if let Some((clusters, number)) = self.cluster(index) {
+            return clusters.outline(&self.scene, number);
+        }
+        let patch = self.patch(index)?;
+        let [a, b, c] = self.corners(&patch);
+        let across = (b - a).cross(c - a);
+        let area = 0.5 * across.length();
+        if area.is_nan() || area <= 0.0 {
+            return None;
+        }
+        Some(Outline {
+            area,
+            center: (a + b + c) / 3.0,
+            facing: if patch.back { -across } else { across },
+            material: self.scene.triangle(patch.triangle).material,
+            albedo: self.means(index, &patch).albedo,
+        })
     }
 
     /// The facet, and the place in it, of barycentric (u, v) of a triangle.
@@ -227,7 +285,7 @@ impl Crowd {
             let at = in_piece(&self.pieces[piece].at, u, v);
             let inside = at.x.min(at.y).min(1.0 - at.x - at.y);
             if inside > nearest {
-                let facet = FacetIndex((self.scene.triangles.len() + piece) as u32);
+                let facet = FacetIndex((self.scene.triangle_count() + piece) as u32);
                 (nearest, found) = (inside, Some((facet, at)));
             }
             if inside >= 0.0 {
@@ -237,7 +295,7 @@ impl Crowd {
         found
     }
 
-    /// A patch by its number; `None` where that is none.
+    /// A patch that is not of an instance by its number; `None` where that is none.
     pub fn patch(&self, patch: PatchIndex) -> Option<CrowdPatch> {
         let triangles = self.scene.triangles.len();
         let whole = self.sides * triangles as u32;
@@ -255,19 +313,19 @@ impl Crowd {
         let [a, b, c] = *at;
         let place = |at: Vec2| a * (1.0 - at.x - at.y) + b * at.x + c * at.y;
         let at = nth_cell(sides.divisions, patch.0 - first).map(place);
-        let facet = FacetIndex((triangles + piece) as u32);
+        let facet = FacetIndex((self.scene.triangle_count() + piece) as u32);
         Some(CrowdPatch { facet, triangle: *triangle, back, at })
     }
 
     /// World positions of the corners of a patch.
     pub fn corners(&self, patch: &CrowdPatch) -> [Vec3; 3] {
-        let [a, b, c] = self.scene.corners(&self.scene.triangles[patch.triangle as usize]);
+        let [a, b, c] = self.scene.corners(&self.scene.triangle(patch.triangle));
         patch.at.map(|at| a * (1.0 - at.x - at.y) + b * at.x + c * at.y)
     }
 
     /// What a patch reflects and emits, by the fewer points the smaller it is.
     pub fn means(&self, index: PatchIndex, patch: &CrowdPatch) -> CellMeans {
-        let triangle = &self.scene.triangles[patch.triangle as usize];
+        let triangle = &self.scene.triangle(patch.triangle);
         let mut divisions = 1;
         if colour_varies(&self.scene, triangle) {
             let cells = self.cells_of(self.corners(patch));
@@ -297,7 +355,11 @@ fn counted_area(scene: &Scene, focus: Option<Focus>) -> f64 {
         triangles.iter().map(of).filter(|area| area.is_finite()).sum()
     };
     let sums: Vec<f64> = scene.triangles.par_chunks(CHUNK).map(of_chunk).collect();
-    sums.iter().sum()
+    let sides = |material: &Material| if material.double_sided { 2.0 } else { 1.0 };
+    let of_instances = scene
+        .instance_areas(sides)
+        .map(|(middle, area)| area * f64::from(focus.map_or(1.0, |focus| focus.weight(middle))));
+    sums.iter().sum::<f64>() + of_instances.sum::<f64>()
 }
 
 #[cfg(test)]
@@ -305,7 +367,7 @@ mod tests {
     use super::*;
     use crate::patches::cell_index;
     use crate::radiometry::Rgb;
-    use crate::scene::{Material, Vertex};
+    use crate::scene::Vertex;
 
     /// Many small triangles, every second one with two sides, over two large ones.
     fn scene() -> Arc<Scene> {

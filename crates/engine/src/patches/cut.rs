@@ -43,7 +43,9 @@ impl PatchCell {
 impl Cut {
     /// Cuts a scene into about so many patches, at least one a triangle side.
     pub fn new(scene: Arc<Scene>, wanted: usize, focus: Option<Focus>) -> Self {
-        match Self::is_crowd(scene.triangles.len(), wanted) {
+        // What instances share is not listed for each of them.
+        let is_crowd = Self::is_crowd(scene.triangles.len(), wanted) || !scene.instances.is_empty();
+        match is_crowd {
             true => Self::Crowd(Crowd::new(scene, wanted, focus)),
             false => Self::Listed(Arc::new(PatchedScene::focused(scene, wanted, focus))),
         }
@@ -94,7 +96,7 @@ impl Cut {
     pub fn facets(&self) -> usize {
         match self {
             Self::Listed(listed) => listed.facets.len(),
-            Self::Crowd(crowd) => crowd.scene.triangles.len(),
+            Self::Crowd(crowd) => crowd.scene.triangle_count(),
         }
     }
 
@@ -150,7 +152,7 @@ impl Cut {
             Self::Listed(listed) => {
                 listed.facets[facet.at()].corners.map(|corner| listed.positions[corner as usize])
             }
-            Self::Crowd(Crowd { scene, .. }) => scene.corners(&scene.triangles[facet.at()]),
+            Self::Crowd(Crowd { scene, .. }) => scene.corners(&scene.triangle(facet.0)),
         }
     }
 
@@ -170,8 +172,14 @@ impl Cut {
         found.map_or(place, |(facet, at)| FacetPlace { facet, at, ..place })
     }
 
-    /// Where a patch lies.
-    pub fn cell(&self, patch: PatchIndex) -> PatchCell {
+    /// Whether a patch is made of several triangles.
+    pub fn is_cluster(&self, patch: PatchIndex) -> bool {
+        matches!(self, Self::Crowd(crowd) if crowd.cluster(patch).is_some())
+    }
+
+    /// Where a patch lies; of one that is made of several triangles, where the one lies that a number
+    /// in [0, 1) picks by area.
+    pub fn cell(&self, patch: PatchIndex, x: f32) -> PatchCell {
         match self {
             Self::Listed(listed) => {
                 let (facet, back, at) = listed.cell_of(patch);
@@ -179,11 +187,21 @@ impl Cut {
                 PatchCell { corners, at, back }
             }
             Self::Crowd(crowd) => {
-                let own = crowd.patch(patch);
-                let (triangle, at, back) = own.map_or((0, [Vec2::ZERO; 3], false), |own| {
-                    (own.triangle as usize, own.at, own.back)
-                });
-                let corners = crowd.scene.corners(&crowd.scene.triangles[triangle]);
+                let whole = [Vec2::ZERO, Vec2::X, Vec2::Y];
+                let (triangle, at, back) = match crowd.cluster(patch) {
+                    Some((clusters, number)) => {
+                        let (triangle, back) =
+                            clusters.pick(&crowd.scene, number, x).unwrap_or_default();
+                        (triangle, whole, back)
+                    }
+                    None => {
+                        let own = crowd.patch(patch);
+                        own.map_or((0, [Vec2::ZERO; 3], false), |own| {
+                            (own.triangle, own.at, own.back)
+                        })
+                    }
+                };
+                let corners = crowd.scene.corners(&crowd.scene.triangle(triangle));
                 PatchCell { corners, at, back }
             }
         }
@@ -194,6 +212,9 @@ impl Cut {
         match self {
             Self::Listed(listed) => listed.patches.area[patch.at()],
             Self::Crowd(crowd) => {
+                if let Some((clusters, number)) = crowd.cluster(patch) {
+                    return clusters.area(&crowd.scene, number);
+                }
                 crowd.patch(patch).map_or(0.0, |own| area_of(crowd.corners(&own)))
             }
         }
@@ -207,11 +228,13 @@ impl Cut {
                 (patches.reflectance(patch.at()), patches.albedo[patch.at()])
             }
             Self::Crowd(crowd) => {
-                let Some(own) = crowd.patch(patch) else {
-                    return (Reflectance::lambertian(Rgb::ZERO), Rgb::ZERO);
-                };
+                let none = (Reflectance::lambertian(Rgb::ZERO), Rgb::ZERO);
+                if let Some((clusters, number)) = crowd.cluster(patch) {
+                    return clusters.reflectance(&crowd.scene, number).unwrap_or(none);
+                }
+                let Some(own) = crowd.patch(patch) else { return none };
                 let means = crowd.means(patch, &own);
-                let triangle = &crowd.scene.triangles[own.triangle as usize];
+                let triangle = &crowd.scene.triangle(own.triangle);
                 (means.reflectance(exponent_of(&crowd.scene, triangle)), means.albedo)
             }
         }

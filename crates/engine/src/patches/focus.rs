@@ -67,7 +67,13 @@ impl Focus {
             }
             (counted, all)
         };
-        let sums: Vec<(f64, f64)> = scene.triangles.par_chunks(CHUNK).map(of_chunk).collect();
+        let mut sums: Vec<(f64, f64)> = scene.triangles.par_chunks(CHUNK).map(of_chunk).collect();
+        // An instance is taken to be all in one place.
+        sums.extend(
+            scene
+                .instance_areas(|_| 1.0)
+                .map(|(middle, area)| (area * f64::from(self.weight(middle)), area)),
+        );
         let counted: f64 = sums.iter().map(|sum| sum.0).sum();
         counted / sums.iter().map(|sum| sum.1).sum::<f64>().max(f64::MIN_POSITIVE)
     }

@@ -46,6 +46,22 @@ impl CellMeans {
         }
     }
 
+    /// Adds those of a part with a weight.
+    pub fn add(&mut self, part: &Self, weight: f32) {
+        self.diffuse += part.diffuse * weight;
+        self.specular += part.specular * weight;
+        self.albedo += part.albedo * weight;
+        self.emission += part.emission * weight;
+    }
+
+    /// The means where these are sums over so much area.
+    pub fn over(&self, area: f32) -> Self {
+        let share = 1.0 / area.max(f32::MIN_POSITIVE);
+        let mut means = Self::default();
+        means.add(self, share);
+        means
+    }
+
     /// How the patch reflects, with a material's exponent.
     pub fn reflectance(&self, exponent: f32) -> Reflectance {
         Reflectance { diffuse: self.diffuse, specular: self.specular, exponent }
@@ -61,7 +77,7 @@ pub fn exponent_of(scene: &Scene, triangle: &Triangle) -> f32 {
 /// Whether what a triangle reflects or emits changes over it.
 pub fn colour_varies(scene: &Scene, triangle: &Triangle) -> bool {
     let material = &scene.materials[triangle.material as usize];
-    let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize].color);
+    let [a, b, c] = scene.of_sources(triangle, |vertex| vertex.color);
     material.has_textured_reflection() || material.emission_texture.is_some() || a != b || b != c
 }
 

@@ -9,6 +9,7 @@
 //! many more than the wanted patches that nothing but a number a triangle is kept.
 
 mod bodies;
+mod clusters;
 mod crowd;
 mod cut;
 mod facet;
@@ -19,6 +20,7 @@ mod patched;
 mod seams;
 mod split;
 
+pub use clusters::Outline;
 pub use crowd::Crowd;
 pub use cut::{Cut, PatchCell};
 pub use facet::{Facet, NO_PATCH, Sides, cell_index, cells, nth_cell};

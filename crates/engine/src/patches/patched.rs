@@ -113,13 +113,13 @@ impl PatchedScene {
     pub fn focused(scene: Arc<Scene>, target: usize, focus: Option<Focus>) -> Self {
         let (mut positions, mut facets) = weld(&scene);
         let mut warnings = Vec::new();
-        let dropped = scene.triangles.len() - facets.len();
+        let dropped = scene.triangle_count() - facets.len();
         if dropped > 0 {
             let what = format!("{dropped} triangles without area were left out");
             warnings.push(Warning::new("scene", what));
         }
         let sides = |facet: &Facet| {
-            let material = scene.triangles[facet.source as usize].material;
+            let material = scene.triangle(facet.source).material;
             if scene.materials[material as usize].double_sided { 2.0 } else { 1.0 }
         };
         if let Some(focus) = focus {
@@ -148,8 +148,7 @@ impl PatchedScene {
             facet.divisions = wanted.clamp(1.0, 1024.0) as u32;
             facet.cull_back = closed[index];
             facet.recedes = recedes[index];
-            let material =
-                &scene.materials[scene.triangles[facet.source as usize].material as usize];
+            let material = &scene.materials[scene.triangle(facet.source).material as usize];
             facet.front = patches.len() as u32;
             cut_side(&scene, facet, index as u32, [a, b, c], false, &mut patches);
             if material.double_sided && !facet.cull_back {
@@ -160,7 +159,7 @@ impl PatchedScene {
         if facets.is_empty() {
             warnings.push(Warning::new("scene", "there is no surface to be seen"));
         }
-        let mut pieces = vec![0u32; scene.triangles.len() + 1];
+        let mut pieces = vec![0u32; scene.triangle_count() + 1];
         for facet in &facets {
             pieces[facet.source as usize + 1] += 1;
         }
@@ -195,7 +194,7 @@ impl PatchedScene {
 
     /// Whether base colour or emission changes over a facet.
     pub fn colour_varies(&self, facet: &Facet) -> bool {
-        colour_varies(&self.scene, &self.scene.triangles[facet.source as usize])
+        colour_varies(&self.scene, &self.scene.triangle(facet.source))
     }
 
     /// World position of barycentric (u, v) of a facet.
@@ -226,9 +225,9 @@ impl PatchedScene {
 fn weld(scene: &Scene) -> (Vec<Vec3>, Vec<Facet>) {
     let mut positions = Vec::new();
     let mut index_of: HashMap<[u32; 3], u32> = HashMap::new();
-    let mut facets = Vec::with_capacity(scene.triangles.len());
-    for (source, triangle) in scene.triangles.iter().enumerate() {
-        let corners = scene.corners(triangle).map(|p| {
+    let mut facets = Vec::with_capacity(scene.triangle_count());
+    for source in 0..scene.triangle_count() as u32 {
+        let corners = scene.corners(&scene.triangle(source)).map(|p| {
             // Adding zero turns −0 into +0.
             let key = (p + 0.0).to_array().map(f32::to_bits);
             *index_of.entry(key).or_insert_with(|| {
@@ -238,7 +237,7 @@ fn weld(scene: &Scene) -> (Vec<Vec3>, Vec<Facet>) {
         });
         facets.push(Facet {
             corners,
-            source: source as u32,
+            source,
             source_uv: [Vec2::ZERO, Vec2::X, Vec2::Y],
             divisions: 1,
             front: NO_PATCH,
@@ -260,7 +259,7 @@ fn cut_side(
     back: bool,
     patches: &mut Patches,
 ) {
-    let triangle = &scene.triangles[facet.source as usize];
+    let triangle = &scene.triangle(facet.source);
     let [a, b, c] = corners;
     let geometric = (b - a).cross(c - a);
     let side = if back { -1.0 } else { 1.0 };

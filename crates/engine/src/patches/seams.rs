@@ -32,7 +32,7 @@ pub fn facets_that_recede(scene: &Scene, positions: &[Vec3], facets: &[Facet]) -
         normal.dot(relative) / relative.length().max(f64::MIN_POSITIVE)
     };
     let two_sided = |facet: u32| {
-        let material = scene.triangles[facets[facet as usize].source as usize].material;
+        let material = scene.triangle(facets[facet as usize].source).material;
         scene.materials[material as usize].double_sided
     };
     let mut recedes = vec![false; facets.len()];

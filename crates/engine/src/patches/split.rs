@@ -201,7 +201,7 @@ mod tests {
         }
         for facet in &patched.facets {
             for (corner, uv) in facet.corners.iter().zip(facet.source_uv) {
-                let triangle = &patched.scene.triangles[facet.source as usize];
+                let triangle = &patched.scene.triangle(facet.source);
                 let p = patched.scene.interpolate(triangle, uv.x, uv.y, |v| v.position);
                 assert!(p.distance(patched.positions[*corner as usize]) < 1e-4);
             }

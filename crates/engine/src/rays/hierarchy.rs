@@ -44,27 +44,28 @@ pub struct Hierarchy {
 }
 
 impl Hierarchy {
-    /// The tree over boxes, which are reordered.
-    pub fn new(boxes: &mut [Boxed]) -> Self {
+    /// The tree over boxes, which are reordered, with at most `in_leaf` of them in a leaf, which are
+    /// at most [`WIDTH`].
+    pub fn new(boxes: &mut [Boxed], in_leaf: usize) -> Self {
         if boxes.is_empty() {
             return Self::default();
         }
-        let mut tree = Self::widened(boxes, HALVE_BELOW);
+        let mut tree = Self::widened(boxes, HALVE_BELOW, in_leaf);
         if tree.levels() > MOST_LEVELS {
-            tree = Self::widened(boxes, 0);
+            tree = Self::widened(boxes, 0, in_leaf);
         }
         tree
     }
 
-    fn widened(boxes: &mut [Boxed], halve_below: usize) -> Self {
+    fn widened(boxes: &mut [Boxed], halve_below: usize, in_leaf: usize) -> Self {
         let binary = binary_tree(boxes, halve_below);
         let mut tree = Self::default();
         tree.nodes.push(Node::EMPTY);
         let mut open = vec![(0usize, 0usize)];
         while let Some((wide, top)) = open.pop() {
-            for (child, index) in children(&binary, top).into_iter().enumerate() {
+            for (child, index) in children(&binary, top, in_leaf).into_iter().enumerate() {
                 let below = &binary[index as usize];
-                let place = if below.count as usize <= WIDTH {
+                let place = if below.count as usize <= in_leaf {
                     tree.leaves.push(below.first..below.first + below.count);
                     LEAF | (tree.leaves.len() - 1) as u32
                 } else {
@@ -90,7 +91,7 @@ impl Hierarchy {
     }
 
     /// The boxes that each leaf has, in the order to which [`Hierarchy::new`] brought them: one to
-    /// [`WIDTH`].
+    /// as many as that was told.
     pub fn leaves(&self) -> &[Range<u32>] {
         &self.leaves
     }
@@ -183,13 +184,13 @@ fn binary_tree(boxes: &mut [Boxed], halve_below: usize) -> Vec<Binary> {
 
 /// The children of a wide node over the binary node `top`: first what needs nodes of its own is
 /// parted, largest first; then leaves are, where that makes less area.
-fn children(binary: &[Binary], top: usize) -> Vec<u32> {
+fn children(binary: &[Binary], top: usize, in_leaf: usize) -> Vec<u32> {
     let mut children = vec![top as u32];
     let node = |index: u32| &binary[index as usize];
     let gain = |index: u32| {
         let node = node(index);
         let area = node.bounds.half_area();
-        if node.count as usize > WIDTH {
+        if node.count as usize > in_leaf {
             return (true, area);
         }
         if node.count == 1 {

@@ -26,12 +26,12 @@ impl Holes {
 
     /// Whether a material has holes.
     pub fn are_in(&self, triangle: u32) -> bool {
-        self.materials[self.scene.triangles[triangle as usize].material as usize]
+        self.materials[self.scene.triangle(triangle).material as usize]
     }
 
     /// Whether a ray passes a triangle at barycentric (u, v).
     pub fn pass(&self, index: u32, [u, v]: [f32; 2], chance: Chance) -> bool {
-        let triangle = &self.scene.triangles[index as usize];
+        let triangle = &self.scene.triangle(index);
         let coverage = self.scene.coverage(triangle, u, v);
         // By chance only where that decides anything.
         coverage < 1.0 && coverage <= chance.number(index)

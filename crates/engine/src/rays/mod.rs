@@ -12,73 +12,37 @@
 
 mod boxes;
 mod hierarchy;
+mod hit;
 mod holes;
+mod instanced;
 mod ray;
+mod tree;
 mod triangle;
+mod units;
 
 use crate::scene::{Camera, Projection, Scene, Triangle};
 use boxes::{Baseline, Boxes, Slabs};
 use glam::{DVec3, Vec3, Vec3A};
-use hierarchy::{Boxed, Hierarchy};
+use hierarchy::Boxed;
+use hit::IN_INSTANCE;
 use holes::{Chance, Holes};
+use instanced::Instanced;
 use rayon::prelude::*;
-use std::ops::Range;
 use std::sync::Arc;
-use triangle::{Crossing, Packet, Sheared};
+use tree::{Found, Look, Tree};
+use triangle::Crossing;
+use units::{BOX_MARGIN, CHUNK, SIZE};
 
+pub use hit::{Eye, Hit};
 pub use ray::{Ray, Segment};
 pub use triangle::unit_normal;
 
-/// The scene is scaled to between this and twice this many ray units.
-const SIZE: f64 = 1_048_576.0;
-/// Boxes are larger than what they hold by this share of the scene's size: more than what
-/// rounding does to the distances to their planes.
-const BOX_MARGIN: f32 = 1.0 / 524_288.0;
-/// The black back of a one-sided surface counts as farther away by this share, so that a front at
-/// the same place wins: walls that are modelled as two sheets.
-const BACK_RECEDES: f32 = 1.0 / 65_536.0;
 /// Points of surfaces are off by at most this share of their coordinates.
 const POINT_ERROR: f32 = 1.0 / 1_048_576.0;
-/// Triangles, or leaves of them, that a thread prepares at a time.
-const CHUNK: usize = 1024;
 /// In place of a triangle without area.
 const NO_TRIANGLE: u32 = u32::MAX;
 /// Rays between points stop this share short of the end.
 const SHORT_OF_END: f32 = 1.0 - 1.0 / 262_144.0;
-
-/// Who looks along a ray.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Eye {
-    /// A camera: the backs of one-sided surfaces are invisible.
-    Camera,
-    /// Light: the backs of one-sided surfaces are black and opaque.
-    Light,
-}
-
-/// What a ray met.
-#[derive(Clone, Copy, Debug)]
-pub struct Hit {
-    /// Index into [`Scene::triangles`].
-    pub triangle: u32,
-    /// Barycentric (u, v), as in [`Scene::interpolate`].
-    pub u: f32,
-    /// See [`Hit::u`].
-    pub v: f32,
-    /// Distance in ray units.
-    pub distance: f32,
-    /// Whether the back was met.
-    pub back: bool,
-    /// Which packet has it.
-    packet: u32,
-    lane: u32,
-}
-
-impl Hit {
-    /// The same at the end of a way of that length, ray units.
-    pub fn after(self, distance: f32) -> Self {
-        Self { distance, ..self }
-    }
-}
 
 /// A point of a surface.
 #[derive(Clone, Copy, Debug)]
@@ -119,9 +83,10 @@ pub fn inset(corners: [Vec3; 3]) -> f32 {
 
 /// The scene for rays.
 pub struct Rays {
-    hierarchy: Hierarchy,
-    /// The triangles, by leaf of the hierarchy.
-    packets: Vec<Packet>,
+    /// The listed triangles.
+    listed: Tree,
+    /// Instances, if there are any.
+    instanced: Option<Box<Instanced>>,
     center: DVec3,
     scale: f64,
     /// Centre and radius of a ball around everything, ray units.
@@ -150,8 +115,8 @@ impl Rays {
         let scale = (SIZE / extent).log2().floor().exp2();
         let middle = (0.5 * (low + high) - center) * scale;
         let mut rays = Self {
-            hierarchy: Hierarchy::default(),
-            packets: Vec::new(),
+            listed: Tree::default(),
+            instanced: None,
             center,
             scale,
             ball: (middle, 0.51 * (high - low).length() * scale),
@@ -160,20 +125,13 @@ impl Rays {
             has_avx2: is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
         };
         let margin = Vec3A::splat((extent * scale) as f32 * BOX_MARGIN);
-        let mut boxes = rays.boxes(scene, margin);
-        rays.hierarchy = Hierarchy::new(&mut boxes);
-        let packet = |run: &Range<u32>| {
-            let mut packet = Packet::EMPTY;
-            for item in &boxes[run.start as usize..run.end as usize] {
-                let triangle = &scene.triangles[item.index as usize];
-                let material = &scene.materials[triangle.material as usize];
-                let two_sided = material.double_sided || material.clear_share() > 0.0;
-                let corners = scene.corners(triangle).map(|corner| rays.place(corner));
-                packet.push(item.index, corners, two_sided);
-            }
-            packet
-        };
-        rays.packets = rays.hierarchy.leaves().par_iter().with_min_len(CHUNK).map(packet).collect();
+        let triangle = |index: u32| scene.triangles[index as usize];
+        let corners = |index: u32| scene.corners(&triangle(index)).map(|corner| rays.place(corner));
+        let two_sided =
+            |index: u32| scene.materials[triangle(index).material as usize].is_there_from_behind();
+        let listed = Tree::new(rays.boxes(scene, margin), corners, two_sided);
+        rays.listed = listed;
+        rays.instanced = Instanced::new(scene, (center, scale), margin).map(Box::new);
         rays
     }
 
@@ -194,7 +152,7 @@ impl Rays {
 
     /// Whether there is nothing to hit.
     pub fn is_empty(&self) -> bool {
-        self.packets.is_empty()
+        self.listed.is_empty() && self.instanced.is_none()
     }
 
     /// Bytes that [`Rays::new`] takes at its peak for a scene of so many triangles.
@@ -225,7 +183,7 @@ impl Rays {
 
     /// The corners of a triangle in ray units, and its area.
     pub fn corners(&self, scene: &Scene, triangle: u32) -> ([Vec3; 3], f32) {
-        let corners = scene.corners(&scene.triangles[triangle as usize]);
+        let corners = scene.corners(&scene.triangle(triangle));
         let [a, b, c] = corners.map(|corner| self.place(corner));
         ([a, b, c], 0.5 * (b - a).cross(c - a).length())
     }
@@ -336,8 +294,18 @@ impl Rays {
 
     /// The place that a hit tells.
     pub fn spot(&self, hit: &Hit) -> Spot {
-        let (packet, lane) = (&self.packets[hit.packet as usize], hit.lane as usize);
+        if hit.lane == IN_INSTANCE {
+            return self.spot_of_instance(hit);
+        }
+        let (packet, lane) = (self.listed.packet(hit.packet), hit.lane as usize);
         Spot::new(packet.corners(lane), packet.normal(lane), hit.u, hit.v)
+    }
+
+    #[inline(never)]
+    fn spot_of_instance(&self, hit: &Hit) -> Spot {
+        let corners = self.instanced.as_ref().map(|instanced| instanced.corners(hit));
+        let corners = corners.unwrap_or_default().map(|corner| self.place(corner));
+        Spot::new(corners, unit_normal(corners), hit.u, hit.v)
     }
 
     #[cfg(target_arch = "x86_64")]
@@ -360,38 +328,38 @@ impl Rays {
         direction: Vec3,
         chance: Option<Chance>,
     ) -> Option<Hit> {
-        let sheared = Sheared::new(origin, direction);
-        let mut best: Option<(usize, u32, Crossing)> = None;
-        self.hierarchy.walk::<true, B>(
-            &Slabs::new(origin, direction),
-            f32::INFINITY,
-            |leaf, end| {
-                let packet = &self.packets[leaf];
-                let mut met = B::crossed(packet, &sheared, *end);
-                while met != 0 {
-                    let lane = met.trailing_zeros();
-                    met &= met - 1;
-                    if let Some(crossing) = sheared.cross(packet, lane as usize, *end) {
-                        let black = !crossing.front && packet.two_sided >> lane & 1 == 0;
-                        let seen_at =
-                            if black { crossing.t * (1.0 + BACK_RECEDES) } else { crossing.t };
-                        if seen_at < *end
-                            && !(black && eye == Eye::Camera)
-                            && !self.passes(packet.triangles[lane as usize], &crossing, || {
-                                chance.unwrap_or_else(|| Chance::Ray(sheared.key()))
-                            })
-                        {
-                            *end = seen_at;
-                            best = Some((leaf, lane, crossing));
-                        }
-                    }
-                }
-                false
-            },
-        );
-        let (packet, lane, Crossing { t, u, v, front }) = best?;
-        let triangle = self.packets[packet].triangles[lane as usize];
-        Some(Hit { triangle, u, v, distance: t, back: !front, packet: packet as u32, lane })
+        let look = Look::new(origin, direction, 0.0, eye);
+        let slabs = Slabs::new(origin, direction);
+        let chance = || chance.unwrap_or_else(|| Chance::Ray(look.sheared.key()));
+        let found = self.listed.closest::<B>(&look, &slabs, f32::INFINITY, |triangle, crossing| {
+            self.passes(triangle, crossing, chance)
+        });
+        if let Some(instanced) = &self.instanced {
+            return self.closest_with_instances::<B>(instanced, (&look, &slabs), found, chance);
+        }
+        Some(self.hit(found?))
+    }
+
+    /// The nearer of what was found of the listed triangles and of what instances have.
+    #[inline(always)]
+    fn closest_with_instances<B: Boxes>(
+        &self,
+        instanced: &Instanced,
+        (look, slabs): (&Look, &Slabs),
+        found: Option<Found>,
+        chance: impl Fn() -> Chance + Copy,
+    ) -> Option<Hit> {
+        let end = found.as_ref().map_or(f32::INFINITY, |found| found.seen_at);
+        let passes = |triangle: u32, crossing: &Crossing| self.passes(triangle, crossing, chance);
+        let nearer = instanced.closest::<B>(look, slabs, end, passes);
+        nearer.or_else(|| found.map(|found| self.hit(found)))
+    }
+
+    #[inline(always)]
+    fn hit(&self, Found { leaf, lane, crossing, .. }: Found) -> Hit {
+        let Crossing { t, u, v, front } = crossing;
+        let triangle = self.listed.packet(leaf).triangles[lane as usize];
+        Hit { triangle, u, v, distance: t, back: !front, packet: leaf, lane }
     }
 
     #[cfg(target_arch = "x86_64")]
@@ -414,23 +382,17 @@ impl Rays {
         end: f32,
         skip: impl Fn(u32) -> bool,
     ) -> bool {
-        let sheared = Sheared::new(origin, direction);
-        self.hierarchy.walk::<false, B>(&Slabs::new(origin, direction), end, |leaf, _| {
-            let packet = &self.packets[leaf];
-            let mut met = B::crossed(packet, &sheared, end);
-            while met != 0 {
-                let lane = met.trailing_zeros() as usize;
-                met &= met - 1;
-                if let Some(crossing) = sheared.cross(packet, lane, end)
-                    && !skip(packet.triangles[lane])
-                    && !self
-                        .passes(packet.triangles[lane], &crossing, || Chance::Ray(sheared.key()))
-                {
-                    return true;
-                }
-            }
-            false
-        })
+        // The eye makes no difference: backs block, too.
+        let look = Look::new(origin, direction, 0.0, Eye::Light);
+        let slabs = Slabs::new(origin, direction);
+        let passes = |triangle: u32, crossing: &Crossing| {
+            skip(triangle) || self.passes(triangle, crossing, || Chance::Ray(look.sheared.key()))
+        };
+        if self.listed.blocked::<B>(&look, &slabs, end, passes) {
+            return true;
+        }
+        let Some(instanced) = &self.instanced else { return false };
+        instanced.blocked::<B>(&look, &slabs, end, passes)
     }
 }
 

@@ -1,3 +1,4 @@
+use super::triangle::{Packet, Sheared};
 use super::*;
 use crate::radiometry::Rgb;
 use crate::random::Numbers;
@@ -387,7 +388,7 @@ fn scenes_take_no_more_than_is_asked_for() {
     for size in [1e-4, 0.02, 0.5] {
         let all = clutter(5_000, size);
         let rays = Rays::new(&scene(&all, true));
-        let packets = rays.packets.len() * size_of::<Packet>();
+        let packets = rays.listed.leaves() * size_of::<Packet>();
         // Boxes and both trees take 200 more a triangle.
         let bytes = packets + 200 * all.len();
         assert!(bytes as u64 <= Rays::needed_bytes(all.len() as u64), "{size}: {bytes}");

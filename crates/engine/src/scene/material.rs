@@ -225,6 +225,11 @@ impl Material {
         self.clear_share() > 0.0 || self.reflectance(&self.typical(self.base_color)).is_sharp()
     }
 
+    /// Whether backs are there for light and cameras: they reflect, or let light out.
+    pub fn is_there_from_behind(&self) -> bool {
+        self.double_sided || self.clear_share() > 0.0
+    }
+
     /// Whether any point of the material can emit.
     pub fn emits(&self) -> bool {
         self.emission.max_element() > 0.0

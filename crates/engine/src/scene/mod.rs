@@ -7,19 +7,24 @@ mod camera;
 pub mod daylight;
 pub mod environment;
 pub mod gltf;
+pub mod instances;
 mod layers;
 pub mod made;
 mod material;
 mod message;
+mod numbers;
 pub mod part;
 mod punctual;
 pub mod pyramid;
 mod sky_file;
 pub mod sky_map;
 mod texture;
+mod vertex;
 
 use crate::radiometry::Rgb;
 use glam::{Vec2, Vec3, Vec4};
+use instances::Instances;
+use std::sync::Arc;
 
 pub use background::Background;
 pub use camera::{Camera, Projection};
@@ -29,14 +34,18 @@ pub use material::{Alpha, Appearance, Material, Model, Volume};
 pub use message::{SceneError, Warning};
 pub use punctual::{LightKind, PunctualLight};
 pub use texture::{Encoding, NormalMap, Texture, TextureSlot, Wrap, srgb_to_linear};
+pub use vertex::{Triangle, Vertex};
 
 /// A scene in world space, metres, right-handed, +Y up.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
-    /// Vertices of all triangles; world space.
+    /// Vertices of the listed triangles; world space. [`Scene::vertex`] has those of instances, too.
     pub vertices: Vec<Vertex>,
-    /// Triangles, counter-clockwise seen from the front.
+    /// Triangles that are listed, counter-clockwise seen from the front. [`Scene::triangle`] has those
+    /// of instances, too.
     pub triangles: Vec<Triangle>,
+    /// Meshes that are there many times.
+    pub instances: Arc<Instances>,
     /// Materials that triangles name; never empty when there are triangles.
     pub materials: Vec<Material>,
     /// Decoded textures that material slots name.
@@ -66,46 +75,10 @@ pub struct AnimationName {
     pub seconds: f32,
 }
 
-/// A vertex with everything that is interpolated over a triangle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Vertex {
-    /// World position in metres.
-    pub position: Vec3,
-    /// Unit shading normal; the geometric normal where the file gives none.
-    pub normal: Vec3,
-    /// Texture coordinate sets 0 and 1.
-    pub uv: [Vec2; 2],
-    /// Linear vertex colour; multiplies the base colour.
-    pub color: Rgb,
-    /// The vertex colour's alpha; multiplies the material's.
-    pub alpha: f32,
-    /// Unit tangent in world space (xyz), along which the texture coordinate u of the normal map
-    /// grows, and the sign of the bitangent (w = ±1): bitangent = w · normal × tangent. Zero where
-    /// no normal map needs it.
-    pub tangent: Vec4,
-}
-
-impl Vertex {
-    /// A white, opaque vertex without texture coordinates.
-    pub fn new(position: Vec3, normal: Vec3) -> Self {
-        let (uv, color, tangent) = ([Vec2::ZERO; 2], Rgb::ONE, Vec4::ZERO);
-        Self { position, normal, uv, color, alpha: 1.0, tangent }
-    }
-}
-
-/// One triangle: three vertex indices and a material index.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Triangle {
-    /// Indices into [`Scene::vertices`].
-    pub vertices: [u32; 3],
-    /// Index into [`Scene::materials`].
-    pub material: u32,
-}
-
 impl Scene {
     /// Smallest box around all vertices that triangles use; `None` without triangles.
     pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
-        let mut bounds: Option<(Vec3, Vec3)> = None;
+        let mut bounds = self.instance_bounds();
         for triangle in &self.triangles {
             for &index in &triangle.vertices {
                 let p = self.vertices[index as usize].position;
@@ -118,17 +91,12 @@ impl Scene {
 
     /// Number of triangles whose material emits.
     pub fn emissive_triangles(&self) -> usize {
-        self.triangles.iter().filter(|t| self.materials[t.material as usize].emits()).count()
+        self.count_of(Material::emits)
     }
 
     /// Whether anything is shown in its colour whatever the light (KHR_materials_unlit).
     pub fn has_unlit(&self) -> bool {
-        self.triangles.iter().any(|t| self.materials[t.material as usize].unlit)
-    }
-
-    /// World positions of a triangle's corners.
-    pub fn corners(&self, triangle: &Triangle) -> [Vec3; 3] {
-        triangle.vertices.map(|v| self.vertices[v as usize].position)
+        self.used_materials().iter().zip(&self.materials).any(|(used, own)| *used && own.unlit)
     }
 
     /// Base colour (factor × texture × vertex colour, linear) at barycentric (u, v) of a triangle.
@@ -150,7 +118,8 @@ impl Scene {
         sample: impl Fn(&TextureSlot) -> Vec4,
     ) -> Rgb {
         let material = &self.materials[triangle.material as usize];
-        let color = self.interpolate(triangle, u, v, |vertex| vertex.color);
+        let [a, b, c] = self.of_sources(triangle, |vertex| vertex.color);
+        let color = a * (1.0 - u - v) + b * u + c * v;
         let texel = material.base_color_texture.as_ref().map_or(Vec4::ONE, sample).truncate();
         (material.base_color * color * texel).clamp(Rgb::ZERO, Rgb::ONE)
     }
@@ -192,7 +161,7 @@ impl Scene {
         if material.alpha == Alpha::Opaque {
             return 1.0;
         }
-        let [a, b, c] = triangle.vertices.map(|index| self.vertices[index as usize].alpha);
+        let [a, b, c] = self.of_sources(triangle, |vertex| vertex.alpha);
         let vertex = a * (1.0 - u - v) + b * u + c * v;
         let texel = self.sample(material.base_color_texture.as_ref(), triangle, u, v).w;
         let alpha = (material.opacity * vertex * texel).clamp(0.0, 1.0);
@@ -244,7 +213,7 @@ impl Scene {
         let plain = normal.try_normalize();
         let Some(map) = map else { return plain };
         let tangent = self.interpolate(triangle, u, v, |vertex| vertex.tangent.truncate());
-        let signs = triangle.vertices.map(|index| self.vertices[index as usize].tangent.w);
+        let signs = self.of_corners(triangle, |vertex| vertex.tangent.w);
         let sign: f32 = signs.iter().sum();
         if tangent == Vec3::ZERO || sign == 0.0 {
             return plain;
@@ -265,7 +234,7 @@ impl Scene {
         let of = |attribute: fn(&Vertex) -> Vec3| self.interpolate(triangle, at.x, at.y, attribute);
         let (normal, tangent) =
             (of(|vertex| vertex.normal), of(|vertex| vertex.tangent.truncate()));
-        let signs = triangle.vertices.map(|index| self.vertices[index as usize].tangent.w);
+        let signs = self.of_corners(triangle, |vertex| vertex.tangent.w);
         let bitangent = signs.iter().sum::<f32>().signum() * normal.cross(tangent);
         along.x * tangent + along.y * bitangent
     }
@@ -288,7 +257,7 @@ impl Scene {
         v: f32,
         attribute: impl Fn(&Vertex) -> Vec3,
     ) -> Vec3 {
-        let [a, b, c] = triangle.vertices.map(|i| attribute(&self.vertices[i as usize]));
+        let [a, b, c] = self.of_corners(triangle, attribute);
         a * (1.0 - u - v) + b * u + c * v
     }
 
@@ -302,7 +271,7 @@ impl Scene {
 
     /// Texture coordinates of a triangle's corners as a slot takes them, before its transform.
     pub fn coordinates(&self, slot: &TextureSlot, triangle: &Triangle) -> [Vec2; 3] {
-        triangle.vertices.map(|i| self.vertices[i as usize].uv[slot.uv_set as usize])
+        self.of_sources(triangle, |vertex| vertex.uv[slot.uv_set as usize])
     }
 }
 

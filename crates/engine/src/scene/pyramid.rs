@@ -177,10 +177,7 @@ fn axes([a, b]: [Vec2; 2]) -> (Vec2, f32, f32) {
 
 /// Ways in which textures are read whose means may be asked for, without repetition.
 fn needed(scene: &Scene) -> Vec<(u32, Encoding, Weight)> {
-    let mut used = vec![false; scene.materials.len()];
-    for triangle in &scene.triangles {
-        used[triangle.material as usize] = true;
-    }
+    let used = scene.used_materials();
     let mut all = Vec::new();
     for (material, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
         let emission = material.emission_texture.as_ref().filter(|_| material.emits());

@@ -16,7 +16,7 @@ impl World {
         if !finish.varies {
             return finish.parameters;
         }
-        let triangle = &self.scene.triangles[triangle as usize];
+        let triangle = &self.scene.triangle(triangle);
         let material = &self.scene.materials[triangle.material as usize];
         Parameters::new(material, &self.scene.appearance_over(pyramids, triangle, part))
     }
@@ -28,7 +28,7 @@ impl World {
         if !finish.varies {
             return self.shine(triangle, part.at);
         }
-        let triangle = &self.scene.triangles[triangle as usize];
+        let triangle = &self.scene.triangle(triangle);
         let emission = self.scene.emission_over(pyramids, triangle, part);
         if !finish.is_unlit {
             return emission;
@@ -47,7 +47,7 @@ impl World {
         if !self.finish(triangle).is_bent {
             return normal;
         }
-        let triangle = &self.scene.triangles[triangle as usize];
+        let triangle = &self.scene.triangle(triangle);
         let given = self.scene.shading_normal_over(pyramids, triangle, part);
         given.map(|given| given * side).filter(|given| given.dot(normal) > 0.0).unwrap_or(normal)
     }

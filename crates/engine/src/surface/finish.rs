@@ -5,9 +5,12 @@ use super::dielectric::Clear;
 use super::model::Parameters;
 use crate::radiometry::Rgb;
 use crate::rays::unit_normal;
+use crate::scene::instances::{InstanceTriangle, Instances};
 use crate::scene::{Scene, Triangle};
 use foldhash::{HashMap, HashMapExt};
+use glam::Vec3;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Vertex normals within this cosine of the geometric one, .08°, are taken to be that one with
 /// rounding: flat surfaces are then lit alike everywhere.
@@ -40,8 +43,11 @@ pub struct Finish {
 #[derive(Default)]
 pub struct Finishes {
     all: Vec<Finish>,
-    /// Which of them each triangle has.
+    /// Which of them each triangle has: those that are listed, then those of shapes.
     of_triangle: Vec<u32>,
+    /// Triangles that are listed.
+    listed: u32,
+    instances: Arc<Instances>,
 }
 
 /// What tells finishes apart: material, whether they vary and are bent, and the bits of the vertices'
@@ -64,13 +70,15 @@ struct Found {
 impl Finishes {
     /// Those of a scene; a metre is so many ray units.
     pub fn new(scene: &Scene, metre: f64) -> Self {
-        let found: Vec<Found> = scene
-            .triangles
-            .par_chunks(CHUNK)
-            .map(|triangles| Found::of(scene, triangles, metre))
-            .collect();
-        let mut this = Self::default();
-        this.of_triangle.reserve_exact(scene.triangles.len());
+        let unique: Vec<u32> = scene.unique_triangles().collect();
+        let found: Vec<Found> =
+            unique.par_chunks(CHUNK).map(|triangles| Found::of(scene, triangles, metre)).collect();
+        let mut this = Self {
+            listed: scene.triangles.len() as u32,
+            instances: scene.instances.clone(),
+            ..Self::default()
+        };
+        this.of_triangle.reserve_exact(unique.len());
         let mut numbers: HashMap<Key, u32> = HashMap::new();
         for Found { all, of_triangle } in found {
             let place = |(key, finish): (Key, Finish)| {
@@ -88,7 +96,16 @@ impl Finishes {
     /// That of a triangle.
     #[inline(always)]
     pub fn of(&self, triangle: u32) -> &Finish {
-        &self.all[self.of_triangle[triangle as usize] as usize]
+        let place = if triangle < self.listed { triangle } else { self.place_of(triangle) };
+        &self.all[self.of_triangle[place as usize] as usize]
+    }
+
+    /// The place in the list of a triangle of an instance.
+    #[inline(never)]
+    fn place_of(&self, triangle: u32) -> u32 {
+        let InstanceTriangle { instance, local } = self.instances.find(triangle - self.listed);
+        let own = &self.instances.all()[instance as usize];
+        self.listed + self.instances.shape_of(own).first + local
     }
 
     /// Every one that a triangle has.
@@ -98,16 +115,16 @@ impl Finishes {
 }
 
 impl Found {
-    fn of(scene: &Scene, triangles: &[Triangle], metre: f64) -> Self {
+    fn of(scene: &Scene, triangles: &[u32], metre: f64) -> Self {
         let mut numbers: HashMap<Key, u32> = HashMap::new();
         let mut this = Self::default();
         let mut last: Option<(Key, u32)> = None;
-        for triangle in triangles {
-            let key = Key::new(scene, triangle);
+        for triangle in triangles.iter().map(|index| scene.triangle(*index)) {
+            let key = Key::new(scene, &triangle);
             let number = match last.filter(|(before, _)| *before == key) {
                 Some((_, number)) => number,
                 None => *numbers.entry(key).or_insert_with(|| {
-                    this.all.push((key, Finish::new(scene, triangle, key, metre)));
+                    this.all.push((key, Finish::new(scene, &triangle, key, metre)));
                     this.all.len() as u32 - 1
                 }),
             };
@@ -121,16 +138,15 @@ impl Found {
 impl Key {
     fn new(scene: &Scene, triangle: &Triangle) -> Self {
         let material = &scene.materials[triangle.material as usize];
-        let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize].color);
+        let [a, b, c] = scene.of_sources(triangle, |vertex| vertex.color);
         let varies = material.has_textured_reflection()
             || (material.emits() && material.emission_texture.is_some())
             || a != b
             || b != c;
         let normal = unit_normal(scene.corners(triangle));
-        let is_off = |v: &u32| {
-            scene.vertices[*v as usize].normal.normalize_or(normal).dot(normal) < FLAT_COSINE
-        };
-        let is_bent = material.has_normal_map() || triangle.vertices.iter().any(is_off);
+        let is_off = |given: Vec3| given.normalize_or(normal).dot(normal) < FLAT_COSINE;
+        let normals = scene.of_corners(triangle, |vertex| vertex.normal);
+        let is_bent = material.has_normal_map() || normals.into_iter().any(is_off);
         let looks = match varies {
             true => {
                 let first = Parameters::new(material, &scene.appearance(triangle, 0.0, 0.0));

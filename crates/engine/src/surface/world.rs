@@ -53,8 +53,8 @@ impl World {
             mirrors,
         };
         this.has_clear = this.finishes.all().iter().any(|finish| finish.clear.is_some());
-        this.has_panes = this.has_clear
-            && (0..this.scene.triangles.len() as u32).any(|triangle| this.is_pane(triangle));
+        this.has_panes =
+            this.has_clear && this.scene.unique_triangles().any(|triangle| this.is_pane(triangle));
         this
     }
 
@@ -93,7 +93,7 @@ impl World {
     pub fn emission(&self, triangle: u32, u: f32, v: f32) -> Rgb {
         let finish = self.finishes.of(triangle);
         if finish.varies {
-            self.scene.emission(&self.scene.triangles[triangle as usize], u, v)
+            self.scene.emission(&self.scene.triangle(triangle), u, v)
         } else {
             finish.emission
         }
@@ -106,7 +106,7 @@ impl World {
 
     /// Material of a triangle.
     pub fn material(&self, triangle: u32) -> &Material {
-        &self.scene.materials[self.scene.triangles[triangle as usize].material as usize]
+        &self.scene.materials[self.scene.triangle(triangle).material as usize]
     }
 
     /// Radiance that a camera sees at barycentric coordinates of a triangle, of light that did not
@@ -116,7 +116,7 @@ impl World {
         if !self.finishes.of(triangle).is_unlit {
             return emission;
         }
-        let triangle = &self.scene.triangles[triangle as usize];
+        let triangle = &self.scene.triangle(triangle);
         emission + self.scene.appearance(triangle, at.x, at.y).base_color
     }
 
@@ -126,7 +126,7 @@ impl World {
         if !self.finishes.of(triangle).is_bent {
             return normal;
         }
-        let triangle = &self.scene.triangles[triangle as usize];
+        let triangle = &self.scene.triangle(triangle);
         let given = self.scene.interpolate(triangle, at.x, at.y, |vertex| vertex.normal) * side;
         let given = given.normalize_or(normal);
         if given.dot(normal) > 0.0 { given } else { normal }
@@ -138,7 +138,7 @@ impl World {
         if !self.finishes.of(triangle).is_bent {
             return normal;
         }
-        let triangle = &self.scene.triangles[triangle as usize];
+        let triangle = &self.scene.triangle(triangle);
         let given = self.scene.shading_normal(triangle, at.x, at.y);
         given.map(|given| given * side).filter(|given| given.dot(normal) > 0.0).unwrap_or(normal)
     }
@@ -148,7 +148,7 @@ impl World {
     #[cold]
     #[inline(never)]
     pub(super) fn lay(&self, layered: &mut Layered, place: (u32, Vec2), normal: Vec3, side: f32) {
-        let (triangle, at) = (&self.scene.triangles[place.0 as usize], place.1);
+        let (triangle, at) = (&self.scene.triangle(place.0), place.1);
         let coated = layered.with_coat_normal(self.coat_normal(place, normal, side));
         *layered = coated.brushed(|along| self.scene.in_tangents(triangle, at, along));
     }
@@ -158,7 +158,7 @@ impl World {
         if !self.finishes.of(triangle).is_bent {
             return normal;
         }
-        let given = self.scene.coat_normal(&self.scene.triangles[triangle as usize], at.x, at.y);
+        let given = self.scene.coat_normal(&self.scene.triangle(triangle), at.x, at.y);
         given.map(|given| given * side).filter(|given| given.dot(normal) > 0.0).unwrap_or(normal)
     }
 
@@ -190,7 +190,7 @@ impl World {
     /// Whether a triangle may mirror sharply anywhere.
     #[inline]
     pub fn may_mirror(&self, triangle: u32) -> bool {
-        self.mirrors[self.scene.triangles[triangle as usize].material as usize]
+        self.mirrors[self.scene.triangle(triangle).material as usize]
     }
 
     /// Whether anything is clear.
@@ -242,7 +242,7 @@ impl World {
             let twice = normal.dot((b - a).cross(c - a));
             let u = normal.dot((crossed - a).cross(c - a)) / twice;
             let v = normal.dot((b - a).cross(crossed - a)) / twice;
-            let triangle = &self.scene.triangles[index as usize];
+            let triangle = &self.scene.triangle(index);
             let Some(looking) = clear.looking(&self.scene.appearance(triangle, u, v)) else {
                 return Rgb::ZERO;
             };
@@ -273,7 +273,7 @@ impl World {
     /// for its back.
     pub fn surface_at(&self, index: u32, at: Vec2, spot: Spot, side: f32) -> Surface {
         let (finish, back) = (self.finishes.of(index), side < 0.0);
-        let triangle = &self.scene.triangles[index as usize];
+        let triangle = &self.scene.triangle(index);
         let normal = spot.normal * side;
         let (mut parameters, mut emission, mut clear) =
             (finish.parameters, finish.emission, finish.clear);

@@ -5,7 +5,7 @@ use super::job::{Chosen, Job};
 use super::patchless;
 use super::run::Run;
 use super::silhouette;
-use super::solver::{Estimate, Extent, Method, Solver};
+use super::solver::{Estimate, Extent, Method, Solver, TriangleCount};
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceError, free_memory};
 use crate::emitters::SkyLight;
@@ -45,7 +45,7 @@ pub fn drive<'a>(
 /// Refuses what would not fit into memory before anything is allocated.
 fn admit(method: &dyn Method, job: &Job<'_>) -> Result<(), RenderError> {
     let RenderRequest { scene, width, height, .. } = job.request;
-    let triangles = scene.triangles.len() as u64;
+    let triangles = TriangleCount::of(scene);
     let patchless = patchless::shines(scene, &job.environment);
     let size = [*width, *height];
     let pyramid_bytes = Pyramids::needed_bytes(scene);

@@ -226,7 +226,7 @@ impl<'a> Job<'a> {
             seconds_total: seconds,
             seconds_solve: seconds,
             patches: self.plan.patches,
-            triangles: self.request.scene.triangles.len() as u64,
+            triangles: self.request.scene.triangle_count() as u64,
             device: self.device,
             warnings: self.warnings.iter().map(Into::into).collect(),
             diagnostics,

@@ -37,7 +37,7 @@ pub use registry::{
     settings,
 };
 use solver::Extent;
-pub use solver::Method;
+pub use solver::{Method, TriangleCount};
 pub use surroundings::surroundings;
 
 /// Checks everything of a request that needs neither the scene nor the device. What passes may still
@@ -52,7 +52,7 @@ pub fn check(request: &RenderRequest) -> Result<(), RenderError> {
 
 /// The method that `auto` stands for, and why.
 fn pick(request: &RenderRequest) -> Result<(&'static str, Vec<String>), RenderError> {
-    let triangles = request.scene.triangles.len() as u64;
+    let triangles = TriangleCount::of(&request.scene);
     let size = [request.width, request.height];
     let (settings, _) = registry::in_force(&hemilux::Hemilux, "auto", &request.options)?;
     let pyramid_bytes = Pyramids::needed_bytes(&request.scene);

@@ -23,9 +23,10 @@ impl PatchPoints {
         Self::of(world, PatchCell { corners, at, back })
     }
 
-    /// The points of a patch of a scene that may be a crowd.
-    pub fn in_cut(world: &World, cut: &Cut, patch: PatchIndex) -> Self {
-        Self::of(world, cut.cell(patch))
+    /// The points of a patch of a scene that may be a crowd; of one of several triangles, those of the
+    /// one that a number in [0, 1) picks by area.
+    pub fn in_cut(world: &World, cut: &Cut, patch: PatchIndex, x: f32) -> Self {
+        Self::of(world, cut.cell(patch, x))
     }
 
     fn of(world: &World, PatchCell { corners, at: cell, back }: PatchCell) -> Self {

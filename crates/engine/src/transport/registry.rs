@@ -7,7 +7,7 @@ use super::illumination_map::IlluminationMap;
 use super::options::{AnySetting, Audience, Entry, Form, Scope, Settings, check};
 use super::radiosity::{GaussSeidel, MonteCarlo, Progressive};
 use super::ray_traced::RayTraced;
-use super::solver::{Extent, Method};
+use super::solver::{Extent, Method, TriangleCount};
 use super::stochastic::Stochastic;
 use crate::render::RenderError;
 use std::collections::BTreeMap;
@@ -180,10 +180,10 @@ pub fn relevant(asked: &str, given: &Given) -> Given {
 pub fn needed_bytes(
     asked: &str,
     given: &Given,
-    triangles: u64,
+    triangles: impl Into<TriangleCount>,
     size: [u32; 2],
 ) -> Result<u64, RenderError> {
-    let mut least = u64::MAX;
+    let (mut least, triangles) = (u64::MAX, triangles.into());
     for method in candidates(asked)? {
         let (settings, _) = in_force(method, asked, given)?;
         let settings = &settings;

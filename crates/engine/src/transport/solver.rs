@@ -9,6 +9,7 @@ use crate::image::Picture;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::render::{RenderError, StopReason};
+use crate::scene::Scene;
 use crate::surface::World;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -48,11 +49,41 @@ impl TargetChecks {
     }
 }
 
+/// How many triangles a scene has.
+#[derive(Clone, Copy, Debug)]
+pub struct TriangleCount {
+    /// With those of all instances.
+    pub all: u64,
+    /// Those that take memory where instances share meshes; see [`Scene::kept_triangles`].
+    pub kept: u64,
+}
+
+impl TriangleCount {
+    /// Those of a scene.
+    pub fn of(scene: &Scene) -> Self {
+        Self { all: scene.triangle_count() as u64, kept: scene.kept_triangles() }
+    }
+}
+
+impl From<u64> for TriangleCount {
+    /// So many, all of which are listed.
+    fn from(all: u64) -> Self {
+        Self { all, kept: all }
+    }
+}
+
+impl From<[u64; 2]> for TriangleCount {
+    /// So many, and so many that take memory.
+    fn from([all, kept]: [u64; 2]) -> Self {
+        Self { all, kept }
+    }
+}
+
 /// What the memory of a job depends on.
 #[derive(Clone, Copy)]
 pub struct Extent<'a> {
     /// Triangles of the scene.
-    pub triangles: u64,
+    pub triangles: TriangleCount,
     /// Bytes of the smaller copies of the scene's textures, by which means over parts of them are
     /// found.
     pub pyramid_bytes: u64,
@@ -74,10 +105,10 @@ pub fn patched_bytes(extent: &Extent<'_>) -> u64 {
     const PER_PATCH: u64 = 450;
     const PER_PIXEL: u64 = 32;
     let [width, height] = extent.size.map(u64::from);
-    let mesh = extent.triangles.saturating_mul(PER_TRIANGLE);
+    let mesh = extent.triangles.all.saturating_mul(PER_TRIANGLE);
     let patches = MeshSettings::new(extent.settings).patches as u64;
-    let light = patches.max(extent.triangles).saturating_mul(PER_PATCH);
-    let rays = if extent.patchless { World::needed_bytes(extent.triangles) } else { 0 };
+    let light = patches.max(extent.triangles.all).saturating_mul(PER_PATCH);
+    let rays = if extent.patchless { World::needed_bytes(extent.triangles.all) } else { 0 };
     let scene = mesh.saturating_add(light).saturating_add(rays);
     scene.saturating_add(PROGRAM + width * height * PER_PIXEL)
 }

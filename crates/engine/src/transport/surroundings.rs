@@ -2,7 +2,7 @@
 
 use crate::render::RenderRequest;
 use crate::scene::environment::Environment;
-use crate::scene::{Material, PunctualLight, Scene, Triangle, Warning};
+use crate::scene::{Material, PunctualLight, Scene, Warning};
 use std::sync::Arc;
 
 /// What surrounds `scene` in a job: what the request names; else nothing where the scene has lights
@@ -29,15 +29,16 @@ pub fn surroundings(scene: &Scene, request: &RenderRequest) -> (Arc<Environment>
 /// Textures that glow no brighter than white paper does on a screen are labels and displays: they do
 /// not light what is around them.
 fn has_lights(scene: &Scene) -> bool {
-    let material = |triangle: &Triangle| &scene.materials[triangle.material as usize];
+    let used = scene.used_materials();
+    let mut materials =
+        scene.materials.iter().zip(used).filter(|(_, used)| *used).map(|(own, _)| own);
     let is_lamp = |material: &Material| {
         material.emits()
             && (material.emission_texture.is_none() || material.emission.max_element() > 1.0)
     };
-    let mut materials = scene.triangles.iter().map(material);
     scene.lights.iter().any(PunctualLight::shines)
         || materials.clone().any(is_lamp)
-        || (!scene.triangles.is_empty() && materials.all(|material| material.unlit))
+        || (scene.triangle_count() > 0 && materials.all(|material| material.unlit))
 }
 
 #[cfg(test)]

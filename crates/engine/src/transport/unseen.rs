@@ -30,7 +30,7 @@ pub fn by_gathering(scene: &Scene, has_sun: bool, most_triangles: usize) -> Opti
         has_sun || scene.emissive_triangles() > 0 || scene.lights.iter().any(PunctualLight::shines);
     let used = used(scene);
     let makes_caustics = |material: &usize| scene.materials[*material].casts_caustics();
-    if scene.triangles.len() <= most_triangles || !casts || !used.iter().any(makes_caustics) {
+    if scene.triangle_count() <= most_triangles || !casts || !used.iter().any(makes_caustics) {
         return None;
     }
     let what = format!(
@@ -41,9 +41,6 @@ pub fn by_gathering(scene: &Scene, has_sun: bool, most_triangles: usize) -> Opti
 
 /// The materials that triangles have, in order.
 fn used(scene: &Scene) -> Vec<usize> {
-    let mut used = vec![false; scene.materials.len()];
-    for triangle in &scene.triangles {
-        used[triangle.material as usize] = true;
-    }
+    let used = scene.used_materials();
     (0..used.len()).filter(|material| used[*material]).collect()
 }

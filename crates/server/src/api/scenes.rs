@@ -39,6 +39,12 @@ pub struct Scene {
     pub created_at: Timestamp,
     /// Triangles after instancing.
     pub triangles: u64,
+    /// Triangles that take memory where instances share meshes: those of a shared mesh count once, and
+    /// each of its instances as two; `null` of scenes that were stored by a release that did not
+    /// look.
+    #[serde(default)]
+    #[schema(required)]
+    pub kept_triangles: Option<u64>,
     /// Vertices after instancing.
     pub vertices: u64,
     /// Materials.

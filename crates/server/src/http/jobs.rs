@@ -318,7 +318,8 @@ pub fn check_memory(
     scene: &Scene,
     map: Option<&EnvironmentMap>,
 ) -> Result<(), Problem> {
-    let needed = worker::needed_bytes(job, scene.triangles);
+    let kept = scene.kept_triangles.unwrap_or(scene.triangles);
+    let needed = worker::needed_bytes(job, [scene.triangles, kept]);
     let Some((needed, most)) = needed.zip(app.max_job_bytes) else { return Ok(()) };
     let of_map =
         map.map_or(0, |map| BYTES_OF_A_TEXEL * u64::from(map.width) * u64::from(map.height));

@@ -26,6 +26,7 @@ pub fn scene(content: &[u8]) -> Scene {
         variants: None,
         animations: None,
         gltf_scenes: None,
+        kept_triangles: None,
         warnings: Vec::new(),
     }
 }

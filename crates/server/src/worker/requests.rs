@@ -9,7 +9,7 @@ use crate::api::limits::{MAX_OPTIONS, shorten};
 use crate::api::settings::{Setting, Values};
 use hemilux_engine::render::{Begin, RenderError};
 use hemilux_engine::transport::options::{Form, Kind};
-use hemilux_engine::transport::{self, Listed};
+use hemilux_engine::transport::{self, Listed, TriangleCount};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -118,7 +118,7 @@ pub fn request_problem(job: &JobRequest) -> Option<FieldError> {
 
 /// Memory that a job needs at least, bytes, by the estimate of its method; `None` where the request
 /// cannot be understood.
-pub fn needed_bytes(job: &JobRequest, triangles: u64) -> Option<u64> {
+pub fn needed_bytes(job: &JobRequest, triangles: impl Into<TriangleCount>) -> Option<u64> {
     let size = [job.width, job.height];
     transport::needed_bytes(&job.method, &settings(&job.options), triangles, size).ok()
 }

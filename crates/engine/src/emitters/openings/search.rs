@@ -6,6 +6,7 @@ use crate::radiometry::importance;
 use crate::random::{Numbers, Stream};
 use crate::rays::{Spot, inset, unit_normal};
 use crate::sampling::{Discrete, Seed, Shifted, cosine_direction};
+use crate::scene::Scene;
 use crate::surface::World;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -82,16 +83,20 @@ pub fn leaves(world: &World, start: Vec3, direction: Vec3) -> bool {
 
 /// Looks around from sites on all surfaces; `None` where hardly any is dark.
 pub fn look_around(world: &World) -> Option<Vec<Site>> {
-    let areas: Vec<f32> = (0..world.scene.triangles.len() as u32)
+    let listed = world.scene.triangles.len() as u32;
+    let mut areas: Vec<f32> = (0..listed)
         .into_par_iter()
         .map(|triangle| world.rays.corners(&world.scene, triangle).1)
         .collect();
+    let square = world.square_metre().recip();
+    areas.extend(world.scene.instance_areas(|_| 1.0).map(|(_, area)| area as f32 * square));
     if areas.iter().sum::<f32>().partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
         return None;
     }
     let by_area = Discrete::new(areas.iter().map(|area| f64::from(*area)));
+    let of_shapes = by_area_of_shapes(&world.scene);
     let look = |index| {
-        let mut site = site(world, &areas, &by_area, index)?;
+        let mut site = site(world, &areas, (&by_area, &of_shapes), index)?;
         let mut sequence = Shifted::new(SEED, Stream::Opening, index);
         site.look(world, &mut sequence, RAYS[0]);
         if site.escaped.len() as u32 <= FEW {
@@ -104,9 +109,20 @@ pub fn look_around(world: &World) -> Option<Vec<Site>> {
     (dark as f32 > LEAST_DARK * sites.len() as f32).then_some(sites)
 }
 
-/// A site: half of them lie on triangles picked by area, half on those picked by number, so that
+/// The triangles of each shape, to be picked by their areas.
+fn by_area_of_shapes(scene: &Scene) -> Vec<Discrete> {
+    let shapes = scene.instances.shapes().iter();
+    shapes.map(|shape| Discrete::new(shape.triangle_areas())).collect()
+}
+
+/// A site: half of them lie on triangles picked by area, half on those picked by number (an instance counts as one), so that
 /// neither a house on a wide plain nor the plain is left out. `None` on a triangle without area.
-fn site(world: &World, areas: &[f32], by_area: &Discrete, index: u64) -> Option<Site> {
+fn site(
+    world: &World,
+    areas: &[f32],
+    (by_area, of_shapes): (&Discrete, &[Discrete]),
+    index: u64,
+) -> Option<Site> {
     let mut numbers = Numbers::new(SEED.number, Stream::Opening, SITES + index);
     let pick = numbers.fine();
     let triangle = match index % 2 {
@@ -116,7 +132,13 @@ fn site(world: &World, areas: &[f32], by_area: &Discrete, index: u64) -> Option<
     if areas[triangle] <= 0.0 {
         return None;
     }
-    let triangle = triangle as u32;
+    let mut triangle = triangle as u32;
+    if let Some(instance) = triangle.checked_sub(world.scene.triangles.len() as u32) {
+        let instances = &world.scene.instances;
+        let shape = instances.all()[instance as usize].shape;
+        let local = of_shapes[shape as usize].pick(numbers.fine()) as u32;
+        triangle += instances.triangles_of(instance).start - instance + local;
+    }
     let corners = world.rays.corners(&world.scene, triangle).0;
     let root = numbers.uniform().sqrt();
     let at = Vec2::new(root * (1.0 - numbers.uniform()), 0.0);

@@ -10,15 +10,18 @@ use super::morph;
 use super::node::Instance;
 use super::placing::{Placement, Placing};
 use super::pose::Pose;
+use super::sharing::{self, Counts, SharedShape};
 use super::skin::Bones;
 use super::tangents;
 use super::variants::Variants;
 use super::warnings::Warnings;
+use crate::scene::instances::Instances;
 use crate::scene::{Scene, SceneError, TextureSlot};
 use glam::{DMat4, Vec2, Vec3, Vec4};
 use gltf::json::Root;
 use gltf::json::accessor::Type;
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Meshes of a file, and where they stand.
 pub(super) struct Geometry<'a> {
@@ -67,13 +70,14 @@ impl Geometry<'_> {
             .enumerate()
             .map(|(index, mesh)| primitives(mesh, index, tables, warnings))
             .collect::<Result<Vec<_>, _>>()?;
-        self.check_size(&meshes, limits)?;
         let weights = morph::weights(self.root, self.pose, self.instances)?;
         let mut by_mesh: Vec<Vec<Shown<'_>>> = meshes.iter().map(|_| Vec::new()).collect();
         for (instance, weights) in self.instances.iter().zip(weights) {
             by_mesh[instance.mesh].push(Shown { instance, weights });
         }
+        let shares = counts(&meshes, &by_mesh).check(limits)?;
         self.check_displacements(&meshes, &by_mesh)?;
+        let mut shared = shares.then(|| Sharing::new(limits));
         let mut default_material = None;
         for (primitives, shown) in meshes.iter().zip(by_mesh) {
             if shown.is_empty() {
@@ -88,8 +92,13 @@ impl Geometry<'_> {
                 });
                 let local = read(primitive, self.accessors, material as u32)?;
                 warn_of_missing_uv(primitive, scene, material, warnings);
-                self.show(primitive, local, &shown, (&mut *scene, &mut *warnings))?;
+                let whereto = Whereto { scene, warnings, shared: &mut shared };
+                self.show(primitive, local, &shown, whereto)?;
             }
+        }
+        if let Some(Sharing { mut instances, .. }) = shared {
+            instances.finish();
+            scene.instances = Arc::new(instances);
         }
         Ok(())
     }
@@ -100,8 +109,9 @@ impl Geometry<'_> {
         primitive: &Primitive,
         mut local: Local,
         shown: &[Shown<'_>],
-        (scene, warnings): (&mut Scene, &mut Warnings),
+        whereto: Whereto<'_>,
     ) -> Result<(), SceneError> {
+        let Whereto { scene, warnings, shared } = whereto;
         let material = &scene.materials[local.material as usize];
         let needed = material.tangent_slot().map(|slot| {
             let only_brushed = !material.has_normal_map();
@@ -127,8 +137,15 @@ impl Geometry<'_> {
                 // What is wrong with tangents is said once.
                 said = said.or(own);
             }
+            let [rigid, _] = count_of(primitive, run);
+            let mut shared =
+                shared.as_mut().filter(|_| sharing::pays(shape.triangles.len() as u64, rigid));
+            let of_all = shared.as_mut().and_then(|shared| {
+                SharedShape::new(&shape, rigid, &mut shared.instances, &mut placing)
+            });
             for Shown { instance, .. } in run {
-                self.place(primitive, &shape, instance, &mut placing)?;
+                let shared = shared.as_deref_mut().map(|shared| (of_all.as_ref(), shared));
+                self.place((primitive, &shape), instance, &mut placing, shared)?;
             }
         }
         warnings.append(said);
@@ -143,10 +160,10 @@ impl Geometry<'_> {
     /// Adds an instance of a primitive in its shape, with all its copies.
     fn place(
         &self,
-        primitive: &Primitive,
-        shape: &Local,
+        (primitive, shape): (&Primitive, &Local),
         instance: &Instance,
         placing: &mut Placing<'_>,
+        mut shared: Option<(Option<&SharedShape>, &mut Sharing)>,
     ) -> Result<(), SceneError> {
         let node = instance.node;
         if let Some(skin) = instance.skin.filter(|_| !primitive.influences.is_empty()) {
@@ -154,12 +171,20 @@ impl Geometry<'_> {
             let bones = Bones { matrices: &self.skins[skin], sets, accessors };
             return placing.add(shape, &Placement::Skinned(bones), node);
         }
-        let Some(copies) = &instance.copies else {
-            return placing.add(shape, &Placement::Rigid(instance.to_world), node);
+        let mut add = |to_world: DMat4| {
+            if let Some((of_all, shared)) = &mut shared {
+                if let Some(of_all) = of_all
+                    && of_all.place(to_world, &mut shared.instances)?
+                {
+                    return Ok(());
+                }
+                shared.copy(shape.triangles.len())?;
+            }
+            placing.add(shape, &Placement::Rigid(to_world), node)
         };
+        let Some(copies) = &instance.copies else { return add(instance.to_world) };
         for copy in 0..copies.count {
-            let to_world = instance.to_world * copies.matrix(copy, self.accessors)?;
-            placing.add(shape, &Placement::Rigid(to_world), node)?;
+            add(instance.to_world * copies.matrix(copy, self.accessors)?)?;
         }
         Ok(())
     }
@@ -238,28 +263,65 @@ impl Geometry<'_> {
             "simplify the meshes, or give fewer morph targets a weight",
         ))
     }
+}
 
-    /// Refuses more triangles than are allowed.
-    fn check_size(
-        &self,
-        meshes: &[Vec<Primitive>],
-        limits: &ImportLimits,
-    ) -> Result<(), SceneError> {
-        // Summed by mesh first: a mesh of many primitives may have many instances.
-        let triangles: Vec<u64> =
-            meshes.iter().map(|mesh| mesh.iter().map(|p| p.triangles as u64).sum()).collect();
-        let instances = self.instances.iter();
-        let total: u64 = instances.fold(0, |sum, instance| {
-            sum.saturating_add(triangles[instance.mesh].saturating_mul(instance.count()))
-        });
-        let most = (limits.max_triangles as u64).min(u64::from(u32::MAX) / 3);
-        if total > most {
-            return Err(SceneError::too_large(
-                "meshes",
-                format!("{total} triangles with all instances; {most} are allowed"),
-                "simplify the meshes or send fewer instances",
-            ));
+/// How many instances show a primitive by their transform alone, and how many by their joints.
+fn count_of(primitive: &Primitive, run: &[Shown<'_>]) -> [u64; 2] {
+    let mut counts = [0u64; 2];
+    for Shown { instance, .. } in run {
+        let skinned = instance.skin.is_some() && !primitive.influences.is_empty();
+        let count = &mut counts[usize::from(skinned)];
+        *count = count.saturating_add(instance.count());
+    }
+    counts
+}
+
+/// What is shown of all meshes.
+fn counts(meshes: &[Vec<Primitive>], shown: &[Vec<Shown<'_>>]) -> Counts {
+    let mut counts = Counts::default();
+    for (primitives, shown) in meshes.iter().zip(shown) {
+        for run in runs(shown) {
+            // Of each kind together, since a mesh of many primitives may have many instances.
+            let mut of_kind: HashMap<bool, Option<[u64; 2]>> = HashMap::new();
+            for primitive in primitives {
+                let kind = of_kind.entry(primitive.influences.is_empty()).or_default();
+                let [rigid, skinned] = *kind.get_or_insert_with(|| count_of(primitive, run));
+                counts.add(primitive.triangles as u64, rigid, skinned);
+            }
         }
+    }
+    counts
+}
+
+/// Where primitives go.
+struct Whereto<'a> {
+    scene: &'a mut Scene,
+    warnings: &'a mut Warnings,
+    shared: &'a mut Option<Sharing>,
+}
+
+/// What is shared, if anything is.
+struct Sharing {
+    instances: Instances,
+    /// Triangles that may still be copied where instances can't share them.
+    left: usize,
+}
+
+impl Sharing {
+    fn new(limits: &ImportLimits) -> Self {
+        Self { instances: Instances::default(), left: limits.max_triangles }
+    }
+
+    /// Counts triangles that are copied though instances were to share them.
+    fn copy(&mut self, triangles: usize) -> Result<(), SceneError> {
+        let left = self.left.checked_sub(triangles).ok_or_else(|| {
+            SceneError::too_large(
+                "meshes",
+                "too many instances have transforms that leave some triangle hardly any area, and can't share their mesh",
+                "simplify the meshes or send fewer instances",
+            )
+        })?;
+        self.left = left;
         Ok(())
     }
 }

@@ -6,8 +6,14 @@ use std::collections::BTreeMap;
 /// Bounds on what an upload may contain; exceeding one is a [`crate::scene::SceneError`] with `too_large`.
 #[derive(Clone, Copy, Debug)]
 pub struct ImportLimits {
-    /// Triangles after instancing.
+    /// Triangles that are kept: those of meshes that many instances share count once, and each of
+    /// their instances as [`INSTANCE_TRIANGLES`] more.
+    ///
+    /// [`INSTANCE_TRIANGLES`]: crate::scene::instances::INSTANCE_TRIANGLES
     pub max_triangles: usize,
+    /// Meshes are shared by their instances, rather than copied for each, where the copies would have
+    /// more triangles than this altogether.
+    pub share_above: u64,
     /// Texels of one texture.
     pub max_texture_texels: u64,
     /// Texels of all textures together.
@@ -16,7 +22,12 @@ pub struct ImportLimits {
 
 impl Default for ImportLimits {
     fn default() -> Self {
-        Self { max_triangles: 4_000_000, max_texture_texels: 64 << 20, max_total_texels: 256 << 20 }
+        Self {
+            max_triangles: 4_000_000,
+            share_above: 500_000,
+            max_texture_texels: 64 << 20,
+            max_total_texels: 256 << 20,
+        }
     }
 }
 

@@ -6,7 +6,7 @@
 //! (typed reads) → `animation` and `pose` (what an animation moves) → `node`, `instancing` and
 //! `lights` (what stands where), `material`, `textures`, `picture` and `ktx2` (surfaces) →
 //! `attributes`, `morph`, `tangents` and `geometry` (shapes) → `skin` and `placing` (world-space
-//! triangles). `extensions` lists what is known beyond the format's core.
+//! triangles) or `sharing` (meshes that are kept once for many instances). `extensions` lists what is known beyond the format's core.
 
 mod accessor;
 mod animation;
@@ -33,6 +33,7 @@ mod node;
 mod picture;
 mod placing;
 mod pose;
+mod sharing;
 mod skin;
 mod tangents;
 #[cfg(test)]
@@ -52,7 +53,8 @@ use warnings::Warnings;
 /// Imports a `.glb` (or a `.gltf` with its `resources`).
 ///
 /// The default scene is shown, or else the first. Triangles face front by their winding; every
-/// vertex normal lies on the front side of the triangles that use it. A camera and a light have
+/// vertex normal lies on the front side of the triangles that use it; those of a mesh that instances
+/// share do in the mesh's own space. A camera and a light have
 /// their node's name, or else their own.
 ///
 /// # Errors
@@ -111,7 +113,7 @@ pub fn import_with(
     scene.variants = variants::Variants::names(root);
     scene.animations = animation::names(&animations, &accessors);
     scene.scenes = root.scenes.iter().map(|scene| scene.name.clone()).collect();
-    if scene.triangles.is_empty() {
+    if scene.triangle_count() == 0 {
         warnings.push("meshes", "there is no triangle to be seen");
     }
     scene.warnings = warnings.finish();
@@ -122,11 +124,10 @@ pub fn import_with(
 /// blended, and light passes what is opaque faster.
 fn close_holes(scene: &mut Scene, images: &picture::Images<'_>) {
     let mut least = vec![1.0f32; scene.materials.len()];
-    for triangle in &scene.triangles {
+    for triangle in scene.unique_triangles().map(|index| scene.triangle(index)) {
         let least = &mut least[triangle.material as usize];
-        for vertex in triangle.vertices {
-            *least = least.min(scene.vertices[vertex as usize].alpha);
-        }
+        let alphas = scene.of_sources(&triangle, |vertex| vertex.alpha);
+        *least = alphas.into_iter().fold(*least, f32::min);
     }
     for (material, least) in scene.materials.iter_mut().zip(least) {
         let texture = material.base_color_texture.filter(|_| material.has_holes());

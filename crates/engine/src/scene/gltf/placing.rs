@@ -11,10 +11,10 @@ use crate::scene::{Scene, SceneError, Triangle, Vertex};
 use glam::{DMat3, DMat4, DVec3, Vec3, Vec4};
 
 /// A triangle whose area is below this, in square metres, is degenerate.
-const MIN_AREA: f64 = 1e-16;
+pub(super) const MIN_AREA: f64 = 1e-16;
 /// A triangle whose area is below this share of its longest side's square is degenerate: its
 /// height is lost in the rounding of its corners.
-const MIN_AREA_RATIO: f64 = 1e-9;
+pub(super) const MIN_AREA_RATIO: f64 = 1e-9;
 
 /// Least cosine between a shading normal and its triangle's own.
 const MIN_NORMAL_COSINE: f32 = 1e-3;
@@ -123,6 +123,35 @@ impl<'a> Placing<'a> {
         node: usize,
     ) -> Result<(), SceneError> {
         let world = placement.vertices(local, node, &mut self.odd)?;
+        self.add_placed(local, &world, MIN_AREA);
+        Ok(())
+    }
+
+    /// Adds it as it is in its own space, in which areas may be of any size.
+    pub fn add_in_mesh_space(&mut self, local: &Local) {
+        let own = |vertex: &LocalVertex| Placed {
+            position: vertex.position.as_vec3(),
+            normal: vertex.normal.as_dvec3().normalize_or_zero().as_vec3(),
+            tangent: vertex.tangent,
+            mirrored: false,
+        };
+        let placed: Vec<Placed> = local.vertices.iter().map(own).collect();
+        self.add_placed(local, &placed, 0.0);
+    }
+
+    /// Triangles that were left out, and corners whose normals were turned.
+    pub fn odd_triangles(&self) -> [usize; 2] {
+        [self.dropped, self.turned]
+    }
+
+    /// Counts what was odd about a primitive that is shown so many times.
+    pub fn count_odd(&mut self, [dropped, turned]: [usize; 2], times: u64) {
+        let times = usize::try_from(times).unwrap_or(usize::MAX);
+        self.dropped = self.dropped.saturating_add(dropped.saturating_mul(times));
+        self.turned = self.turned.saturating_add(turned.saturating_mul(times));
+    }
+
+    fn add_placed(&mut self, local: &Local, world: &[Placed], least_area: f64) {
         let mut shared: Vec<Option<u32>> = vec![None; local.vertices.len()];
         for corners in &local.triangles {
             let mut corners = *corners;
@@ -131,7 +160,7 @@ impl<'a> Placing<'a> {
                 corners.swap(1, 2);
             }
             let positions = corners.map(|corner| world[corner as usize].position);
-            let Some(flat) = geometric_normal(positions) else {
+            let Some(flat) = geometric_normal(positions, least_area) else {
                 self.dropped += 1;
                 continue;
             };
@@ -154,7 +183,6 @@ impl<'a> Placing<'a> {
             });
             self.scene.triangles.push(Triangle { vertices, material: local.material });
         }
-        Ok(())
     }
 
     /// Warns of what was odd about the instances of the primitive at that place of the file.
@@ -188,11 +216,11 @@ impl<'a> Placing<'a> {
 }
 
 /// Unit normal of a triangle by its winding; `None` where it has no usable area.
-fn geometric_normal(positions: [Vec3; 3]) -> Option<Vec3> {
+fn geometric_normal(positions: [Vec3; 3], least_area: f64) -> Option<Vec3> {
     let [a, b, c] = positions.map(Vec3::as_dvec3);
     let cross = (b - a).cross(c - a);
     let area = 0.5 * cross.length();
     let longest =
         (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
-    (area > MIN_AREA.max(MIN_AREA_RATIO * longest)).then(|| cross.normalize().as_vec3())
+    (area > least_area.max(MIN_AREA_RATIO * longest)).then(|| cross.normalize().as_vec3())
 }

@@ -3,6 +3,7 @@
 mod broken_motion;
 mod compressed;
 mod motion;
+mod sharing;
 mod surfaces;
 
 use super::warnings::MAX_WARNINGS;

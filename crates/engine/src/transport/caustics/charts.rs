@@ -66,7 +66,7 @@ impl Charts {
     pub fn new(scene: &Scene, receivers: &[Receiver], cells: u64) -> Self {
         let total: f64 = receivers.iter().map(|receiver| receiver.weight).sum();
         let mut charts = Self {
-            of: vec![[NONE; 2]; scene.triangles.len()],
+            of: vec![[NONE; 2]; scene.triangle_count()],
             charts: Vec::with_capacity(receivers.len()),
             values: Vec::new(),
             areas: Vec::new(),
@@ -260,7 +260,7 @@ fn point(divisions: u32, i: u32, j: u32) -> usize {
 fn neighbours(scene: &Scene, receivers: &[Receiver]) -> Vec<[Option<(u32, usize)>; 3]> {
     let mut places: HashMap<[u32; 3], u32> = HashMap::new();
     let mut corners = |receiver: &Receiver| -> [u32; 3] {
-        scene.corners(&scene.triangles[receiver.triangle as usize]).map(|position| {
+        scene.corners(&scene.triangle(receiver.triangle)).map(|position| {
             let next = places.len() as u32;
             // Adding zero turns −0 into +0.
             *places.entry((position + 0.0).to_array().map(f32::to_bits)).or_insert(next)
@@ -282,7 +282,7 @@ fn neighbours(scene: &Scene, receivers: &[Receiver]) -> Vec<[Option<(u32, usize)
     }
     let normal = |receiver: usize| {
         let Receiver { triangle, back, .. } = receivers[receiver];
-        let [a, b, c] = scene.corners(&scene.triangles[triangle as usize]).map(Vec3::as_dvec3);
+        let [a, b, c] = scene.corners(&scene.triangle(triangle)).map(Vec3::as_dvec3);
         let normal = (b - a).cross(c - a).normalize_or_zero().as_vec3();
         if back { -normal } else { normal }
     };

@@ -18,6 +18,7 @@ use crate::random::{Numbers, Stream};
 use crate::rays::Eye;
 use crate::sampling::Discrete;
 use crate::sampling::frame;
+use crate::scene::Material;
 use crate::surface::{Clear, Reflection, Surface, World};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -45,12 +46,9 @@ impl Casters {
     /// Those of a scene; `None` without any.
     pub fn new(world: &World) -> Option<Self> {
         let scene = &world.scene;
-        let casts: Vec<bool> = scene.materials.iter().map(|m| m.casts_caustics()).collect();
         let area = |index: u32| f64::from(world.rays.corners(scene, index).1);
-        let triangles: Vec<u32> = (0..scene.triangles.len() as u32)
-            .filter(|index| casts[scene.triangles[*index as usize].material as usize])
-            .filter(|index| area(*index) > 0.0)
-            .collect();
+        let casting = scene.triangles_of(Material::casts_caustics);
+        let triangles: Vec<u32> = casting.filter(|index| area(*index) > 0.0).collect();
         let total: f64 = triangles.iter().map(|index| area(*index)).sum();
         (total > 0.0).then(|| Self {
             choice: Discrete::new(triangles.iter().map(|index| area(*index))),

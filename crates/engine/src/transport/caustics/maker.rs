@@ -122,17 +122,17 @@ impl Maker {
 fn receivers(world: &World) -> Vec<Receiver> {
     let scene = &world.scene;
     let mut receivers = Vec::new();
-    for (index, triangle) in scene.triangles.iter().enumerate() {
-        let material = &scene.materials[triangle.material as usize];
+    for index in 0..scene.triangle_count() as u32 {
+        let material = &scene.materials[scene.triangle(index).material as usize];
         let opaque = material.clear_share() < 1.0;
         if !opaque || material.reflectance(&material.appearance(Rgb::ONE)).diffuse == Rgb::ZERO {
             continue;
         }
-        let (_, area) = world.rays.corners(scene, index as u32);
+        let (_, area) = world.rays.corners(scene, index);
         let area = area * world.square_metre();
         for back in [false, true] {
             if area > 0.0 && (!back || material.double_sided) {
-                let triangle = index as u32;
+                let triangle = index;
                 receivers.push(Receiver { triangle, back, area, weight: f64::from(area) });
             }
         }
@@ -144,7 +144,7 @@ fn receivers(world: &World) -> Vec<Receiver> {
 fn weigh(receivers: &mut [Receiver], world: &World, pilot: &LightRays<'_>) {
     // A pass that no picture has.
     let shower = pilot.shoot(u64::MAX / pilot.count - 1, 0..pilot.count);
-    let mut landed = vec![[0.0; 2]; world.scene.triangles.len()];
+    let mut landed = vec![[0.0; 2]; world.scene.triangle_count()];
     for deposit in &shower.deposits {
         landed[deposit.triangle as usize][usize::from(deposit.back)] +=
             f64::from(importance(deposit.power));

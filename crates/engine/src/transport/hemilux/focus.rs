@@ -25,7 +25,7 @@ pub fn find(world: &World, camera: &Camera, [width, height]: [u32; 2]) -> Option
         let at = Vec2::new((ray % SIDE) as f32, (ray / SIDE) as f32) + 0.5;
         let (origin, direction) = frame.ray(2.0 * at / SIDE as f32 - 1.0);
         let hit = world.rays.closest(Eye::Camera, origin, direction)?;
-        let triangle = &world.scene.triangles[hit.triangle as usize];
+        let triangle = &world.scene.triangle(hit.triangle);
         Some(world.scene.interpolate(triangle, hit.u, hit.v, |vertex| vertex.position))
     };
     let places: Vec<Vec3> = (0..SIDE * SIDE).into_par_iter().filter_map(seen).collect();

@@ -4,6 +4,7 @@
 mod band;
 mod edges;
 
+use super::instance_pixels::InstancePixels;
 use super::places::FragmentPlaces;
 use crate::hemicube::item;
 use crate::measurement::{Frame, View};
@@ -166,6 +167,7 @@ pub struct VisibleSurfaces {
     /// The facets; none of a crowd, whose facets are placed where they are needed.
     placed: Vec<PictureFacet>,
     placing: Placing,
+    instance_pixels: InstancePixels,
     samples: Vec<Vec2>,
     /// Middles of the squares that a pixel is cut into where all of it sees one facet: textures are
     /// averaged over these, without gaps.
@@ -218,6 +220,7 @@ impl VisibleSurfaces {
             frame: Frame::new(&world.rays.camera(camera), width, height),
             placed,
             placing,
+            instance_pixels: InstancePixels::new(world, camera, [width, height]),
             squares: squares(SQUARES),
             samples,
             pyramids: Pyramids::new(cut.scene()),

@@ -19,6 +19,7 @@ mod focus;
 mod fragments;
 mod gather;
 mod gloss;
+mod instance_pixels;
 mod places;
 mod plan;
 mod settings;
@@ -82,7 +83,7 @@ impl Method for Hemilux {
         // If all of it receives caustics on both sides.
         const PER_MAPPED_TRIANGLE: u64 = 1600;
         let [width, height] = extent.size.map(u64::from);
-        let triangles = extent.triangles;
+        let triangles = extent.triangles.kept;
         let asked = HemiluxSettings::new(extent.settings, 1).coarse_patches;
         let patches = asked.unwrap_or(Effort::MOST_PATCHES);
         let each = match Cut::is_crowd(triangles as usize, patches) {

@@ -6,9 +6,7 @@ use crate::scene::Scene;
 
 /// One sentence a decision.
 pub fn reasons(scene: &Scene, options: &HemiluxSettings) -> Vec<String> {
-    let mut used = vec![false; scene.materials.len()];
-    scene.triangles.iter().for_each(|triangle| used[triangle.material as usize] = true);
-    let glossy = scene.materials.iter().zip(used).any(|(material, used)| {
+    let glossy = scene.materials.iter().zip(scene.used_materials()).any(|(material, used)| {
         used && material.reflectance(&material.typical(material.base_color)).is_glossy()
     });
     let emitters = scene.emissive_triangles();

@@ -13,7 +13,7 @@ use crate::checkpoint::{CheckpointError, Reader};
 use crate::device::DeviceError;
 use crate::emitters::DirectLights;
 use crate::image::Picture;
-use crate::patches::PatchedScene;
+use crate::patches::{MAX_PATCHES, PatchedScene};
 use crate::radiometry::Rgb;
 use crate::render::{RenderError, StopReason};
 use crate::sampling::Seed;
@@ -436,7 +436,10 @@ impl Solver for Tiers {
     }
 
     fn irradiance(&self) -> Option<(Arc<PatchedScene>, Vec<Rgb>)> {
-        Some(self.coarse.on_patches())
+        // A mesh has every triangle of every instance.
+        let scene = &self.world.scene;
+        let is_listed = scene.instances.is_empty() || scene.triangle_count() <= MAX_PATCHES;
+        is_listed.then(|| self.coarse.on_patches())
     }
 
     fn diagnostics(&self, _run: &Run<'_>) -> BTreeMap<String, f64> {

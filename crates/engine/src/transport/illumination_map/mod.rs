@@ -58,7 +58,7 @@ impl Method for IlluminationMap {
 
     fn needed_bytes(&self, extent: &Extent<'_>) -> u64 {
         let cells = MapSettings::new(extent.settings).cells;
-        ray_traced::needed_bytes(extent) + Charts::needed_bytes(2 * extent.triangles, cells)
+        ray_traced::needed_bytes(extent) + Charts::needed_bytes(2 * extent.triangles.all, cells)
     }
 
     fn begin<'a>(
@@ -83,7 +83,7 @@ impl Method for IlluminationMap {
         job.announce(Announcement {
             device: format!("{} (rays)", CpuDevice::describe_here().name),
             patches: 0,
-            triangles: job.request.scene.triangles.len(),
+            triangles: job.request.scene.triangle_count(),
             shines: lights.is_some(),
             warnings,
         });

@@ -49,7 +49,7 @@ impl Method for GaussSeidel {
 
     fn needed_bytes(&self, extent: &Extent<'_>) -> u64 {
         let patches = MeshSettings::new(extent.settings).patches as u64;
-        let matrix = matrix_bytes(patches.max(extent.triangles));
+        let matrix = matrix_bytes(patches.max(extent.triangles.all));
         patched_bytes(extent).saturating_add(matrix)
     }
 

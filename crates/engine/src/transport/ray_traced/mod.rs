@@ -73,7 +73,7 @@ impl Method for RayTraced {
         job.announce(Announcement {
             device: format!("{} (rays)", CpuDevice::describe_here().name),
             patches: 0,
-            triangles: job.request.scene.triangles.len(),
+            triangles: job.request.scene.triangle_count(),
             shines: lights.is_some(),
             warnings: warnings(&world, &options, &device.description()),
         });
@@ -93,7 +93,7 @@ impl Method for RayTraced {
 
 /// Memory of the scene, as rays see it, and of the film, bytes.
 pub fn needed_bytes(extent: &Extent<'_>) -> u64 {
-    World::needed_bytes(extent.triangles) + Film::needed_bytes(extent.size[0], extent.size[1])
+    World::needed_bytes(extent.triangles.kept) + Film::needed_bytes(extent.size[0], extent.size[1])
 }
 
 /// What is not as it should be: an empty scene, bias that was asked for, another device than was

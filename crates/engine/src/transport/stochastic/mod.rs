@@ -193,8 +193,8 @@ fn strains(scene: &PatchedScene) -> Vec<Warning> {
     }
     let sharp = (0..patches.len())
         .filter(|p| patches.reflectance(*p).is_sharp())
-        .map(|p| scene.facets[patches.facet[p] as usize].source as usize)
-        .map(|source| scene.scene.triangles[source].material)
+        .map(|p| scene.facets[patches.facet[p] as usize].source)
+        .map(|source| scene.scene.triangle(source).material)
         .collect::<std::collections::BTreeSet<_>>();
     for material in sharp {
         let name = &scene.scene.materials[material as usize].name;

@@ -9,7 +9,7 @@ use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::SceneLights;
 use crate::patches::FacetPlace;
 use crate::radiometry::{Rgb, importance};
-use crate::scene::{Material, PunctualLight, Scene};
+use crate::scene::{Material, PunctualLight};
 use crate::surface::{Surface, World};
 use crate::transport::caustics::{Casters, Lit, Maker, Map, PowerDeposit};
 
@@ -93,18 +93,17 @@ impl CausticLight {
 /// or a mirror of metal, and it is not too large.
 fn is_mapped(world: &World) -> bool {
     let casts = world.has_clear() || has_mirrors(world);
-    casts && world.scene.triangles.len() <= MOST_TRIANGLES
+    casts && world.scene.triangle_count() <= MOST_TRIANGLES
 }
 
 /// Whether anything mirrors most of the light sharply.
 pub fn has_mirrors(world: &World) -> bool {
-    let Scene { materials, triangles, .. } = &*world.scene;
     let is_mirror = |material: &Material| {
         let whole = material.reflectance(&material.typical(material.base_color));
         whole.is_sharp() && importance(whole.specular) > LEAST_MIRRORED
     };
-    let mirrors: Vec<bool> = materials.iter().map(is_mirror).collect();
-    triangles.iter().any(|triangle| mirrors[triangle.material as usize])
+    let materials = world.scene.materials.iter().zip(world.scene.used_materials());
+    materials.filter(|(_, used)| *used).any(|(material, _)| is_mirror(material))
 }
 
 /// Whether light shines that maps have: of emitters, the sun or points.

@@ -130,7 +130,11 @@ impl Elements {
         let members = self.members(element);
         let running = &self.running[self.start[element.at()] as usize..][..members.len()];
         let pick = running.partition_point(|area| *area <= x * self.area[element.at()]);
-        PatchPoints::in_cut(world, cut, members[pick.min(members.len() - 1)])
+        let pick = pick.min(members.len() - 1);
+        // Where between its running sums the number lies picks among several triangles of a patch.
+        let before = if pick > 0 { running[pick - 1] } else { 0.0 };
+        let within = (x * self.area[element.at()] - before) / (running[pick] - before);
+        PatchPoints::in_cut(world, cut, members[pick], within)
     }
 }
 

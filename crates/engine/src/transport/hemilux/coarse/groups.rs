@@ -2,7 +2,7 @@
 //! face the same way and have one material. The work is shared out in parts of fixed size whose
 //! groups are numbered in the order of the parts, so that any number of threads finds the same.
 
-use crate::patches::{Crowd, Cut, Focus, NO_PATCH, PatchIndex, PatchedScene};
+use crate::patches::{Crowd, Cut, Focus, NO_PATCH, Outline, PatchIndex, PatchedScene};
 use crate::radiometry::Rgb;
 use foldhash::{HashMap, HashMapExt};
 use glam::Vec3;
@@ -79,7 +79,7 @@ impl Groups {
         for patch in (0..count).filter(|patch| !hidden[*patch]) {
             let next = this.sizes.len() as u32;
             let facet = &scene.facets[patches.facet[patch] as usize];
-            let material = scene.scene.triangles[facet.source as usize].material;
+            let material = scene.scene.triangle(facet.source).material;
             let facing = facing(patches.normal[patch]);
             let key = grouping.key(patches.area[patch], patches.centroid[patch], facing, material);
             let group = key.map_or(next, |key| *numbers.entry(key).or_insert(next));
@@ -166,23 +166,14 @@ impl Part {
         let mut numbers: HashMap<GroupKey, u32> = HashMap::new();
         for (offset, own) in of_patch.iter_mut().enumerate() {
             let index = PatchIndex((first + offset) as u32);
-            let Some(patch) = crowd.patch(index) else { continue };
-            let [a, b, c] = crowd.corners(&patch);
-            let across = (b - a).cross(c - a);
-            let area = 0.5 * across.length();
-            if area.is_nan() || area <= 0.0 {
-                continue;
-            }
-            let facing = facing(if patch.back { -across } else { across });
-            let material = crowd.scene.triangles[patch.triangle as usize].material;
-            let center = (a + b + c) / 3.0;
-            let key = grouping.key(area, center, facing, material);
+            let Some(outline) = crowd.outline(index) else { continue };
+            let Outline { area, center, material, albedo, .. } = outline;
+            let key = grouping.key(area, center, facing(outline.facing), material);
             let next = this.keys.len() as u32;
             let group = key.map_or(next, |key| *numbers.entry(key).or_insert(next));
             if group == next {
                 this.keys.push(key);
             }
-            let albedo = crowd.means(index, &patch).albedo;
             let counted = crowd.focus.map(|focus| focus.weight(center) * area);
             this.groups.add(group, albedo * area, counted);
             *own = group;

@@ -58,7 +58,7 @@ impl Guide {
             }
         }
         let points: Vec<PatchPoints> =
-            patches.iter().map(|patch| PatchPoints::in_cut(world, cut, *patch)).collect();
+            patches.iter().map(|patch| PatchPoints::in_cut(world, cut, *patch, 0.0)).collect();
         let bounds_of = |(points, power): (&PatchPoints, &f32)| {
             let (center, radius) = points.ball();
             LightBounds { center, radius, power: *power, normal: points.normal(), two_sided: false }
@@ -113,8 +113,14 @@ fn aiming_targets(
     let all: f32 = area.iter().sum();
     let power: f32 = area.iter().zip(radiosity).map(|(area, own)| area * own).sum();
     let limit = BRIGHT_FACTOR * power / all;
-    let mut bright: Vec<ElementIndex> =
-        elements.all().filter(|element| radiosity[element.at()] > limit).collect();
+    // Clusters of an instance are no one place to aim at.
+    let is_listed = |element: &ElementIndex| {
+        !elements.members(*element).iter().any(|patch| cut.is_cluster(*patch))
+    };
+    let mut bright: Vec<ElementIndex> = elements
+        .all()
+        .filter(|element| radiosity[element.at()] > limit && is_listed(element))
+        .collect();
     let own = |element: &ElementIndex| area[element.at()] * radiosity[element.at()];
     if bright.iter().map(own).sum::<f32>() <= LEAST_BRIGHT_SHARE * power {
         return None;
@@ -190,7 +196,8 @@ mod tests {
         let mean = all.sum::<f32>() / patches.area.iter().sum::<f32>();
         let (mut aimed, mut met) = (0, 0);
         for patch in (0..patches.len() as u32).step_by(37).map(PatchIndex) {
-            let (point, normal) = PatchPoints::in_cut(world, &mesh.cut, patch).point([0.4, 0.6]);
+            let (point, normal) =
+                PatchPoints::in_cut(world, &mesh.cut, patch, 0.0).point([0.4, 0.6]);
             for k in 0..8 {
                 let xi = Vec3::new(0.123, 0.456, 0.789) * (k + 1) as f32;
                 let Some(aim) = guide.aim(point, normal, xi.fract()) else { continue };

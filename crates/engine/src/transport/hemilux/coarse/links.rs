@@ -278,7 +278,8 @@ fn link_rays(
     count: u32,
     mut sequence: Shifted,
 ) -> Vec<Ray> {
-    let alone = mesh.elements.members(element).len() == 1;
+    let members = mesh.elements.members(element);
+    let alone = members.len() == 1 && !mesh.cut.is_cluster(members[0]);
     let points = mesh.elements.points(world, &mesh.cut, element, 0.0);
     let ray = |_| {
         let xi = sequence.next_pair();

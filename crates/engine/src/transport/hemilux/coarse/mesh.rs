@@ -184,12 +184,12 @@ mod tests {
             let mut found = 0;
             for patch in (0..mesh.cut.patches()).step_by(7) {
                 let mut sequence = Shifted::new(SEED, Stream::Gather, patch as u64).at(0);
-                let from = PatchPoints::in_cut(world, &mesh.cut, PatchIndex(patch as u32));
+                let from = PatchPoints::in_cut(world, &mesh.cut, PatchIndex(patch as u32), 0.0);
                 let (start, normal) = from.point(sequence.next_pair());
                 let direction = cosine_direction(normal, sequence.second_pair());
                 let Some(hit) = world.rays.closest(Eye::Light, start, direction) else { continue };
                 let Some(patch) = mesh.patch_at(&hit) else { continue };
-                let (center, radius) = PatchPoints::in_cut(world, &mesh.cut, patch).ball();
+                let (center, radius) = PatchPoints::in_cut(world, &mesh.cut, patch, 0.0).ball();
                 let distance = world.rays.spot(&hit).point.distance(center);
                 assert!(distance <= 1.01 * radius, "{distance} from a patch of {radius}");
                 found += 1;

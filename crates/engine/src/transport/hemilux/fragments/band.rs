@@ -48,12 +48,9 @@ impl VisibleSurfaces {
             groups.clear();
             let mut empty = 0u64;
             for sample in 0..count {
-                let mut code = items[sample * pixels + pixel];
+                let raster = items[sample * pixels + pixel];
+                let code = self.seen(world, first_row * self.width + pixel as u32, sample, raster);
                 let bit = 1u64 << sample;
-                if self.may_pass(world, code) {
-                    let pixel = first_row * self.width + pixel as u32;
-                    code = self.behind_holes(world, pixel, sample);
-                }
                 if code == item::EMPTY {
                     empty |= bit;
                     continue;
@@ -77,6 +74,18 @@ impl VisibleSurfaces {
         band
     }
 
+    /// Code of what a sample of a pixel sees, whose code as rasterised is given.
+    #[inline]
+    fn seen(&self, world: &World, pixel: u32, sample: usize, mut code: u32) -> u32 {
+        if self.instance_pixels.may_be_in(pixel) {
+            code = self.before(world, pixel, sample, code);
+        }
+        if self.may_pass(world, code) {
+            code = self.behind_holes(world, pixel, sample);
+        }
+        code
+    }
+
     /// Whether a sample that sees this may see what is behind it instead.
     fn may_pass(&self, world: &World, code: u32) -> bool {
         let facet = item::decode(code);
@@ -98,6 +107,19 @@ impl VisibleSurfaces {
             Cut::Crowd(_) => hit.triangle,
         };
         Some(item::encode(facet, hit.back))
+    }
+
+    /// Code of what a sample of a pixel sees: `code`, or the triangle of an instance before it.
+    fn before(&self, world: &World, pixel: u32, sample: usize, code: u32) -> u32 {
+        let (origin, direction) = self.ray(pixel, self.samples[sample]);
+        let spread = (sample as f32 * GOLDEN_RATIO).fract();
+        let hit = world.rays.closest_in_pixel(origin, direction, spread, pixel);
+        match hit {
+            Some(hit) if hit.triangle as usize >= world.scene.triangles.len() => {
+                item::encode(hit.triangle, hit.back)
+            }
+            _ => code,
+        }
     }
 
     /// Origin and unit direction of the ray through a place in a pixel.

@@ -324,7 +324,7 @@ impl VisibleSurfaces {
             let material = |code| {
                 let (facet, _) = item::decode(code)?;
                 let source = self.cut.source(crate::patches::FacetIndex(facet));
-                Some(self.placing.world.scene.triangles[source as usize].material)
+                Some(self.placing.world.scene.triangle(source).material)
             };
             one.code == other.code || material(one.code) == material(other.code)
         };
