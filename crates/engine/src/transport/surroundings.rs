@@ -5,6 +5,10 @@ use crate::scene::environment::Environment;
 use crate::scene::{Material, PunctualLight, Scene, Warning};
 use std::sync::Arc;
 
+/// Mean radiance of all surfaces from which what glows lights a scene: that of a white wall lit by a
+/// studio would be 1.
+const LEAST_GLOW: f64 = 0.003;
+
 /// What surrounds `scene` in a job: what the request names; else nothing where the scene has lights
 /// of its own; else a neutral studio, with a warning that says so.
 pub fn surroundings(scene: &Scene, request: &RenderRequest) -> (Arc<Environment>, Option<Warning>) {
@@ -16,7 +20,7 @@ pub fn surroundings(scene: &Scene, request: &RenderRequest) -> (Arc<Environment>
     }
     let found = match scene.emissive_triangles() {
         0 => "nothing in the scene gives light",
-        _ => "in the scene only textures glow, no brighter than a screen",
+        _ => "what glows in the scene is no brighter than a screen",
     };
     let what = format!(
         "{found}, so a neutral studio sky gives light; choose another sky or a sun, or none (on \
@@ -26,19 +30,39 @@ pub fn surroundings(scene: &Scene, request: &RenderRequest) -> (Arc<Environment>
 }
 
 /// Whether the scene has lights of its own, or needs none since no surface of it takes part in light.
-/// Textures that glow no brighter than white paper does on a screen are labels and displays: they do
-/// not light what is around them.
+/// Textures that glow no brighter than white paper does on a screen, the most that the format's core
+/// allows, are labels and displays: they do not light what is around them. Nor do plain surfaces that
+/// glow so where they are too small, such as the headlights of a parked car.
 fn has_lights(scene: &Scene) -> bool {
     let used = scene.used_materials();
     let mut materials =
         scene.materials.iter().zip(used).filter(|(_, used)| *used).map(|(own, _)| own);
-    let is_lamp = |material: &Material| {
-        material.emits()
-            && (material.emission_texture.is_none() || material.emission.max_element() > 1.0)
-    };
+    let is_lamp = |material: &Material| material.emits() && material.emission.max_element() > 1.0;
     scene.lights.iter().any(PunctualLight::shines)
         || materials.clone().any(is_lamp)
-        || (scene.triangle_count() > 0 && materials.all(|material| material.unlit))
+        || (scene.triangle_count() > 0 && materials.clone().all(|material| material.unlit))
+        || (materials.any(glows_plainly) && mean_glow(scene) > LEAST_GLOW)
+}
+
+/// Whether a material glows all over.
+fn glows_plainly(material: &Material) -> bool {
+    material.emits() && material.emission_texture.is_none()
+}
+
+/// Mean over all surfaces of the radiance that plain ones emit.
+fn mean_glow(scene: &Scene) -> f64 {
+    let (mut light, mut area) = (0.0, 0.0);
+    for index in 0..scene.triangle_count() as u32 {
+        let triangle = scene.triangle(index);
+        let [a, b, c] = scene.corners(&triangle);
+        let own = f64::from((b - a).cross(c - a).length());
+        let material = &scene.materials[triangle.material as usize];
+        area += own;
+        if glows_plainly(material) {
+            light += own * f64::from(material.emission.max_element());
+        }
+    }
+    light / area.max(f64::MIN_POSITIVE)
 }
 
 #[cfg(test)]
@@ -81,6 +105,38 @@ mod tests {
             let request = request(scene.clone(), asked);
             let (environment, warning) = surroundings(&request.scene, &request);
             assert_eq!((environment.is_dark(), warning.is_some()), (is_dark, warns));
+        }
+    }
+
+    /// By how bright a lamp in a room glows, and how large it is beside that of the Cornell box.
+    #[test]
+    fn what_glows_like_a_screen_lights_a_scene_where_it_is_large_enough() {
+        let room =
+            import(&made::cornell(), &Resources::default(), &ImportLimits::default()).unwrap();
+        let lamp = room.materials.iter().position(Material::emits).expect("a lamp");
+        for (glow, size, is_lit) in [
+            (1.0, 1.0, true),
+            (1.0, 0.1, false),
+            (1.001, 0.1, true),
+            (0.05, 1.0, false),
+            (0.0, 1.0, false),
+        ] {
+            let mut scene = room.clone();
+            scene.materials[lamp].emission = glam::Vec3::splat(glow);
+            for index in 0..scene.triangles.len() {
+                let triangle = scene.triangles[index].clone();
+                if triangle.material as usize == lamp {
+                    let [first, ..] = scene.corners(&triangle);
+                    for vertex in triangle.vertices {
+                        let at = &mut scene.vertices[vertex as usize].position;
+                        *at = first + (*at - first) * size;
+                    }
+                }
+            }
+            let request = request(scene, None);
+            let (environment, warning) = surroundings(&request.scene, &request);
+            let found = (environment.is_dark(), warning.is_none());
+            assert_eq!(found, (is_lit, is_lit), "{glow} {size}");
         }
     }
 }
