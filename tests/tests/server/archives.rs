@@ -152,6 +152,11 @@ fn the_command_line_takes_archives_and_folders() {
     assert_eq!(render(&folder.path().join("haus")).as_ref(), Ok(&expected));
     // The folder above has one scene as well, but an empty one has none.
     assert_eq!(render(folder.path()).as_ref(), Ok(&expected));
+    // A binary file may name files beside it, too.
+    let binary_file = folder.path().join("haus/szene.glb");
+    let root = serde_json::from_slice(&main).unwrap();
+    std::fs::write(&binary_file, assemble(&root, &[])).unwrap();
+    assert_eq!(render(&binary_file).as_ref(), Ok(&expected));
     let empty = TempDir::new().unwrap();
     let words = render(empty.path()).unwrap_err();
     assert!(words.contains("no .gltf and no .glb"), "{words}");

@@ -74,9 +74,10 @@ pub fn load_file(
     guarded(|| import_with(main, resources, options).map_err(refusal))
 }
 
-/// Relative URIs that a .gltf file names, as written; none where it is a .glb or no JSON.
+/// Relative URIs that a file names, as written; none where it is not glTF.
 pub fn resource_names(main: &[u8]) -> Vec<String> {
-    let Ok(document) = serde_json::from_slice::<serde_json::Value>(main) else { return Vec::new() };
+    let json = binary_json(main).unwrap_or(main);
+    let Ok(document) = serde_json::from_slice::<serde_json::Value>(json) else { return Vec::new() };
     ["buffers", "images"]
         .iter()
         .filter_map(|list| document.get(list)?.as_array())
@@ -85,6 +86,15 @@ pub fn resource_names(main: &[u8]) -> Vec<String> {
         .filter(|uri| !uri.contains(':'))
         .map(str::to_owned)
         .collect()
+}
+
+/// The JSON chunk of a .glb, which is its first one; `None` of any other file.
+fn binary_json(main: &[u8]) -> Option<&[u8]> {
+    const HEADER_BYTES: usize = 12;
+    let chunk = main.strip_prefix(b"glTF").and_then(|_| main.get(HEADER_BYTES..))?;
+    let (length, rest) =
+        chunk.split_first_chunk().map(|(n, rest)| (u32::from_le_bytes(*n), rest))?;
+    rest.strip_prefix(b"JSON")?.get(..length as usize)
 }
 
 /// Imports a scene. The importer reads hostile input: should it ever panic, that refuses the
