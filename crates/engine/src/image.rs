@@ -8,6 +8,10 @@ pub use exr_file::{UNIT_ATTRIBUTE, Units};
 use serde::{Deserialize, Serialize};
 use std::io::Cursor;
 
+/// What is darker than the mean by this factor is black, whatever the exposure, and says nothing
+/// about it: 17 stops, more than a camera tells apart.
+const BLACK: f64 = 1e-5;
+
 /// A picture of linear RGB radiance, rows from the top.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
@@ -27,8 +31,8 @@ pub struct Picture {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Exposure {
-    /// Brings the picture's log-average radiance to mid grey; the same picture always gets the
-    /// same exposure.
+    /// Brings the picture's log-average radiance to mid grey, without what is black beside the
+    /// mean; the same picture always gets the same exposure.
     Auto,
     /// Multiplies radiance by 2^stops.
     Stops(f32),
@@ -78,13 +82,15 @@ impl Picture {
         match exposure {
             Exposure::Stops(stops) => stops.exp2(),
             Exposure::Auto => {
+                let luminances = self.pixels.iter().filter_map(|pixel| {
+                    let y = f64::from(pixel.dot(crate::radiometry::IMPORTANCE_WEIGHTS));
+                    (y > 0.0 && y.is_finite()).then_some(y)
+                });
+                let mean = luminances.clone().sum::<f64>() / luminances.clone().count() as f64;
                 let (mut sum, mut count) = (0.0f64, 0usize);
-                for pixel in &self.pixels {
-                    let y = pixel.dot(crate::radiometry::IMPORTANCE_WEIGHTS);
-                    if y > 0.0 && y.is_finite() {
-                        sum += f64::from(y).ln();
-                        count += 1;
-                    }
+                for y in luminances.filter(|y| *y >= BLACK * mean) {
+                    sum += y.ln();
+                    count += 1;
                 }
                 if count == 0 { 1.0 } else { (0.18 / (sum / count as f64).exp()) as f32 }
             }
@@ -187,6 +193,22 @@ mod tests {
         assert_eq!(found, [[code, code, code, 255], [code, code, code, 64], [0; 4]]);
         let opaque = image::load_from_memory(&ramp().to_png(Exposure::Auto).unwrap()).unwrap();
         assert!(!opaque.color().has_alpha());
+    }
+
+    /// Light that has crept into what is black by rounding does not make the rest white.
+    #[test]
+    fn what_is_black_beside_the_mean_has_no_say_in_the_exposure() {
+        let of = |pixels: &[f32]| {
+            let pixels = pixels.iter().map(|y| Rgb::splat(*y)).collect::<Vec<_>>();
+            Picture::new(pixels.len() as u32, 1, pixels).exposure_factor(Exposure::Auto)
+        };
+        let lit = of(&[0.5, 0.5, 0.0, 0.0]);
+        assert!((lit / 0.36 - 1.0).abs() < 1e-4, "{lit}");
+        assert_eq!(of(&[0.5, 0.5, 1e-13, 1e-13]), lit);
+        // A deep shadow counts: it is ten stops darker.
+        let shadow = of(&[0.5, 0.5, 5e-4, 5e-4]);
+        assert!((shadow / lit / 1000f32.sqrt() - 1.0).abs() < 1e-3, "{shadow}");
+        assert_eq!(of(&[0.0, 0.0]), 1.0);
     }
 
     #[test]
