@@ -13,8 +13,13 @@ pub enum Support {
     Implemented,
     /// It is shown nearly so; what is lost or changed.
     Approximated(&'static str),
-    /// The file is shown without it; what is lost.
+    /// It says nothing that a picture shows: names, metadata, behaviour, sound, or another way to
+    /// store what the file has without it too.
+    Unseen,
+    /// A surface or an animation is shown without it, which is warned of there; what is lost.
     Ignored(&'static str),
+    /// The whole file is shown without it, which is warned of once; what is lost.
+    LeftOut(&'static str),
     /// A file that requires it is refused, as is geometry or a picture that is there in no other
     /// form; what the sender can do.
     Refused(&'static str),
@@ -35,15 +40,43 @@ const fn extension(name: &'static str, support: Support) -> Extension {
 
 /// All of them, by name. Warnings, refusals and the table of docs/gltf.md are made of it.
 pub const EXTENSIONS: &[Extension] = &[
+    extension(
+        "CESIUM_RTC",
+        Support::LeftOut("the scene stands at its own origin, not at its place on the globe"),
+    ),
+    extension("CESIUM_primitive_outline", Support::LeftOut("outlines are left out")),
+    extension("EXT_feature_metadata", Support::Unseen),
+    extension("EXT_instance_features", Support::Unseen),
+    extension(
+        "EXT_lights_image_based",
+        Support::LeftOut("the sky that the file names is ignored; name one as the sky"),
+    ),
+    extension("EXT_mesh_features", Support::Unseen),
     extension("EXT_mesh_gpu_instancing", Support::Implemented),
+    extension("EXT_mesh_manifold", Support::Unseen),
+    extension("EXT_mesh_polygon", Support::Unseen),
     extension("EXT_meshopt_compression", Support::Implemented),
+    extension("EXT_structural_metadata", Support::Unseen),
     extension("EXT_texture_avif", Support::Refused("export textures as PNG, JPEG, WebP or KTX2")),
     extension("EXT_texture_webp", Support::Implemented),
+    extension("FB_ngon_encoding", Support::Unseen),
+    extension("GODOT_single_root", Support::Unseen),
     extension(
         "KHR_animation_pointer",
         Support::Ignored("only what the format itself animates is moved; all else is at rest"),
     ),
+    extension("KHR_audio_emitter", Support::Unseen),
     extension("KHR_draco_mesh_compression", Support::Implemented),
+    extension(
+        "KHR_gaussian_splatting",
+        Support::LeftOut("splats are no surfaces; they are left out"),
+    ),
+    extension(
+        "KHR_gaussian_splatting_compression_spz_2",
+        Support::LeftOut("splats are no surfaces; they are left out"),
+    ),
+    extension("KHR_implicit_shapes", Support::Unseen),
+    extension("KHR_interactivity", Support::Unseen),
     extension("KHR_lights_punctual", Support::Implemented),
     extension("KHR_materials_anisotropy", Support::Implemented),
     extension(
@@ -87,10 +120,32 @@ pub const EXTENSIONS: &[Extension] = &[
     ),
     extension("KHR_mesh_quantization", Support::Implemented),
     extension("KHR_meshopt_compression", Support::Implemented),
+    extension("KHR_node_hoverability", Support::Unseen),
+    extension("KHR_node_selectability", Support::Unseen),
+    extension("KHR_node_visibility", Support::Implemented),
+    extension("KHR_physics_rigid_bodies", Support::Unseen),
+    extension(
+        "KHR_techniques_webgl",
+        Support::Refused(
+            "export materials as metallic-roughness ones; shaders in files are not run",
+        ),
+    ),
     extension("KHR_texture_basisu", Support::Implemented),
     extension("KHR_texture_transform", Support::Implemented),
-    extension("KHR_xmp_json_ld", Support::Implemented),
+    extension("KHR_xmp", Support::Unseen),
+    extension("KHR_xmp_json_ld", Support::Unseen),
+    extension("MOZ_hubs_components", Support::Unseen),
     extension("MSFT_lod", Support::Implemented),
+    extension("MSFT_texture_dds", Support::Refused("export textures as PNG, JPEG, WebP or KTX2")),
+    extension("VRM", Support::Unseen),
+    extension(
+        "VRMC_materials_mtoon",
+        Support::Ignored("toon shading is ignored; the surface is lit like all others"),
+    ),
+    extension("VRMC_node_constraint", Support::Unseen),
+    extension("VRMC_springBone", Support::Unseen),
+    extension("VRMC_springBone_extended_collider", Support::Unseen),
+    extension("VRMC_vrm", Support::Unseen),
 ];
 
 /// What becomes of the extension of that name; `None` of an unknown one.
@@ -113,7 +168,8 @@ pub fn extensions_as_markdown() -> String {
         let (how, what) = match support {
             Support::Implemented => ("implemented", ""),
             Support::Approximated(loss) => ("approximated", *loss),
-            Support::Ignored(loss) => ("ignored", *loss),
+            Support::Unseen => ("nothing to be seen", ""),
+            Support::Ignored(loss) | Support::LeftOut(loss) => ("ignored", *loss),
             Support::Refused(hint) => ("refused where required", *hint),
         };
         let end = if what.is_empty() { "" } else { " " };
@@ -123,8 +179,8 @@ pub fn extensions_as_markdown() -> String {
     table
 }
 
-/// Refuses files that require what is not there, and warns of unknown extensions. What is lost of
-/// known ones is warned of where they are used.
+/// Refuses files that require what is not there, and warns of unknown extensions and of those that
+/// the whole file is shown without. What is lost of others is warned of where they are used.
 pub(super) fn check(root: &Root, warnings: &mut Warnings) -> Result<(), SceneError> {
     for (index, name) in root.extensions_required.iter().enumerate() {
         let hint = match support(name) {
@@ -139,12 +195,12 @@ pub(super) fn check(root: &Root, warnings: &mut Warnings) -> Result<(), SceneErr
         ));
     }
     for (index, name) in root.extensions_used.iter().enumerate() {
-        if support(name).is_none() {
-            warnings.push(
-                format!("extensionsUsed[{index}]"),
-                format!("{} is not supported and ignored", clip(name)),
-            );
-        }
+        let what = match support(name) {
+            None => format!("{} is not supported and ignored", clip(name)),
+            Some(Support::LeftOut(loss)) => format!("{name}: {loss}"),
+            Some(_) => continue,
+        };
+        warnings.push(format!("extensionsUsed[{index}]"), what);
     }
     Ok(())
 }
@@ -177,8 +233,10 @@ mod tests {
     fn names_are_sorted_and_losses_are_said() {
         assert!(EXTENSIONS.is_sorted_by(|a, b| a.name < b.name));
         for Extension { name, support } in EXTENSIONS {
-            if let Support::Approximated(what) | Support::Ignored(what) | Support::Refused(what) =
-                support
+            if let Support::Approximated(what)
+            | Support::Ignored(what)
+            | Support::LeftOut(what)
+            | Support::Refused(what) = support
             {
                 assert!(what.len() > 10 && !what.contains('|'), "{name}");
             }

@@ -16,6 +16,8 @@ use std::f32::consts::PI;
 
 /// Deepest chain of nodes; real scenes stay below a hundred.
 const MAX_NODE_DEPTH: usize = 1000;
+const VISIBILITY: &str = "KHR_node_visibility";
+
 /// Most cameras of a scene: its description names each of them.
 const MAX_CAMERAS: usize = 1024;
 
@@ -92,25 +94,27 @@ pub(super) fn place(graph: Graph<'_>, warnings: &mut Warnings) -> Result<Placed,
     let mut placed =
         Placed { instances: Vec::new(), lights: Vec::new(), cameras: Vec::new(), worlds };
     let (mut camera_nodes, mut light_nodes) = (Vec::new(), Vec::new());
-    let mut stack: Vec<_> = roots.into_iter().rev().map(|node| (node, DMat4::IDENTITY)).collect();
-    while let Some((index, parent)) = stack.pop() {
+    let begin = |node| (node, DMat4::IDENTITY, true);
+    let mut stack: Vec<_> = roots.into_iter().rev().map(begin).collect();
+    while let Some((index, parent, is_parent_visible)) = stack.pop() {
         if std::mem::replace(&mut seen[index], true) {
             return Err(malformed(&at, format!("reaches node {index} twice")));
         }
         let node = &nodes[index];
         let to_world = parent * matrices[index];
         placed.worlds[index] = to_world;
-        if let Some(mesh) = node.mesh {
+        let is_visible = is_visible(node, index)? && is_parent_visible;
+        if let Some(mesh) = node.mesh.filter(|_| is_visible) {
             let mesh = mesh.value();
             placed.instances.push(instance(graph, (index, mesh), to_world, warnings)?);
         }
         if let Some(camera) = node.camera {
             camera_nodes.push((index, camera.value(), to_world));
         }
-        if let Some(light) = carried[index] {
+        if let Some(light) = carried[index].filter(|_| is_visible) {
             light_nodes.push((index, light, to_world));
         }
-        stack.extend(children(node).rev().map(|child| (child, to_world)));
+        stack.extend(children(node).rev().map(|child| (child, to_world, is_visible)));
     }
     placed.instances.sort_by_key(|instance| instance.node);
     camera_nodes.sort_by_key(|(node, ..)| *node);
@@ -118,6 +122,19 @@ pub(super) fn place(graph: Graph<'_>, warnings: &mut Warnings) -> Result<Placed,
     placed.lights = lights::placed(root, &lights, light_nodes, warnings)?;
     placed.cameras = cameras(root, &projections, camera_nodes, warnings);
     Ok(placed)
+}
+
+/// Whether the meshes and lights of a node, and of those below it, are shown (KHR_node_visibility).
+fn is_visible(node: &json::Node, index: usize) -> Result<bool, SceneError> {
+    let extension = node.extensions.as_ref().and_then(|all| all.others.get(VISIBILITY));
+    match extension.and_then(|extension| extension.get("visible")) {
+        None => Ok(true),
+        Some(json::Value::Bool(visible)) => Ok(*visible),
+        Some(_) => Err(malformed(
+            format!("nodes[{index}].extensions.{VISIBILITY}.visible"),
+            "is neither true nor false",
+        )),
+    }
 }
 
 /// The mesh of a node.
