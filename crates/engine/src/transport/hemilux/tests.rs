@@ -3,6 +3,7 @@ use crate::device::cpu::CpuDevice;
 use crate::image::Picture;
 use crate::radiometry::Rgb;
 use crate::render::{Begin, CameraChoice, Limits, Observer, Progress, RenderRequest, Unobserved};
+use crate::scene::environment::Environment;
 use crate::scene::gltf::{ImportLimits, Resources, import};
 use crate::scene::{Triangle, Vertex, made};
 use crate::transport::render;
@@ -23,7 +24,7 @@ fn request(glb: &[u8], seed: u64, brightness: f32) -> RenderRequest {
     scene.materials.iter_mut().for_each(|material| material.emission *= brightness);
     RenderRequest {
         scene: Arc::new(scene),
-        environment: None,
+        environment: Some(Arc::new(Environment::none())),
         background: Default::default(),
         camera: CameraChoice::First,
         width: 70,
