@@ -1,15 +1,20 @@
-//! A camera for scenes that have none: inside, at eye height, where the scene encloses a room; else
-//! in front of it, so far away that all of it fits the picture.
+//! A camera for scenes that have none: inside, at eye height, where the scene encloses a room with
+//! light in it; else in front of it, so far away that all of it fits the picture.
 
 use crate::rays::{Eye, Rays};
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, PunctualLight, Scene};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
 /// Vertical field of view of a camera in front of a scene, radians.
 const OUTER_YFOV: f32 = 45.0 / 180.0 * PI;
-/// From where it looks: the front (glTF's is +Z), a little to the side and from above.
-const FRONT: Vec3 = Vec3::new(0.35, 0.25, 1.0);
+/// From where it looks: the front (glTF's is +Z), from the right and from above, far enough to both
+/// that three faces of a cube are seen.
+const FRONT: Vec3 = Vec3::new(0.55, 0.5, 1.0);
+/// From where it looks at what lies flat: a floor, a terrain.
+const ABOVE: Vec3 = Vec3::new(0.45, 0.9, 0.8);
+/// A scene lies flat if its height is less than this share of its lesser extent across.
+const FLAT: f32 = 0.15;
 /// Height from which it looks into an opening, as a share of the way to the side.
 const ABOVE_OPENING: f32 = 0.1;
 /// Share of the half picture that the scene fills along the axis that it fills more.
@@ -37,36 +42,51 @@ const EYE_HEIGHT: f32 = 1.6;
 const HUMAN: std::ops::RangeInclusive<f32> = 1.9..=30.0;
 /// Height of the eyes in a room of any other size, as a share of its height.
 const EYE_SHARE: f32 = 0.6;
+/// A room without lights is one if at least this share of the directions from its places leads
+/// outside; a solid thing has gaps inside, too, but no daylight in them.
+const DAYLIGHT: f32 = 0.002;
 
 /// A camera for a scene that has none and a picture of that width over height, and what it does, for
 /// a warning.
 pub fn camera(scene: &Scene, aspect: f32) -> (Camera, &'static str) {
     let (low, high) = scene.bounds().unwrap_or((Vec3::splat(-1.0), Vec3::ONE));
-    let walls = Walls { rays: Rays::new(scene), low, high };
+    let walls = Walls { scene, rays: Rays::new(scene), low, high };
     if let Some(camera) = walls.inner_camera(aspect) {
         return (camera, "one that stands in the room, at eye height,");
     }
-    (frame(low, high, walls.opening().unwrap_or(FRONT), aspect), "one that frames it")
+    let size = high - low;
+    let from = if size.y < FLAT * size.x.min(size.z) { ABOVE } else { FRONT };
+    let from = walls.opening().unwrap_or(from);
+    let camera = if scene.triangles.is_empty() {
+        frame((low, high), [low, high].into_iter(), from, aspect)
+    } else {
+        frame((low, high), scene.vertices.iter().map(|vertex| vertex.position), from, aspect)
+    };
+    (camera, "one that frames it")
 }
 
-/// A camera that looks from the direction `from` at the middle of a box and has all of it in view,
-/// as near as that allows.
-fn frame(low: Vec3, high: Vec3, from: Vec3, aspect: f32) -> Camera {
+/// A camera that looks from the direction `from` at the middle of a box and has all of the points in
+/// it in view, as near as that allows.
+fn frame(
+    (low, high): (Vec3, Vec3),
+    points: impl Iterator<Item = Vec3>,
+    from: Vec3,
+    aspect: f32,
+) -> Camera {
     let (center, half) = (0.5 * low + 0.5 * high, (0.5 * high - 0.5 * low).max(Vec3::splat(1e-9)));
     let backward = from.normalize();
     let right = Vec3::Y.cross(backward).normalize();
     let up = backward.cross(right);
     let tangent = (0.5 * OUTER_YFOV).tan() * FILLED;
     let tangents = Vec2::new(tangent * aspect, tangent);
-    // A corner p (across, away from the camera) is in view from the distance D with the camera moved
+    // A point p (across, away from the camera) is in view from the distance D with the camera moved
     // by s to the side where |p.across − s| ≤ t (D + p.away).
     let mut most = [Vec2::splat(f32::NEG_INFINITY); 2];
     let mut nearest = f32::INFINITY;
-    for corner in 0..8 {
-        let sign = |axis: u32| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
-        let corner = half * Vec3::new(sign(0), sign(1), sign(2));
-        let across = Vec2::new(corner.dot(right), corner.dot(up));
-        let away = -corner.dot(backward);
+    for point in points {
+        let own = point - center;
+        let across = Vec2::new(own.dot(right), own.dot(up));
+        let away = -own.dot(backward);
         most[0] = most[0].max(across - tangents * away);
         most[1] = most[1].max(-across - tangents * away);
         nearest = nearest.min(away);
@@ -79,7 +99,8 @@ fn frame(low: Vec3, high: Vec3, from: Vec3, aspect: f32) -> Camera {
 }
 
 /// What a scene looks like from inside.
-struct Walls {
+struct Walls<'a> {
+    scene: &'a Scene,
     rays: Rays,
     low: Vec3,
     high: Vec3,
@@ -93,7 +114,7 @@ struct Stand {
     depth: f32,
 }
 
-impl Walls {
+impl Walls<'_> {
     /// Distance, metres, to the front of a surface that a ray from a place in the world meets first;
     /// `None` where it meets a back or nothing.
     fn distance(&self, from: Vec3, direction: Vec3) -> Option<f32> {
@@ -114,6 +135,29 @@ impl Walls {
         (met as f32 / DIRECTIONS as f32, open / (DIRECTIONS - met).max(1) as f32)
     }
 
+    /// Share of all directions from a place that lead outside, be it through glass.
+    fn outlook(&self, place: Vec3) -> f32 {
+        let is_clear = |triangle: u32| {
+            let triangle = &self.scene.triangles[triangle as usize];
+            self.scene.materials[triangle.material as usize].transmission > 0.0
+        };
+        let out = (0..DIRECTIONS).filter(|number| {
+            let hit = self.rays.closest(Eye::Light, self.rays.place(place), on_sphere(*number));
+            hit.is_none_or(|hit| is_clear(hit.triangle))
+        });
+        out.count() as f32 / DIRECTIONS as f32
+    }
+
+    /// Whether there is light inside, where so large a share of the directions leads outside.
+    fn is_lit(&self, outlook: f32) -> bool {
+        let scene = self.scene;
+        let is_walked_in = self.high.y - self.low.y >= *HUMAN.start();
+        (is_walked_in && outlook >= DAYLIGHT)
+            || scene.lights.iter().any(PunctualLight::shines)
+            || scene.emissive_triangles() > 0
+            || scene.triangles.iter().any(|t| scene.materials[t.material as usize].unlit)
+    }
+
     fn place(&self, share: Vec3) -> Vec3 {
         self.low + (self.high - self.low) * share
     }
@@ -125,7 +169,7 @@ impl Walls {
         }
         let longer = (0.5 * INNER_FOV).tan();
         let half = Vec2::new(longer * aspect.min(1.0), longer / aspect.max(1.0));
-        let mut enclosed = 0;
+        let (mut enclosed, mut outlook) = (0, 0.0);
         let mut best: Option<Stand> = None;
         for x in PLACES {
             for z in PLACES {
@@ -134,6 +178,7 @@ impl Walls {
                     continue;
                 }
                 enclosed += 1;
+                outlook += self.outlook(place);
                 let Some(eye) = self.eye(place) else { continue };
                 let stand = self.widest(eye, half.x);
                 if best.as_ref().is_none_or(|best| stand.depth > best.depth) {
@@ -142,7 +187,8 @@ impl Walls {
             }
         }
         let share = enclosed as f32 / (PLACES.len() * PLACES.len()) as f32;
-        let Stand { eye, direction, depth } = best.filter(|_| share >= ROOM)?;
+        let is_room = share >= ROOM && self.is_lit(outlook / enclosed as f32);
+        let Stand { eye, direction, depth } = best.filter(|_| is_room)?;
         let yfov = 2.0 * half.y.atan();
         Some(Camera::look_at("inside", eye, eye + direction * depth, Vec3::Y, yfov))
     }
@@ -248,6 +294,23 @@ mod tests {
         scene
     }
 
+    /// A room with a lamp under the middle of its ceiling.
+    fn lit_room(low: Vec3, high: Vec3) -> Scene {
+        let mut scene = room(low, high);
+        let mut lamp = Material::lambertian("lamp", Rgb::ZERO);
+        lamp.emission = Rgb::ONE;
+        scene.materials.push(lamp);
+        let first = scene.vertices.len() as u32;
+        let under = (0.5 * (low + high)).with_y(high.y - 0.01 * (high.y - low.y));
+        let (x, z) = (0.01 * Vec3::X * (high.x - low.x), 0.01 * Vec3::Z * (high.z - low.z));
+        for position in [under, under + x, under + z] {
+            scene.vertices.push(Vertex::new(position, Vec3::NEG_Y));
+        }
+        let vertices = [first, first + 1, first + 2];
+        scene.triangles.push(Triangle { vertices, material: 1 });
+        scene
+    }
+
     fn eye(camera: &Camera) -> Vec3 {
         camera.to_world.w_axis.truncate()
     }
@@ -302,6 +365,24 @@ mod tests {
         }
     }
 
+    /// Of a cube one sees three faces, and of a floor more than its edge.
+    #[test]
+    fn tops_and_sides_are_seen() {
+        let mut cube = Scene::default();
+        add_box(&mut cube, Vec3::splat(-1.0), Vec3::ONE, false);
+        let mut floor = Scene::default();
+        add_box(&mut floor, Vec3::new(-3.0, 0.0, -2.0), Vec3::new(3.0, 0.1, 2.0), false);
+        for aspect in ASPECTS {
+            let (of_cube, _) = camera(&cube, aspect);
+            assert!(eye(&of_cube).min_element() > 1.05, "{}", eye(&of_cube));
+            let (of_floor, _) = camera(&floor, aspect);
+            let forward = forward(&of_floor);
+            assert!(forward.y < -0.6 && forward.y > -0.8 && forward.z < -0.5, "{forward}");
+            let (low, high) = extent(&floor, &of_floor, aspect);
+            assert!(low.min_element() > -1.0 && high.max_element() < 1.0, "{low} {high}");
+        }
+    }
+
     #[test]
     fn nothing_and_what_is_flat_are_framed_too() {
         let (camera_of_none, _) = camera(&Scene::default(), 1.0);
@@ -324,7 +405,7 @@ mod tests {
             (Vec3::new(0.4, 0.25, 0.9), 0.15),
         ] {
             let low = Vec3::new(-1.0, 3.0, 2.0);
-            let scene = room(low, low + size);
+            let scene = lit_room(low, low + size);
             for aspect in ASPECTS {
                 let (camera, what) = camera(&scene, aspect);
                 assert!(what.contains("room"), "{size}");
@@ -344,7 +425,7 @@ mod tests {
     /// Furniture is no obstacle, and a solid thing is no room, even where both its sides are there.
     #[test]
     fn furniture_stands_in_rooms_and_solids_are_none() {
-        let mut scene = room(Vec3::ZERO, Vec3::new(6.0, 2.6, 4.0));
+        let mut scene = lit_room(Vec3::ZERO, Vec3::new(6.0, 2.6, 4.0));
         add_box(&mut scene, Vec3::new(2.0, 0.0, 1.0), Vec3::new(3.0, 0.8, 2.5), false);
         add_box(&mut scene, Vec3::new(5.0, 0.0, 0.1), Vec3::new(5.9, 2.2, 0.6), false);
         let (camera_inside, what) = camera(&scene, 1.0);
@@ -356,6 +437,42 @@ mod tests {
         let mut solid = duck();
         solid.materials[0].double_sided = true;
         assert!(camera(&solid, 1.0).1.contains("frames"));
+    }
+
+    /// Inside what is sealed and dark there is nothing to be seen, be it a crate both of whose sides
+    /// are there; a window of air or of glass lets one see.
+    #[test]
+    fn rooms_without_light_are_seen_from_outside() {
+        let (low, high) = (Vec3::ZERO, Vec3::new(6.0, 2.6, 4.0));
+        let frames = |scene: &Scene| camera(scene, 1.0).1.contains("frames");
+        assert!(!frames(&lit_room(low, high)));
+        assert!(frames(&room(low, high)));
+        let mut crate_of_wood = Scene::default();
+        add_box(&mut crate_of_wood, low, high, false);
+        crate_of_wood.materials[0].double_sided = true;
+        assert!(frames(&crate_of_wood));
+        // A triangle of one end wall is missing.
+        let end = |scene: &Scene| {
+            let across = |t: &Triangle| t.vertices.map(|v| scene.vertices[v as usize].position.x);
+            scene.triangles.iter().position(|t| across(t) == [0.0; 3]).expect("an end wall")
+        };
+        let mut with_window = room(low, high);
+        let window = end(&with_window);
+        let missing = with_window.triangles.remove(window);
+        assert!(!frames(&with_window));
+        // The same at the size of a toy is a box with a hole.
+        with_window.vertices.iter_mut().for_each(|vertex| vertex.position *= 0.1);
+        assert!(frames(&with_window));
+        let mut with_glass = room(low, high);
+        let mut glass = Material::lambertian("glass", Rgb::ONE);
+        glass.transmission = 1.0;
+        with_glass.materials.push(glass);
+        with_glass.triangles[window] = Triangle { material: 1, ..missing };
+        assert!(!frames(&with_glass));
+        // What needs no light is seen without.
+        let mut baked = room(low, high);
+        baked.materials[0].unlit = true;
+        assert!(!frames(&baked));
     }
 
     /// The Cornell box is open in front: the camera stands there and sees all walls.
