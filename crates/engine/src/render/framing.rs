@@ -1,5 +1,5 @@
-//! A camera for scenes that have none: inside, at eye height, where the scene encloses a room with
-//! light in it; else in front of it, so far away that all of it fits the picture.
+//! A camera for scenes that have none: inside, at eye height, where the scene encloses a room that has
+//! light in it or no outside; else in front of it, so far away that all of it fits the picture.
 
 use crate::rays::{Eye, Rays};
 use crate::scene::{Camera, PunctualLight, Scene};
@@ -148,6 +148,24 @@ impl Walls<'_> {
         out.count() as f32 / DIRECTIONS as f32
     }
 
+    /// Whether most of what one meets from outside are black backs: walls that are there for who is
+    /// inside alone.
+    fn is_shell(&self) -> bool {
+        let (middle, reach) = (self.place(Vec3::splat(0.5)), (self.high - self.low).length());
+        let (mut met, mut black) = (0, 0);
+        for number in 0..DIRECTIONS {
+            let towards = on_sphere(number);
+            let from = self.rays.place(middle - reach * towards);
+            let Some(hit) = self.rays.closest(Eye::Light, from, towards) else { continue };
+            let triangle = &self.scene.triangles[hit.triangle as usize];
+            met += 1;
+            black += u32::from(
+                hit.back && !self.scene.materials[triangle.material as usize].double_sided,
+            );
+        }
+        2 * black > met
+    }
+
     /// Whether there is light inside, where so large a share of the directions leads outside.
     fn is_lit(&self, outlook: f32) -> bool {
         let scene = self.scene;
@@ -187,7 +205,7 @@ impl Walls<'_> {
             }
         }
         let share = enclosed as f32 / (PLACES.len() * PLACES.len()) as f32;
-        let is_room = share >= ROOM && self.is_lit(outlook / enclosed as f32);
+        let is_room = share >= ROOM && (self.is_lit(outlook / enclosed as f32) || self.is_shell());
         let Stand { eye, direction, depth } = best.filter(|_| is_room)?;
         let yfov = 2.0 * half.y.atan();
         Some(Camera::look_at("inside", eye, eye + direction * depth, Vec3::Y, yfov))
@@ -445,6 +463,13 @@ mod tests {
     fn rooms_without_light_are_seen_from_outside() {
         let (low, high) = (Vec3::ZERO, Vec3::new(6.0, 2.6, 4.0));
         let frames = |scene: &Scene| camera(scene, 1.0).1.contains("frames");
+        let room = |low, high| {
+            let mut room = room(low, high);
+            // Walls without an outside show nothing from there: these are always seen from inside.
+            assert!(!frames(&room));
+            room.materials[0].double_sided = true;
+            room
+        };
         assert!(!frames(&lit_room(low, high)));
         assert!(frames(&room(low, high)));
         let mut crate_of_wood = Scene::default();
