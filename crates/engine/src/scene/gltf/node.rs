@@ -18,6 +18,12 @@ use std::f32::consts::PI;
 const MAX_NODE_DEPTH: usize = 1000;
 const VISIBILITY: &str = "KHR_node_visibility";
 
+/// Farther from the origin than this, metres, single precision has steps of more than 6 cm: nothing
+/// but a place on the globe is.
+const FAR: f64 = 1e6;
+/// By multiples of this it is moved back, metres, so that neighbours are moved alike.
+const STEP: f64 = 1e3;
+
 /// Most cameras of a scene: its description names each of them.
 const MAX_CAMERAS: usize = 1024;
 
@@ -88,13 +94,14 @@ pub(super) fn place(graph: Graph<'_>, warnings: &mut Warnings) -> Result<Placed,
         })
         .collect::<Result<Vec<_>, _>>()?;
     let worlds = worlds(nodes, &matrices)?;
+    let moved = DMat4::from_translation(-far_origin(root, &worlds, warnings));
     let (roots, at) = roots(root, graph.scene, warnings)?;
 
     let mut seen = vec![false; nodes.len()];
     let mut placed =
         Placed { instances: Vec::new(), lights: Vec::new(), cameras: Vec::new(), worlds };
     let (mut camera_nodes, mut light_nodes) = (Vec::new(), Vec::new());
-    let begin = |node| (node, DMat4::IDENTITY, true);
+    let begin = |node| (node, moved, true);
     let mut stack: Vec<_> = roots.into_iter().rev().map(begin).collect();
     while let Some((index, parent, is_parent_visible)) = stack.pop() {
         if std::mem::replace(&mut seen[index], true) {
@@ -122,6 +129,27 @@ pub(super) fn place(graph: Graph<'_>, warnings: &mut Warnings) -> Result<Placed,
     placed.lights = lights::placed(root, &lights, light_nodes, warnings)?;
     placed.cameras = cameras(root, &projections, camera_nodes, warnings);
     Ok(placed)
+}
+
+/// About the middle of the nodes that have meshes, where these are so far away that the
+/// scene is to be shown at the origin instead; else zero. Joints may be in no scene and stay where
+/// they are.
+fn far_origin(root: &Root, worlds: &[DMat4], warnings: &mut Warnings) -> DVec3 {
+    let shown = root.nodes.iter().zip(worlds).filter(|(node, _)| node.mesh.is_some());
+    let places = shown.map(|(_, world)| world.w_axis.truncate());
+    let count = places.clone().count().max(1) as f64;
+    let middle = STEP * (places.clone().sum::<DVec3>() / (STEP * count)).round();
+    let is_far = middle.is_finite() && middle.length() > FAR;
+    if !is_far || !root.skins.is_empty() || !places.clone().all(|place| place.length() > 0.5 * FAR)
+    {
+        return DVec3::ZERO;
+    }
+    let [x, y, z] = (DVec3::ZERO - middle).to_array();
+    let what = format!(
+        "the scene stands where single precision is coarse; all of it is moved by ({x}, {y}, {z}), also for cameras of your own"
+    );
+    warnings.push("nodes", what);
+    middle
 }
 
 /// Whether the meshes and lights of a node, and of those below it, are shown (KHR_node_visibility).

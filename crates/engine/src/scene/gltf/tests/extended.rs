@@ -1,6 +1,7 @@
-//! Extensions that change what is shown of a file, or nothing of it.
+//! Extensions that change what is shown of a file, or nothing of it, and places on the globe.
 
-use super::square;
+use super::{close, square};
+use glam::Vec3;
 use serde_json::{Value, json};
 
 /// The names of extensions in a file that uses and requires them, and what it warns of.
@@ -80,4 +81,32 @@ fn hidden_nodes_hide_all_below_them_but_cameras() {
     }
     let refusal = super::import_bytes(&family(&[(1, json!("no"))]).glb()).unwrap_err();
     assert_eq!(refusal.at, "nodes[1].extensions.KHR_node_visibility.visible");
+}
+
+/// A family that stands on the globe: its places there have steps of half a metre.
+#[test]
+fn what_stands_on_the_globe_is_moved_to_the_origin() {
+    let of = |x: f64, y: f64, others: &[usize]| {
+        let mut file = family(&[]);
+        file.root["nodes"][0]["translation"] = json!([x + 0.5, y, 0]);
+        file.root["nodes"][1]["translation"] = json!([0, 0, 3]);
+        for node in others {
+            file.root["nodes"][node]["translation"] = json!([x + 1.0, y, 0]);
+        }
+        file.import()
+    };
+    let scene = of(4_327_888.0, -4_608_578.0, &[2]);
+    let said = &scene.warnings[0];
+    assert_eq!((scene.warnings.len(), said.at.as_str()), (1, "nodes"));
+    assert!(said.what.contains("moved by (-4328000, 4609000, 0)"), "{said:?}");
+    let eye = scene.cameras[0].to_world.w_axis.truncate();
+    assert!(close(eye, Vec3::new(-111.5, 422.0, 3.0)), "{eye}");
+    assert!(close(scene.lights[0].position, eye));
+    let first = scene.vertices[0].position;
+    assert!(close(first, Vec3::new(-111.5, 422.0, 0.0)), "{first}");
+    // Nearer ones stay, as do those of which a part is at the origin.
+    for stays in [of(40_000.0, 300.0, &[2]), of(4_327_888.0, 0.0, &[])] {
+        assert!(stays.warnings.iter().all(|warning| warning.at != "nodes"));
+        assert!(stays.cameras[0].to_world.w_axis.x > 39_999.0);
+    }
 }
