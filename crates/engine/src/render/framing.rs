@@ -57,12 +57,25 @@ pub fn camera(scene: &Scene, aspect: f32) -> (Camera, &'static str) {
     let size = high - low;
     let from = if size.y < FLAT * size.x.min(size.z) { ABOVE } else { FRONT };
     let from = walls.opening().unwrap_or(from);
-    let camera = if scene.triangles.is_empty() {
+    let camera = if scene.triangle_count() == 0 {
         frame((low, high), [low, high].into_iter(), from, aspect)
     } else {
-        frame((low, high), scene.vertices.iter().map(|vertex| vertex.position), from, aspect)
+        frame((low, high), points(scene), from, aspect)
     };
     (camera, "one that frames it")
+}
+
+/// Points that have all of the scene between them: its vertices, and the corners of boxes around meshes
+/// that are there many times.
+fn points(scene: &Scene) -> impl Iterator<Item = Vec3> {
+    let shared = scene.instances.all().iter().flat_map(|instance| {
+        let (low, high) = instance.box_around(scene.instances.shape_of(instance));
+        (0..8).map(move |corner| {
+            let is_high = [1, 2, 4].map(|bit| corner & bit != 0);
+            Vec3::from_array(std::array::from_fn(|k| if is_high[k] { high[k] } else { low[k] }))
+        })
+    });
+    scene.vertices.iter().map(|vertex| vertex.position).chain(shared)
 }
 
 /// A camera that looks from the direction `from` at the middle of a box and has all of the points in
@@ -138,7 +151,7 @@ impl Walls<'_> {
     /// Share of all directions from a place that lead outside, be it through glass.
     fn outlook(&self, place: Vec3) -> f32 {
         let is_clear = |triangle: u32| {
-            let triangle = &self.scene.triangles[triangle as usize];
+            let triangle = self.scene.triangle(triangle);
             self.scene.materials[triangle.material as usize].transmission > 0.0
         };
         let out = (0..DIRECTIONS).filter(|number| {
@@ -157,7 +170,7 @@ impl Walls<'_> {
             let towards = on_sphere(number);
             let from = self.rays.place(middle - reach * towards);
             let Some(hit) = self.rays.closest(Eye::Light, from, towards) else { continue };
-            let triangle = &self.scene.triangles[hit.triangle as usize];
+            let triangle = self.scene.triangle(hit.triangle);
             met += 1;
             black += u32::from(
                 hit.back && !self.scene.materials[triangle.material as usize].double_sided,
@@ -173,7 +186,7 @@ impl Walls<'_> {
         (is_walked_in && outlook >= DAYLIGHT)
             || scene.lights.iter().any(PunctualLight::shines)
             || scene.emissive_triangles() > 0
-            || scene.triangles.iter().any(|t| scene.materials[t.material as usize].unlit)
+            || scene.has_unlit()
     }
 
     fn place(&self, share: Vec3) -> Vec3 {
