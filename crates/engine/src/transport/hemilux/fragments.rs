@@ -2,7 +2,7 @@
 //! rasterised and grouped by surface into fragments.
 
 mod band;
-mod edges;
+pub mod edges;
 
 use super::instance_pixels::InstancePixels;
 use super::places::FragmentPlaces;
@@ -20,8 +20,6 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::sync::Arc;
-
-pub use edges::Edges;
 
 /// Rows of pixels that are rasterised together, a parallel task.
 const BAND: u32 = 16;
@@ -188,11 +186,11 @@ pub struct VisibleSurfaces {
     pub background: Vec<Rgb>,
     /// Share of each pixel that surfaces cover; empty where the picture shows no alpha.
     pub coverage: Vec<f32>,
-    /// Radiance that each pixel sees on surfaces that are none of its fragments, as [`Edges`] find
+    /// Radiance that each pixel sees on surfaces that are none of its fragments, as [`edges::Edges`] find
     /// them; empty where there are none.
     pub strays: Vec<Rgb>,
     /// One over this, times a constant, is the variance of a surface's share of a pixel: the power
-    /// 3/2 of the number of samples, and of the number of rays of [`Edges`], added up.
+    /// 3/2 of the number of samples, and of the number of rays of [`edges::Edges`], added up.
     pub edge_weight: f32,
 }
 
