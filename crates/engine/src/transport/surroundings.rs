@@ -124,7 +124,7 @@ mod tests {
             let mut scene = room.clone();
             scene.materials[lamp].emission = glam::Vec3::splat(glow);
             for index in 0..scene.triangles.len() {
-                let triangle = scene.triangles[index].clone();
+                let triangle = scene.triangles[index];
                 if triangle.material as usize == lamp {
                     let [first, ..] = scene.corners(&triangle);
                     for vertex in triangle.vertices {

@@ -125,7 +125,10 @@ impl RecordPlane {
         let scatter = (self.energy - explained) / total * (count / (count - 2.0).max(1.0));
         let scatter_by_noise = self.noise_energy / total;
         let bent = (scatter - scatter_by_noise).max(Rgb::ZERO);
-        let own = self.own_share(record, count, scatter - scatter_by_noise, scatter_by_noise);
+        // The ridge flattens the plane a little, which is not in the sum above.
+        let flattened = channels.map(|c| ridge * (c.y * c.y + c.z * c.z));
+        let beyond = (scatter - Rgb::from_array(flattened) / total).max(Rgb::ZERO);
+        let own = self.own_share(record, count, beyond - scatter_by_noise, scatter_by_noise);
         let fitted_noise = Rgb::from_array(noise.map(|c| c.x));
         FittedIrradiance {
             value: value + own * (record.irradiance() - value),
