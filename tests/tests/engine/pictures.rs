@@ -215,7 +215,8 @@ fn emission_too_small_for_a_number_is_no_light() {
     let mut builder = Builder::default();
     let glossy = builder.material(Material { emission: Rgb::X * 1e-44, ..Material::default() });
     builder.cuboid(Vec3::ZERO, Vec3::ONE, true, glossy);
-    let rendered = run(None, &request(builder.build(), 8, 10));
+    let environment = Some(Arc::new(Environment::none()));
+    let rendered = run(None, &RenderRequest { environment, ..request(builder.build(), 8, 10) });
     assert_eq!(rendered.stats.stopped, StopReason::NoLight);
 }
 

@@ -269,15 +269,20 @@ impl VisibleSurfaces {
     /// A surface point of a fragment, off the surface by the rounding error: that of its n-th sample,
     /// or near it where all had their turn.
     pub fn sample_point(&self, fragment: &Fragment, n: u32) -> Vec3 {
+        let Some((facet, back)) = item::decode(fragment.code) else { return fragment.point };
+        let placed = self.placed(facet);
         let mut offset = self.sample(fragment.in_plane, n);
         let round = n / fragment.in_plane.count_ones().max(1);
         if round > 0 {
-            // Elsewhere in the samples' squares: a shadow's edge may be finer than those.
+            // Elsewhere in the samples' squares: a shadow's edge may be finer than those. But not
+            // beyond the facet, where a wall may stand.
             let side = (self.samples.len() as f32).sqrt().recip();
-            offset += ((SQUARE_STEP * round as f32).fract() - 0.5) * side;
+            let beside = offset + ((SQUARE_STEP * round as f32).fract() - 0.5) * side;
+            let at = self.unbounded(&placed, fragment.pixel, beside);
+            if at.min_element() > 0.0 && at.element_sum() < 1.0 {
+                offset = beside;
+            }
         }
-        let Some((facet, back)) = item::decode(fragment.code) else { return fragment.point };
-        let placed = self.placed(facet);
         if fragment.in_plane == fragment.mask {
             return placed.spot(back, self.within(&placed, fragment.pixel, offset)).0;
         }
