@@ -185,7 +185,7 @@ mod tests {
     fn records_are_believed_where_light_is_bent() {
         let linear = fit(|x| 10.0 + 0.2 * x, 0.5);
         assert!((linear.value.x - 10.0).abs() < 0.15, "{}", linear.value.x);
-        assert!(linear.bent.x < 0.05, "{}", linear.bent.x);
+        assert!(linear.bent.x < 0.1, "{}", linear.bent.x);
         let peak = |x: f32| if x == 0.0 { 12.0 } else { 10.0 };
         let exact = fit(peak, 0.0);
         assert!((exact.value.x - 12.0).abs() < 1e-3, "{}", exact.value.x);
