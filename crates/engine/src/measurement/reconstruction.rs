@@ -179,6 +179,30 @@ impl Reconstruction {
         })
     }
 
+    /// Of a facet's side with such a first patch: slopes of the interpolated values over each cell, per
+    /// side of a cell along the first edge and along the second.
+    pub fn slopes(
+        &self,
+        (index, facet): (usize, &Facet),
+        back: bool,
+        vertices: &[Rgb],
+    ) -> impl Iterator<Item = [Rgb; 2]> {
+        let is_smooth = self.smoothness == Smoothness::Smooth;
+        cells(facet.divisions).map(move |corners| {
+            if !is_smooth {
+                return [Rgb::ZERO; 2];
+            }
+            let [a, b, c] = self
+                .cell_vertices(index, back, facet, corners)
+                .map(|vertex| vertices[vertex as usize]);
+            // A cell across a diagonal has its first corner at the far end of both edges.
+            match corners[1].x > corners[0].x {
+                true => [b - a, c - a],
+                false => [a - b, a - c],
+            }
+        })
+    }
+
     fn place_vertices(&mut self, scene: &PatchedScene) {
         // Vertices at a place, one for each direction that a surface faces there.
         let mut at_place: HashMap<LatticePlace, Vec<u32>> = HashMap::new();

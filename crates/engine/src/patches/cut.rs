@@ -47,7 +47,7 @@ impl Cut {
         let is_crowd = Self::is_crowd(scene.triangles.len(), wanted) || !scene.instances.is_empty();
         match is_crowd {
             true => Self::Crowd(Crowd::new(scene, wanted, focus)),
-            false => Self::Listed(Arc::new(PatchedScene::focused(scene, wanted, focus))),
+            false => Self::Listed(Arc::new(PatchedScene::for_rays(scene, wanted, focus))),
         }
     }
 

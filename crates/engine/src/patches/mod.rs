@@ -10,12 +10,14 @@
 
 mod bodies;
 mod clusters;
+mod contacts;
 mod crowd;
 mod cut;
 mod facet;
 mod focus;
 mod index;
 mod means;
+mod nearby;
 mod patched;
 mod seams;
 mod split;

@@ -1,5 +1,6 @@
 //! A scene in facets and patches, all of them listed.
 
+use super::contacts::cut_at_contacts;
 use super::facet::{Facet, NO_PATCH, cells, facet_area, in_piece, nth_cell};
 use super::focus::Focus;
 use super::index::{FacetIndex, PatchIndex};
@@ -106,11 +107,17 @@ impl PatchedScene {
     ///
     /// Elongated triangles are bisected first (conformingly), so that patches are compact.
     pub fn new(scene: Arc<Scene>, target: usize) -> Self {
-        Self::focused(scene, target, None)
+        Self::cut(scene, target, None, false)
     }
 
-    /// The same with patches that are the larger the farther they are from what the camera sees.
-    pub fn focused(scene: Arc<Scene>, target: usize, focus: Option<Focus>) -> Self {
+    /// The same for methods that follow rays: facets end where others stand on them, and with a focus
+    /// patches are the larger the farther they are from what the camera sees. Facets on both sides of
+    /// such a line share no corners there, which leaves cracks as wide as rounding.
+    pub fn for_rays(scene: Arc<Scene>, target: usize, focus: Option<Focus>) -> Self {
+        Self::cut(scene, target, focus, true)
+    }
+
+    fn cut(scene: Arc<Scene>, target: usize, focus: Option<Focus>, at_contacts: bool) -> Self {
         let (mut positions, mut facets) = weld(&scene);
         let mut warnings = Vec::new();
         let dropped = scene.triangle_count() - facets.len();
@@ -140,14 +147,20 @@ impl PatchedScene {
 
         let closed = bodies::facets_of_dark_closed_bodies(&scene, &positions, &facets);
         let recedes = seams::facets_that_recede(&scene, &positions, &facets);
+        for (index, facet) in facets.iter_mut().enumerate() {
+            (facet.cull_back, facet.recedes) = (closed[index], recedes[index]);
+        }
+        if at_contacts {
+            cut_at_contacts(&mut positions, &mut facets, cell_area, focus);
+            split::split_elongated(&mut positions, &mut facets, cell_area, focus);
+            facets.retain(|facet| facet_area(&positions, facet) > 0.0);
+        }
         let mut patches = Patches::default();
         for (index, facet) in facets.iter_mut().enumerate() {
             let [a, b, c] = facet.corners.map(|p| positions[p as usize]);
             let area = counted(&positions, facet);
             let wanted = (area / cell_area.max(f32::MIN_POSITIVE)).sqrt().round();
             facet.divisions = wanted.clamp(1.0, 1024.0) as u32;
-            facet.cull_back = closed[index];
-            facet.recedes = recedes[index];
             let material = &scene.materials[scene.triangle(facet.source).material as usize];
             facet.front = patches.len() as u32;
             cut_side(&scene, facet, index as u32, [a, b, c], false, &mut patches);

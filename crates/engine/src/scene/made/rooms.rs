@@ -68,6 +68,47 @@ pub fn corridor() -> Vec<u8> {
     writer.finish()
 }
 
+/// Where the wall of [`divided_room`] stands, metres along x.
+pub const DIVIDED_AT: f32 = 1.63;
+
+/// A room of 4.03 × 2.71 × 3.97 m that a wall of that `thickness` divides. The wall goes on into the
+/// floor, the ceiling and one wall, ends `gap` before the other wall, and is a sheet without ends where
+/// it has no thickness. The only lamp is in the first room; the camera is in the second.
+pub fn divided_room(thickness: f32, gap: f32) -> Vec<u8> {
+    let mut writer = GlbWriter::default();
+    let white = writer.material(&Material::lambertian("white", Rgb::new(0.7, 0.7, 0.65)));
+    let inner = Material::lambertian("dividing wall", Rgb::new(0.6, 0.5, 0.4));
+    let inner = writer.material(&Material { double_sided: thickness == 0.0, ..inner });
+    let light = writer.material(&Material {
+        emission: Rgb::new(50.0, 50.0, 45.0),
+        ..Material::lambertian("light", Rgb::ZERO)
+    });
+    let red = writer.material(&Material::lambertian("red", Rgb::new(0.6, 0.2, 0.2)));
+    let (width, height, depth) = (4.03, 2.71, 3.97);
+    let lines: [&[f32]; 3] = [&[0.0, width], &[0.0, height], &[0.0, depth]];
+    let walls: Vec<_> = boundary(lines, |_| true).into_iter().map(Quad::flipped).collect();
+    writer.body("walls", &Mesh::quads(&walls), white);
+    let x = DIVIDED_AT;
+    if thickness > 0.0 {
+        let end = if gap > 0.0 { depth - gap } else { depth + 0.05 };
+        let wall = ([x, -0.05, -0.05], [x + thickness, height + 0.05, end]);
+        writer.body("dividing wall", &super::mesh::union_of(&[wall]), inner);
+    } else {
+        let at = |y, z| Vec3::new(x, y, z);
+        let far = depth - gap;
+        let sheet =
+            Quad { corners: [at(0.0, 0.0), at(height, 0.0), at(height, far), at(0.0, far)] };
+        writer.body("dividing wall", &Mesh::quads([&sheet]), inner);
+    }
+    let lamp = super::mesh::union_of(&[([0.4, 2.65, 1.1], [1.2, 2.7, 1.9])]);
+    writer.body("lamp", &lamp, light);
+    let block = super::mesh::union_of(&[([2.5, 0.0, 1.0], [3.2, 0.8, 1.8])]);
+    writer.body("block", &block, red);
+    let (eye, target) = (Vec3::new(3.9, 1.7, 3.7), Vec3::new(2.4, 0.9, 0.6));
+    writer.camera(&Camera::look_at("camera", eye, target, Vec3::Y, 1.0));
+    writer.finish()
+}
+
 /// A closed room with five bumpy bodies and a light in the ceiling, of about `triangles`
 /// triangles, all of them needed for the shape: a fifth in the walls, the rest in the bodies.
 /// From about 300 up to some millions.

@@ -9,7 +9,7 @@
 
 use super::direct::DirectLight;
 use super::elements::ElementIndex;
-use super::mesh::CoarseMesh;
+use super::mesh::{CellSpot, CoarseMesh};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
@@ -33,6 +33,8 @@ const MOST_AT_ONCE: usize = 4 << 20;
 const MOST_SWEEPS: u32 = 400;
 /// Sum of all changes in a sweep, relative to the sum of all values, at which sweeps end.
 const SETTLED_CHANGE: f32 = 2e-4;
+/// How often a solution is corrected by where in elements links end.
+const CORRECTIONS: u32 = 2;
 /// Elements of a parallel task.
 const CHUNK: usize = 256;
 
@@ -52,6 +54,8 @@ pub struct Links {
 struct Round {
     start: Vec<u32>,
     links: Vec<u32>,
+    /// Where in those elements the rays ended.
+    spots: Vec<CellSpot>,
     /// Σ π × radiance that each element's rays found of sky and emitters by way of what bends light;
     /// empty where nothing does.
     bent: Vec<Rgb>,
@@ -74,6 +78,12 @@ impl Round {
     fn of(&self, element: ElementIndex) -> &[u32] {
         let [first, end] = [self.start[element.at()], self.start[element.at() + 1]];
         &self.links[first as usize..end as usize]
+    }
+
+    fn with_spots(&self, element: ElementIndex) -> (&[u32], &[CellSpot]) {
+        let [first, end] = [self.start[element.at()], self.start[element.at() + 1]];
+        let own = first as usize..end as usize;
+        (&self.links[own.clone()], &self.spots[own])
     }
 }
 
@@ -104,22 +114,68 @@ impl Links {
             let mut bent = Rgb::ZERO;
             let links = hits.into_iter().zip(&batch);
             let links = links.map(|(hit, ray)| linking.link(hit, ray.direction, &mut bent));
-            (links.collect::<Vec<u32>>(), bent)
+            (links.collect::<Vec<(u32, CellSpot)>>(), bent)
         };
-        let found: Vec<(Vec<u32>, Rgb)> =
+        let found: Vec<(Vec<(u32, CellSpot)>, Rgb)> =
             (0..elements).into_par_iter().with_max_len(64).map(of_element).collect();
         let mut links = Vec::with_capacity(end as usize);
-        found.iter().for_each(|(own, _)| links.extend_from_slice(own));
+        let mut spots = Vec::with_capacity(end as usize);
+        for (own, _) in &found {
+            links.extend(own.iter().map(|(link, _)| *link));
+            spots.extend(own.iter().map(|(_, spot)| *spot));
+        }
         let mut bent = Vec::new();
         if world.has_clear() || linking.follows_mirrors {
             bent = found.iter().map(|(_, bent)| *bent).collect();
         }
-        self.rounds.push(Round { start, links, bent });
+        self.rounds.push(Round { start, links, spots, bent });
     }
 
     /// Solves the radiosity equation E_bounced = Σ ρ_link (E_direct + E_bounced)_link / N over the
     /// links so far, beginning with the solution before.
-    pub fn solve(&mut self, albedo: &[Rgb], direct: &[DirectLight]) {
+    ///
+    /// A link takes its element's mean, wherever in the element the ray ended, and so light moves by
+    /// parts of an element at random at every bounce, which makes it spread too far in a long white
+    /// room. The slope of the light over the element, times the way from its middle to where the ray
+    /// ended, corrects that to the second order.
+    pub fn solve(&mut self, mesh: &CoarseMesh, direct: &[DirectLight]) {
+        let albedo = &mesh.elements.albedo;
+        self.balance(albedo, direct, &[]);
+        for _ in 0..CORRECTIONS {
+            let irradiance = |element: ElementIndex| {
+                direct[element.at()].irradiance + self.bounced[element.at()]
+            };
+            let slopes = mesh.slopes(irradiance);
+            if slopes.is_empty() {
+                return;
+            }
+            let correction = self.correction(albedo, &slopes);
+            self.balance(albedo, direct, &correction);
+        }
+    }
+
+    /// What links bring beyond the means of their elements, by each element.
+    fn correction(&self, albedo: &[Rgb], slopes: &[[Rgb; 2]]) -> Vec<Rgb> {
+        let of_element = |element: u32| {
+            let (mut sum, mut rows) = (Rgb::ZERO, 0u32);
+            for round in &self.rounds {
+                let (links, spots) = round.with_spots(ElementIndex(element));
+                for (link, spot) in links.iter().zip(spots) {
+                    rows += u32::from(*link != COVERED);
+                    let Some([along_u, along_v]) = slopes.get(*link as usize) else { continue };
+                    let offset = spot.offset();
+                    let beyond = *along_u * offset.x + *along_v * offset.y;
+                    sum += albedo[*link as usize] * beyond;
+                }
+            }
+            sum / rows.max(1) as f32
+        };
+        (0..slopes.len() as u32).into_par_iter().with_min_len(CHUNK).map(of_element).collect()
+    }
+
+    /// Solves the equation by sweeps, where `correction` (or nothing, if that is empty) is added to
+    /// what the links of each element bring.
+    fn balance(&mut self, albedo: &[Rgb], direct: &[DirectLight], correction: &[Rgb]) {
         let elements = direct.len() as u32;
         self.bounced.resize(direct.len(), Rgb::ZERO);
         let rows: Vec<u32> = (0..elements)
@@ -144,7 +200,9 @@ impl Links {
                     let links = self.of(ElementIndex(element));
                     let met = links.filter_map(|link| radiosity.get(link.at()));
                     let sum = met.sum::<Rgb>() + self.bent(ElementIndex(element));
-                    sum / rows[element as usize].max(1) as f32
+                    let beyond = correction.get(element as usize).copied().unwrap_or_default();
+                    let found = sum / rows[element as usize].max(1) as f32 + beyond;
+                    found.max(Rgb::ZERO)
                 })
                 .collect();
             let change = next.iter().zip(&self.bounced).map(|(a, b)| (*a - *b).abs().element_sum());
@@ -173,9 +231,10 @@ impl Links {
     pub fn save(&self, elements: usize, to: &mut Writer) {
         to.slice(&self.bounced);
         to.value(self.rounds.len() as u64);
-        for Round { start, links, bent } in &self.rounds {
+        for Round { start, links, spots, bent } in &self.rounds {
             to.slice(start);
             to.slice(bent);
+            to.slice(spots);
             if fits_two_bytes(elements) {
                 // The two marks are the largest numbers, in two bytes as in four.
                 to.slice(&links.iter().map(|link| *link as u16).collect::<Vec<_>>());
@@ -197,6 +256,7 @@ impl Links {
             if !bent.is_empty() && bent.len() != elements {
                 return damaged("its bent light is not of these elements");
             }
+            let spots: Vec<CellSpot> = from.exactly(count)?;
             if start[0] != 0 || !start.is_sorted() {
                 return damaged("its links are not in order");
             }
@@ -212,7 +272,7 @@ impl Links {
             if links.iter().any(|link| *link as usize >= elements && *link < COVERED) {
                 return damaged("a link leads nowhere");
             }
-            rounds.push(Round { start, links, bent });
+            rounds.push(Round { start, links, spots, bent });
         }
         if bounced.len() != if rounds.is_empty() { 0 } else { elements } {
             return damaged("its links are not of these elements");
@@ -239,14 +299,16 @@ fn starts(area: &[f32], rays: u32) -> Vec<u32> {
 }
 
 impl Linking<'_> {
-    /// The link of a ray along the unit `direction` that met this; what the ray found by way of what
-    /// bends light goes to `bent`.
-    fn link(&self, hit: Option<Hit>, direction: Vec3, bent: &mut Rgb) -> u32 {
+    /// The link of a ray along the unit `direction` that met this, and where in the element it ends;
+    /// what the ray found by way of what bends light goes to `bent`.
+    fn link(&self, hit: Option<Hit>, direction: Vec3, bent: &mut Rgb) -> (u32, CellSpot) {
         let Self { world, mesh, .. } = self;
-        let element = |hit: &Hit| mesh.element_at(hit).map_or(DARK, |element| element.0);
-        let Some(hit) = hit else { return DARK };
+        let element = |hit: &Hit| {
+            mesh.spot_at(hit).map_or((DARK, CellSpot::MIDDLE), |(element, spot)| (element.0, spot))
+        };
+        let Some(hit) = hit else { return (DARK, CellSpot::MIDDLE) };
         if world.is_black(&hit) {
-            return COVERED;
+            return (COVERED, CellSpot::MIDDLE);
         }
         let (is_clear, is_mirror) =
             (world.is_clear(hit.triangle), self.follows_mirrors && world.may_mirror(hit.triangle));
@@ -265,7 +327,7 @@ impl Linking<'_> {
             Some(met) if !world.is_black(&met) && passage.chance < importance(passage.left) => {
                 element(&met)
             }
-            _ => DARK,
+            _ => (DARK, CellSpot::MIDDLE),
         }
     }
 }
@@ -313,7 +375,8 @@ mod tests {
     /// Element 0 sees element 1 by half of its rays and nothing else, element 1 sees only element
     /// 0: E_0 = ½ a_1 (D_1 + E_1), E_1 = a_0 (D_0 + E_0).
     fn two_elements() -> Links {
-        let round = Round { start: vec![0, 2, 3], links: vec![1, DARK, 0], bent: Vec::new() };
+        let (start, links) = (vec![0, 2, 3], vec![1, DARK, 0]);
+        let round = Round { start, links, spots: vec![CellSpot::MIDDLE; 3], bent: Vec::new() };
         Links { rounds: vec![round], bounced: Vec::new() }
     }
 
@@ -321,7 +384,7 @@ mod tests {
     fn sweeps_solve_the_balance() {
         let (albedo, lit) = ([0.8, 0.5], [3.0, 1.0]);
         let mut links = two_elements();
-        links.solve(&albedo.map(Rgb::splat), &lit.map(direct));
+        links.balance(&albedo.map(Rgb::splat), &lit.map(direct), &[]);
         // Both equations, solved by hand.
         let own = 0.5 * albedo[1] * (lit[1] + albedo[0] * lit[0]);
         let first = own / (1.0 - 0.5 * albedo[0] * albedo[1]);
@@ -335,7 +398,7 @@ mod tests {
     fn rays_from_inside_a_body_do_not_count() {
         let mut links = two_elements();
         links.rounds[0].links[1] = COVERED;
-        links.solve(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct));
+        links.balance(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct), &[]);
         // Half of the rays of element 0 start inside: the other half is all that it sees.
         assert!((links.bounced[0].x - 1.0).abs() < 1e-3, "{}", links.bounced[0]);
     }
@@ -346,7 +409,8 @@ mod tests {
             let start: Vec<u32> = (0..=elements as u32).collect();
             let links = (0..elements as u32).map(|e| [e, DARK, COVERED][e as usize % 3]);
             let bent = vec![Rgb::Y; elements];
-            let round = Round { start, links: links.collect(), bent };
+            let spots = vec![CellSpot::MIDDLE; elements];
+            let round = Round { start, links: links.collect(), spots, bent };
             let bounced = vec![Rgb::splat(2.0); elements];
             let links = Links { rounds: vec![round], bounced };
             let mut to = Writer::new(u64::MAX);

@@ -3,9 +3,10 @@
 
 use super::elements::{ElementIndex, Elements};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
-use crate::patches::{Cut, Facet, FacetPlace, PatchIndex, PatchedScene, cell_index};
+use crate::patches::{Cut, Facet, FacetPlace, PatchIndex, PatchedScene, Sides, cell_index};
 use crate::radiometry::Rgb;
 use crate::rays::{Hit, Rays};
+use glam::Vec2;
 use std::sync::Arc;
 
 /// Near field: a ray that ends within so many sides of the patch it meets sees a small part of it,
@@ -97,9 +98,41 @@ impl CoarseMesh {
         Some(PatchIndex(first + cell_index(sides.divisions, at.x, at.y)))
     }
 
-    /// The element at a hit; `None` at a black back and inside of closed bodies.
-    pub fn element_at(&self, hit: &Hit) -> Option<ElementIndex> {
-        self.elements.of(self.patch_at(hit)?)
+    /// The element at a hit, and where in it the hit is; `None` at a black back and inside of closed
+    /// bodies.
+    pub fn spot_at(&self, hit: &Hit) -> Option<(ElementIndex, CellSpot)> {
+        let FacetPlace { facet, at, back } = self.place_of(hit)?;
+        let sides = self.cut.sides(facet);
+        let Sides { divisions, .. } = sides;
+        let patch = PatchIndex(sides.first_patch(back)? + cell_index(divisions, at.x, at.y));
+        let element = self.elements.of(patch)?;
+        let is_alone = self.reconstruction.is_some() && self.elements.members(element).len() == 1;
+        let spot = if is_alone { CellSpot::new(divisions, at) } else { CellSpot::MIDDLE };
+        Some((element, spot))
+    }
+
+    /// How a function of the mesh, by the value of each element, changes over each element that is one
+    /// patch: per side of the patch along the first edge of its facet and along the second. So little
+    /// that it stays on one side of zero. Empty in a crowd.
+    pub fn slopes(&self, of_element: impl Fn(ElementIndex) -> Rgb) -> Vec<[Rgb; 2]> {
+        let (Some(reconstruction), Cut::Listed(listed)) = (&self.reconstruction, &*self.cut) else {
+            return Vec::new();
+        };
+        let values = self.values(of_element);
+        let mut slopes = vec![[Rgb::ZERO; 2]; self.elements.len()];
+        for (index, facet) in listed.facets.iter().enumerate() {
+            for back in [false, true] {
+                let Some(first) = facet.first_patch(back) else { continue };
+                let all = reconstruction.slopes((index, facet), back, &values.vertices);
+                for (patch, slope) in (first..).zip(all) {
+                    let Some(element) = self.elements.of(PatchIndex(patch)) else { continue };
+                    if self.elements.members(element).len() == 1 {
+                        slopes[element.at()] = limited(slope, values.own[patch as usize]);
+                    }
+                }
+            }
+        }
+        slopes
     }
 
     /// The place on a facet where a hit is.
@@ -138,6 +171,50 @@ impl CoarseMesh {
     }
 }
 
+/// A place in a cell, by how far it is from the cell's centroid along either edge of the facet: four
+/// bits each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub struct CellSpot(u8);
+
+impl CellSpot {
+    /// The centroid, nearly.
+    pub const MIDDLE: Self = Self(0x88);
+    /// Steps of a side of a cell; the centroid is at most ⅔ of a side away from a corner.
+    const STEPS: f32 = 10.5;
+
+    /// Where in its cell a place of a facet is.
+    fn new(divisions: u32, at: Vec2) -> Self {
+        let n = divisions as f32;
+        let (fu, fv) = ((at.x * n).clamp(0.0, n), (at.y * n).clamp(0.0, n));
+        let i = (fu as u32).min(divisions - 1);
+        let j = (fv as u32).min(divisions - 1 - i);
+        let within = Vec2::new(fu - i as f32, fv - j as f32);
+        let is_upper = within.x + within.y > 1.0 && j < divisions - 1 - i;
+        let middle = if is_upper { 2.0 / 3.0 } else { 1.0 / 3.0 };
+        let [x, y] = (within - middle)
+            .to_array()
+            .map(|along| ((along * Self::STEPS).round() as i32 + 8).clamp(0, 15) as u8);
+        Self(x | y << 4)
+    }
+
+    /// From the centroid, in sides of the cell.
+    pub fn offset(self) -> Vec2 {
+        let along = |bits: u8| (f32::from(bits) - 8.0) / Self::STEPS;
+        Vec2::new(along(self.0 & 15), along(self.0 >> 4))
+    }
+}
+
+/// A slope over a cell, so small that the value changes by no more than itself.
+fn limited([along_u, along_v]: [Rgb; 2], own: Rgb) -> [Rgb; 2] {
+    // From the centroid to the corners.
+    let corners = [(-1.0, -1.0), (2.0, -1.0), (-1.0, 2.0)]
+        .map(|(u, v)| ((along_u * u + along_v * v) / 3.0).abs());
+    let most = corners[0].max(corners[1]).max(corners[2]);
+    let factor = (own.abs() / most.max(Rgb::splat(f32::MIN_POSITIVE))).min(Rgb::ONE);
+    [along_u * factor, along_v * factor]
+}
+
 /// By element, the length of the near field, ray units.
 fn near_of_elements(rays: &Rays, elements: &Elements) -> Vec<f32> {
     let scale = rays.scale() as f32;
@@ -172,7 +249,7 @@ mod tests {
     use crate::scene::made;
     use crate::transport::hemilux::specimen::{SEED, Specimen};
     use crate::transport::patch_points::PatchPoints;
-    use glam::Vec2;
+    use glam::Vec3;
 
     /// What a ray meets lies in the patch that is found there, also where facets are pieces of long
     /// triangles.
@@ -196,6 +273,62 @@ mod tests {
             }
             assert!(found > 20, "the test tests nothing: {found}");
         }
+    }
+
+    /// What is kept of a place in a cell is where it is, to half a step, and 0 at the middle on average.
+    #[test]
+    fn places_in_cells_are_kept() {
+        const POINTS: u32 = 64;
+        for divisions in [1, 3, 8] {
+            let mut sums = vec![(Vec2::ZERO, 0.0f32); (divisions * divisions) as usize];
+            let side = divisions as f32;
+            for (index, [a, b, c]) in crate::patches::cells(divisions).enumerate() {
+                let middle = (a + b + c) / 3.0;
+                for k in 0..POINTS * POINTS {
+                    let [x, y] = [k % POINTS, k / POINTS].map(|k| (k as f32 + 0.5) / POINTS as f32);
+                    if x + y > 0.99 {
+                        continue;
+                    }
+                    let at = a + (b - a) * x + (c - a) * y;
+                    let offset = CellSpot::new(divisions, at).offset();
+                    let off = (offset - (at - middle) * side).abs().max_element();
+                    assert!(off < 0.6 / CellSpot::STEPS, "{offset} at {at}");
+                    sums[index].0 += offset;
+                    sums[index].1 += 1.0;
+                }
+            }
+            assert!(sums.iter().all(|(sum, count)| (*sum / *count).abs().max_element() < 0.01));
+        }
+    }
+
+    /// Links to a function that is linear along walls are right wherever they end in an element.
+    #[test]
+    fn slopes_are_those_of_the_function() {
+        let specimen = Specimen::furnace();
+        let mesh = &specimen.coarse.mesh;
+        let Cut::Listed(listed) = &*mesh.cut else { unreachable!("a furnace is small") };
+        let middle = |element: ElementIndex| {
+            let patch = mesh.elements.members(element)[0];
+            listed.patches.centroid[patch.at()]
+        };
+        let function = |point: Vec3| Rgb::splat(2.0 + point.x + 0.5 * point.y - 0.7 * point.z);
+        let slopes = mesh.slopes(|element| function(middle(element)));
+        let mut inner = 0;
+        for (element, [along_u, along_v]) in mesh.elements.all().zip(slopes) {
+            let patch = mesh.elements.members(element)[0];
+            let (facet, _, [a, b, c]) = listed.cell_of(patch);
+            let [a, b, c] = [a, b, c].map(|at| function(listed.point(facet, at.x, at.y)));
+            let sign = if listed.cell_of(patch).2[1].x > listed.cell_of(patch).2[0].x {
+                1.0
+            } else {
+                -1.0
+            };
+            let off = (along_u - sign * (b - a)).abs() + (along_v - sign * (c - a)).abs();
+            let most = (b - a).abs().max_element() + (c - a).abs().max_element();
+            // At edges of the room the fits are of fewer patches.
+            inner += usize::from(off.max_element() <= 0.15 * most.max(1e-3));
+        }
+        assert!(inner * 10 > mesh.elements.len() * 6, "{inner} of {}", mesh.elements.len());
     }
 
     #[test]

@@ -124,14 +124,14 @@ impl CoarseSolution {
         };
         self.links.trace(linking, seed, rays);
         match &self.caustics {
-            None => self.links.solve(&self.mesh.elements.albedo, &self.direct),
+            None => self.links.solve(&self.mesh, &self.direct),
             Some(caustics) => {
                 let elements = self.mesh.elements.all();
                 let lit = elements.zip(&self.direct).map(|(element, direct)| {
                     let by_caustics = caustics.of_element(&self.mesh, element);
                     DirectLight { irradiance: direct.irradiance + by_caustics, ..*direct }
                 });
-                self.links.solve(&self.mesh.elements.albedo, &lit.collect::<Vec<_>>());
+                self.links.solve(&self.mesh, &lit.collect::<Vec<_>>());
             }
         }
         self.update_irradiance();
