@@ -2,6 +2,7 @@
 //! rasterised and grouped by surface into fragments.
 
 mod band;
+mod beyond;
 pub mod edges;
 
 use super::instance_pixels::InstancePixels;
@@ -67,6 +68,9 @@ pub struct Fragment {
     pub lobe_factor: Rgb,
     /// Whether it reflects a lobe.
     pub glossy: bool,
+    /// Whether it is the other side of another fragment of the pixel, which lets light through
+    /// diffusely from there: then its diffuse albedo is what comes through.
+    pub is_beyond: bool,
 }
 
 /// How far beside a facet places of its plane are found by its barycentric coordinates; farther away
@@ -189,6 +193,8 @@ pub struct VisibleSurfaces {
     /// Radiance that each pixel sees on surfaces that are none of its fragments, as [`edges::Edges`] find
     /// them; empty where there are none.
     pub strays: Vec<Rgb>,
+    /// Whether any fragment lets light through diffusely.
+    pub has_beyond: bool,
     /// One over this, times a constant, is the variance of a surface's share of a pixel: the power
     /// 3/2 of the number of samples, and of the number of rays of [`edges::Edges`], added up.
     pub edge_weight: f32,
@@ -232,6 +238,7 @@ impl VisibleSurfaces {
             background: Vec::new(),
             coverage: Vec::new(),
             strays: Vec::new(),
+            has_beyond: false,
             edge_weight: 0.0,
         };
         visible.edge_weight = (visible.samples.len() as f32).powf(1.5);
@@ -261,6 +268,7 @@ impl VisibleSurfaces {
         };
         let total = firsts[bands.len()];
         visible.fragments = (0..total).into_par_iter().with_min_len(1024).map(fragment).collect();
+        visible.has_beyond = world.has_translucent();
         visible.places =
             FragmentPlaces::new(&visible.fragments, |fragment| (fragment.point, fragment.normal));
         visible
@@ -288,7 +296,7 @@ impl VisibleSurfaces {
         }
         let (point, normal) = placed.spot(back, self.in_plane_of(&placed, fragment.pixel, offset));
         // Not under the other facets of the plane, which is theirs but for a little.
-        let slant = normal.dot(self.frame.towards_eye(point)).max(LEAST_SLANT);
+        let slant = normal.dot(self.frame.towards_eye(point)).abs().max(LEAST_SLANT);
         point + normal * (LIFT_PIXELS * self.frame.footprint(point, self.height) / slant)
     }
 

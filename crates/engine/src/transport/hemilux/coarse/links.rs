@@ -9,6 +9,7 @@
 
 use super::direct::DirectLight;
 use super::elements::ElementIndex;
+use super::far_sides::FarSides;
 use super::mesh::CoarseMesh;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::{Rgb, importance};
@@ -118,8 +119,9 @@ impl Links {
     }
 
     /// Solves the radiosity equation E_bounced = Σ ρ_link (E_direct + E_bounced)_link / N over the
-    /// links so far, beginning with the solution before.
-    pub fn solve(&mut self, albedo: &[Rgb], direct: &[DirectLight]) {
+    /// links so far, beginning with the solution before; what `far` sides let through is added to what
+    /// a link's end reflects.
+    pub fn solve(&mut self, albedo: &[Rgb], direct: &[DirectLight], far: Option<&FarSides>) {
         let elements = direct.len() as u32;
         self.bounced.resize(direct.len(), Rgb::ZERO);
         let rows: Vec<u32> = (0..elements)
@@ -132,8 +134,13 @@ impl Links {
             .collect();
         let reflected = |bounced: &[Rgb]| -> Vec<Rgb> {
             let all = direct.par_iter().zip(bounced).zip(albedo).with_min_len(CHUNK);
-            all.map(|((direct, bounced), albedo)| *albedo * (direct.irradiance + *bounced))
-                .collect()
+            let own =
+                all.map(|((direct, bounced), albedo)| *albedo * (direct.irradiance + *bounced));
+            let Some(far) = far else { return own.collect() };
+            let arriving =
+                |element: ElementIndex| direct[element.at()].irradiance + bounced[element.at()];
+            let passed = |element: usize| far.passed(ElementIndex(element as u32), arriving);
+            own.enumerate().map(|(element, own)| own + passed(element)).collect()
         };
         for _ in 0..MOST_SWEEPS {
             let radiosity = reflected(&self.bounced);
@@ -321,7 +328,7 @@ mod tests {
     fn sweeps_solve_the_balance() {
         let (albedo, lit) = ([0.8, 0.5], [3.0, 1.0]);
         let mut links = two_elements();
-        links.solve(&albedo.map(Rgb::splat), &lit.map(direct));
+        links.solve(&albedo.map(Rgb::splat), &lit.map(direct), None);
         // Both equations, solved by hand.
         let own = 0.5 * albedo[1] * (lit[1] + albedo[0] * lit[0]);
         let first = own / (1.0 - 0.5 * albedo[0] * albedo[1]);
@@ -335,7 +342,7 @@ mod tests {
     fn rays_from_inside_a_body_do_not_count() {
         let mut links = two_elements();
         links.rounds[0].links[1] = COVERED;
-        links.solve(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct));
+        links.solve(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct), None);
         // Half of the rays of element 0 start inside: the other half is all that it sees.
         assert!((links.bounced[0].x - 1.0).abs() < 1e-3, "{}", links.bounced[0]);
     }
