@@ -34,7 +34,9 @@ pub fn facets_of_dark_closed_bodies(
     for (facet, &body) in facets.iter().zip(&body_of) {
         let triangle = &scene.triangle(facet.source);
         let material = &scene.materials[triangle.material as usize];
-        closed[body] &= !material.has_holes() && !material.is_translucent();
+        // The insides of a body of panes are lit by what passes.
+        let is_pane = material.double_sided && material.clear_share() > 0.0;
+        closed[body] &= !material.has_holes() && !material.is_translucent() && !is_pane;
         for (a, b) in edges(facet) {
             closed[body] &= directed[&(a, b)] == 1 && directed.get(&(b, a)) == Some(&1);
         }

@@ -64,7 +64,7 @@ impl Method for Hemilux {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        6
+        7
     }
 
     fn summary(&self) -> &'static str {

@@ -17,6 +17,7 @@ use crate::random::Stream;
 use crate::rays::{Eye, Hit, Ray};
 use crate::sampling::{Seed, Shifted, cosine_direction};
 use crate::surface::World;
+use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;
@@ -34,6 +35,10 @@ const MOST_AT_ONCE: usize = 4 << 20;
 const MOST_SWEEPS: u32 = 400;
 /// Sum of all changes in a sweep, relative to the sum of all values, at which sweeps end.
 const SETTLED_CHANGE: f32 = 2e-4;
+/// Links from which on no more get a colour, 20 bytes each: 80 MiB.
+const MOST_TINTS: usize = 4 << 20;
+/// Colours of links that differ by less from white are white.
+const LEAST_TINT: f32 = 1e-3;
 /// Elements of a parallel task.
 const CHUNK: usize = 256;
 
@@ -56,6 +61,28 @@ struct Round {
     /// Σ π × radiance that each element's rays found of sky and emitters by way of what bends light;
     /// empty where nothing does.
     bent: Vec<Rgb>,
+    /// What coloured glass on the way takes of links, in the order of the elements that these start
+    /// from.
+    tints: Vec<Tint>,
+}
+
+/// A link whose light is coloured on its way.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+struct Tint {
+    /// The element that it starts from, and the one that it met.
+    from: u32,
+    to: u32,
+    /// The share of its light that does not arrive.
+    lack: Rgb,
+}
+
+/// What rays of an element found beside the elements that they met.
+#[derive(Default)]
+struct OnTheWay {
+    /// Σ π × radiance of sky and emitters by way of what bends light.
+    bent: Rgb,
+    tints: Vec<Tint>,
 }
 
 /// Where links are traced.
@@ -71,10 +98,30 @@ pub struct Linking<'a> {
     pub follows_mirrors: bool,
 }
 
+/// A ray of a link.
+struct LinkRay {
+    /// The element that it starts from.
+    from: u32,
+    /// Unit vector.
+    direction: Vec3,
+    /// Whether its colour may be kept.
+    has_tint: bool,
+}
+
 impl Round {
     fn of(&self, element: ElementIndex) -> &[u32] {
         let [first, end] = [self.start[element.at()], self.start[element.at() + 1]];
         &self.links[first as usize..end as usize]
+    }
+
+    /// What the colours of an element's links take, where `radiosity` says what the elements send.
+    fn lack(&self, element: ElementIndex, radiosity: &[Rgb]) -> Rgb {
+        if self.tints.is_empty() {
+            return Rgb::ZERO;
+        }
+        let first = self.tints.partition_point(|tint| tint.from < element.0);
+        let own = self.tints[first..].iter().take_while(|tint| tint.from == element.0);
+        own.map(|tint| tint.lack * radiosity[tint.to as usize]).sum()
     }
 }
 
@@ -94,6 +141,8 @@ impl Links {
         if self.count() + end as usize > MOST_LINKS && !self.rounds.is_empty() {
             return;
         }
+        let has_tint =
+            self.rounds.iter().map(|round| round.tints.len()).sum::<usize>() < MOST_TINTS;
         let of_element = |index: usize| {
             let element = ElementIndex(index as u32);
             let done = self.rounds.iter().map(|round| round.of(element).len() as u32).sum();
@@ -102,20 +151,24 @@ impl Links {
             let batch = link_rays(world, mesh, element, count, sequence);
             let mut hits = Vec::with_capacity(batch.len());
             world.rays.closest_many(Eye::Light, &batch, &mut hits);
-            let mut bent = Rgb::ZERO;
+            let mut way = OnTheWay::default();
             let links = hits.into_iter().zip(&batch);
-            let links = links.map(|(hit, ray)| linking.link(hit, ray.direction, &mut bent));
-            (links.collect::<Vec<u32>>(), bent)
+            let links = links.map(|(hit, ray)| {
+                let ray = LinkRay { from: element.0, direction: ray.direction, has_tint };
+                linking.link(hit, &ray, &mut way)
+            });
+            (links.collect::<Vec<u32>>(), way)
         };
-        let found: Vec<(Vec<u32>, Rgb)> =
+        let found: Vec<(Vec<u32>, OnTheWay)> =
             (0..elements).into_par_iter().with_max_len(64).map(of_element).collect();
         let mut links = Vec::with_capacity(end as usize);
         found.iter().for_each(|(own, _)| links.extend_from_slice(own));
-        let mut bent = Vec::new();
+        let (mut bent, mut tints) = (Vec::new(), Vec::new());
         if world.has_clear() || linking.follows_mirrors {
-            bent = found.iter().map(|(_, bent)| *bent).collect();
+            bent = found.iter().map(|(_, way)| way.bent).collect();
+            tints = found.into_iter().flat_map(|(_, way)| way.tints).collect();
         }
-        self.rounds.push(Round { start, links, bent });
+        self.rounds.push(Round { start, links, bent, tints });
     }
 
     /// Solves the radiosity equation E_bounced = Σ ρ_link (E_direct + E_bounced)_link / N over the
@@ -151,6 +204,9 @@ impl Links {
                     let links = self.of(ElementIndex(element));
                     let met = links.filter_map(|link| radiosity.get(link.at()));
                     let sum = met.sum::<Rgb>() + self.bent(ElementIndex(element));
+                    let lacks = self.rounds.iter();
+                    let lacks = lacks.map(|round| round.lack(ElementIndex(element), &radiosity));
+                    let sum = sum - lacks.sum::<Rgb>();
                     sum / rows[element as usize].max(1) as f32
                 })
                 .collect();
@@ -180,9 +236,10 @@ impl Links {
     pub fn save(&self, elements: usize, to: &mut Writer) {
         to.slice(&self.bounced);
         to.value(self.rounds.len() as u64);
-        for Round { start, links, bent } in &self.rounds {
+        for Round { start, links, bent, tints } in &self.rounds {
             to.slice(start);
             to.slice(bent);
+            to.slice(tints);
             if fits_two_bytes(elements) {
                 // The two marks are the largest numbers, in two bytes as in four.
                 to.slice(&links.iter().map(|link| *link as u16).collect::<Vec<_>>());
@@ -204,6 +261,14 @@ impl Links {
             if !bent.is_empty() && bent.len() != elements {
                 return damaged("its bent light is not of these elements");
             }
+            let tints: Vec<Tint> = from.slice()?;
+            let is_sound = |tint: &Tint| {
+                let ends = [tint.from, tint.to];
+                ends.iter().all(|end| (*end as usize) < elements) && tint.lack.is_finite()
+            };
+            if !tints.iter().all(is_sound) || !tints.is_sorted_by_key(|tint| tint.from) {
+                return damaged("the colours of its links are not of these elements");
+            }
             if start[0] != 0 || !start.is_sorted() {
                 return damaged("its links are not in order");
             }
@@ -219,7 +284,7 @@ impl Links {
             if links.iter().any(|link| *link as usize >= elements && *link < COVERED) {
                 return damaged("a link leads nowhere");
             }
-            rounds.push(Round { start, links, bent });
+            rounds.push(Round { start, links, bent, tints });
         }
         if bounced.len() != if rounds.is_empty() { 0 } else { elements } {
             return damaged("its links are not of these elements");
@@ -246,9 +311,8 @@ fn starts(area: &[f32], rays: u32) -> Vec<u32> {
 }
 
 impl Linking<'_> {
-    /// The link of a ray along the unit `direction` that met this; what the ray found by way of what
-    /// bends light goes to `bent`.
-    fn link(&self, hit: Option<Hit>, direction: Vec3, bent: &mut Rgb) -> u32 {
+    /// The link of a ray that met this; what else the ray found goes to `way`.
+    fn link(&self, hit: Option<Hit>, ray: &LinkRay, way: &mut OnTheWay) -> u32 {
         let Self { world, mesh, .. } = self;
         let element = |hit: &Hit| mesh.element_at(hit).map_or(DARK, |element| element.0);
         let Some(hit) = hit else { return DARK };
@@ -260,20 +324,23 @@ impl Linking<'_> {
         if !is_clear && !is_mirror {
             return element(&hit);
         }
-        let mut passage = world.pass(hit, direction);
+        let mut passage = world.pass(hit, ray.direction);
         if self.follows_mirrors {
             passage = world.follow_mirrors(passage);
         }
         if passage.is_bent {
-            *bent += PI * passage.bent_light(world, !self.is_mapped);
+            way.bent += PI * passage.bent_light(world, !self.is_mapped);
         }
-        // Links carry no colour, so what glass takes ends some of them.
-        match passage.met() {
-            Some(met) if !world.is_black(&met) && passage.chance < importance(passage.left) => {
-                element(&met)
-            }
-            _ => DARK,
+        // What glass takes ends some of them, and colours others.
+        let left = passage.left;
+        let share = if ray.has_tint { left.max_element() } else { importance(left) }.min(1.0);
+        let met = passage.met().filter(|met| !world.is_black(met) && passage.chance < share);
+        let to = met.map_or(DARK, |met| element(&met));
+        let lack = Rgb::ONE - left / share;
+        if ray.has_tint && to < COVERED && lack.abs().max_element() > LEAST_TINT {
+            way.tints.push(Tint { from: ray.from, to, lack });
         }
+        to
     }
 }
 
@@ -320,7 +387,12 @@ mod tests {
     /// Element 0 sees element 1 by half of its rays and nothing else, element 1 sees only element
     /// 0: E_0 = ½ a_1 (D_1 + E_1), E_1 = a_0 (D_0 + E_0).
     fn two_elements() -> Links {
-        let round = Round { start: vec![0, 2, 3], links: vec![1, DARK, 0], bent: Vec::new() };
+        let round = Round {
+            start: vec![0, 2, 3],
+            links: vec![1, DARK, 0],
+            bent: Vec::new(),
+            tints: Vec::new(),
+        };
         Links { rounds: vec![round], bounced: Vec::new() }
     }
 
@@ -338,6 +410,19 @@ mod tests {
         }
     }
 
+    /// Through red glass element 0 sees only the red of element 1: E_0 = ½ a_1 D_1 there, as if it
+    /// were black otherwise.
+    #[test]
+    fn coloured_links_bring_coloured_light() {
+        let mut links = two_elements();
+        let lack = Rgb::new(0.0, 1.0, 0.25);
+        links.rounds[0].tints.push(Tint { from: 0, to: 1, lack });
+        links.solve(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct), None);
+        let expected = 0.5 * (Rgb::ONE - lack);
+        assert!(links.bounced[0].abs_diff_eq(expected, 1e-5), "{}", links.bounced[0]);
+        assert_eq!(links.bounced[1], Rgb::ZERO);
+    }
+
     #[test]
     fn rays_from_inside_a_body_do_not_count() {
         let mut links = two_elements();
@@ -353,7 +438,8 @@ mod tests {
             let start: Vec<u32> = (0..=elements as u32).collect();
             let links = (0..elements as u32).map(|e| [e, DARK, COVERED][e as usize % 3]);
             let bent = vec![Rgb::Y; elements];
-            let round = Round { start, links: links.collect(), bent };
+            let tints = [0, 2].map(|from| Tint { from, to: 1, lack: Rgb::X }).to_vec();
+            let round = Round { start, links: links.collect(), bent, tints };
             let bounced = vec![Rgb::splat(2.0); elements];
             let links = Links { rounds: vec![round], bounced };
             let mut to = Writer::new(u64::MAX);
@@ -362,6 +448,7 @@ mod tests {
             let again = Links::restore(elements, &mut Reader::new(&bytes)).expect("sound");
             assert_eq!(again.rounds[0].links, links.rounds[0].links);
             assert_eq!(again.rounds[0].bent, links.rounds[0].bent);
+            assert_eq!(again.rounds[0].tints, links.rounds[0].tints);
             assert_eq!(again.bounced, links.bounced);
             // Of fewer elements than the links lead to.
             assert!(Links::restore(elements - 1, &mut Reader::new(&bytes)).is_err());
