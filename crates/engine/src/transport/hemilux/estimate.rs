@@ -107,7 +107,7 @@ impl PictureInputs<'_> {
         for index in visible.start[pixel] as usize..visible.start[pixel + 1] as usize {
             let share = visible.fragments[index].share;
             let (mut own, mut own_variance) = self.fragment(gloss, index);
-            if visible.has_beyond {
+            if visible.has_beyond() {
                 if visible.fragments[index].is_beyond {
                     continue;
                 }

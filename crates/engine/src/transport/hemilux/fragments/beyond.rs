@@ -95,6 +95,11 @@ impl VisibleSurfaces {
         sum / count
     }
 
+    /// Whether any fragment may let light through diffusely.
+    pub fn has_beyond(&self) -> bool {
+        self.placing.world.has_translucent()
+    }
+
     /// The fragment on the other side of a fragment, if light comes through from there.
     pub fn beyond(&self, near: usize) -> Option<usize> {
         let pixel = self.fragments[near].pixel as usize;
@@ -105,7 +110,7 @@ impl VisibleSurfaces {
 
     /// The same among the fragments of a pixel.
     pub(super) fn beyond_in(&self, own: &[Fragment], near: usize) -> Option<usize> {
-        if !self.has_beyond {
+        if !self.has_beyond() {
             return None;
         }
         let code = other_side(own[near].code);
