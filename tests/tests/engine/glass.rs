@@ -263,3 +263,42 @@ fn a_room_with_dispersion_is_that_of_path_tracing() {
     println!("largest deviation of a block: {deviation:.4}");
     assert!(deviation < 0.05, "{deviation}");
 }
+
+/// A box of red panes, half of which is opaque, on a ground under a sky.
+fn half_clear_box(tint: Rgb) -> Arc<Scene> {
+    let mut builder = Builder::default();
+    let ground = builder.lambertian(Rgb::splat(0.8));
+    let half_clear = Material { transmission: 0.5, double_sided: true, ..pane(tint, 0.0) };
+    let half_clear = builder.material(half_clear);
+    builder.quad(Vec3::new(-2.0, 0.0, 2.0), 4.0 * Vec3::X, -4.0 * Vec3::Z, ground);
+    builder.cuboid(Vec3::new(-0.5, 0.1, -0.5), Vec3::new(0.5, 1.1, 0.5), false, half_clear);
+    builder.build()
+}
+
+/// The inside of a closed body of panes is lit, and what bounces into it has the panes' colour.
+#[test]
+fn a_box_of_coloured_panes_is_lit_inside() {
+    let eye = ExplicitCamera {
+        eye: [0.9, 1.6, 1.7],
+        target: [0.0, 0.55, 0.0],
+        up: [0.0, 1.0, 0.0],
+        yfov_degrees: 45.0,
+    };
+    let shot = |tint| Shot {
+        scene: half_clear_box(tint),
+        environment: Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::none() },
+        camera: eye,
+        side: 48,
+        seed: 5,
+    };
+    let tint = Rgb::new(0.95, 0.2, 0.1);
+    let red = |picture: &Picture| -> Vec<Rgb> {
+        block_means(picture, 8).into_iter().map(|block| Rgb::splat(block.x)).collect()
+    };
+    let reference = red(&shot(tint).by("ray-traced", 1500));
+    let [ours, planted] = [tint, Rgb::new(0.88, 0.2, 0.1)]
+        .map(|tint| largest_deviation(&red(&shot(tint).by("hemilux", 24)), &reference));
+    println!("a box of panes: largest deviation {ours:.4}, planted {planted:.4}");
+    assert!(ours < 0.02, "{ours}");
+    assert!(planted > 0.04, "{planted}");
+}

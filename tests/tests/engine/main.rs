@@ -30,5 +30,6 @@ mod stability_switches;
 mod switches;
 mod target_error;
 mod textures;
+mod translucent;
 mod twins;
 mod wide_scenes;

@@ -67,6 +67,14 @@ pub fn shine_outwards_only(triangles: &mut [UntexturedEmitter], scene: &Scene, r
             }
         }
     }
+    // What shines inwards gets out of paper.
+    let is_translucent = |member: &usize| {
+        let material = scene.triangle(triangles[*member].triangle).material;
+        scene.materials[material as usize].is_translucent()
+    };
+    for (number, body) in bodies.iter().enumerate() {
+        empty[number] &= !body.members.iter().any(is_translucent);
+    }
     for (number, body) in bodies.iter().enumerate().filter(|(number, _)| empty[*number]) {
         // ... or that hides its sides from each other.
         let seen = |member: &usize| {

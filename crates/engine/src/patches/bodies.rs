@@ -8,9 +8,9 @@ use glam::{DVec3, Vec3};
 /// Pairs of emissive facet and body that are looked at; beyond, every back is drawn.
 const MAX_PAIRS: usize = 50_000_000;
 
-/// For each facet, whether it belongs to a closed, outward-facing body without holes that has no
-/// emitter of another body and no light without extent in its bounding box, and does not emit
-/// inwards itself.
+/// For each facet, whether it belongs to a closed, outward-facing body without anything that lets light
+/// in, that has no emitter of another body and no light without extent in its bounding box, and that does
+/// not emit inwards itself.
 ///
 /// Light outside such a body meets fronts only, so rasterisers may skip facets that face away.
 /// Everywhere else backs must be drawn: they stop light.
@@ -33,7 +33,10 @@ pub fn facets_of_dark_closed_bodies(
     }
     for (facet, &body) in facets.iter().zip(&body_of) {
         let triangle = &scene.triangle(facet.source);
-        closed[body] &= !scene.materials[triangle.material as usize].has_holes();
+        let material = &scene.materials[triangle.material as usize];
+        // The insides of a body of panes are lit by what passes.
+        let is_pane = material.double_sided && material.clear_share() > 0.0;
+        closed[body] &= !material.has_holes() && !material.is_translucent() && !is_pane;
         for (a, b) in edges(facet) {
             closed[body] &= directed[&(a, b)] == 1 && directed.get(&(b, a)) == Some(&1);
         }

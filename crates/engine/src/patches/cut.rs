@@ -4,7 +4,7 @@ use super::crowd::Crowd;
 use super::facet::Sides;
 use super::focus::{Focus, area_of};
 use super::index::{FacetIndex, FacetPlace, PatchIndex};
-use super::means::exponent_of;
+use super::means::{exponent_of, point_of};
 use super::patched::PatchedScene;
 use crate::radiometry::{Reflectance, Rgb};
 use crate::scene::{Scene, Warning};
@@ -204,6 +204,29 @@ impl Cut {
                 let corners = crowd.scene.corners(&crowd.scene.triangle(triangle));
                 PatchCell { corners, at, back }
             }
+        }
+    }
+
+    /// A place in a patch, the n-th of so many that are spread over it: triangle, barycentric (u, v) there,
+    /// and whether it is on the back.
+    pub fn place_in(&self, patch: PatchIndex, n: u32, of: u32) -> Option<(u32, Vec2, bool)> {
+        match self {
+            Self::Listed(listed) => {
+                let (facet, back, cell) = listed.cell_of(patch);
+                let at = point_of(cell, n);
+                Some((facet.source, facet.to_source(at.x, at.y), back))
+            }
+            Self::Crowd(crowd) => match crowd.cluster(patch) {
+                Some((clusters, number)) => {
+                    let x = (n as f32 + 0.5) / of as f32;
+                    let (triangle, back) = clusters.pick(&crowd.scene, number, x)?;
+                    Some((triangle, point_of([Vec2::ZERO, Vec2::X, Vec2::Y], n), back))
+                }
+                None => {
+                    let own = crowd.patch(patch)?;
+                    Some((own.triangle, point_of(own.at, n), own.back))
+                }
+            },
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::layers::{Layering, Layers};
 use super::texture::{NormalMap, TextureSlot};
+use super::translucency::Translucency;
 use crate::radiometry::{Reflectance, Rgb};
 use glam::Vec2;
 
@@ -46,6 +47,8 @@ pub struct Appearance {
     pub specular_color: Rgb,
     /// Share of a dielectric that is clear, in [0, 1].
     pub transmission: f32,
+    /// Share of what is not reflected by a lobe that goes to the other side, in [0, 1].
+    pub translucency: f32,
     /// What lies on top.
     pub layers: Layers,
 }
@@ -106,6 +109,9 @@ pub struct Material {
     pub opacity: f32,
     /// What lies on top of it, and how it is brushed; `None` where there is none of it.
     pub layering: Option<Box<Layering>>,
+    /// KHR_materials_diffuse_transmission: what goes through it and is scattered; `None` where there is
+    /// none of it. Rays know it, hemicubes don't.
+    pub translucency: Option<Box<Translucency>>,
     /// KHR_materials_unlit: shown in its base colour whatever the light; neither reflects nor
     /// emits.
     pub unlit: bool,
@@ -153,6 +159,7 @@ impl Default for Material {
             alpha: Alpha::Opaque,
             opacity: 1.0,
             layering: None,
+            translucency: None,
             unlit: false,
         }
     }
@@ -230,6 +237,11 @@ impl Material {
         self.double_sided || self.clear_share() > 0.0
     }
 
+    /// Whether light may go through it diffusely.
+    pub fn is_translucent(&self) -> bool {
+        !self.unlit && self.translucency.is_some()
+    }
+
     /// Whether any point of the material can emit.
     pub fn emits(&self) -> bool {
         self.emission.max_element() > 0.0
@@ -243,6 +255,7 @@ impl Material {
             || self.specular_color_texture.is_some()
             || self.transmission_texture.is_some()
             || self.layering.as_ref().is_some_and(|layering| layering.slots().next().is_some())
+            || self.translucency.as_ref().is_some_and(|own| own.slots().next().is_some())
     }
 
     /// What the factors say of what lies on top.
@@ -287,6 +300,7 @@ impl Material {
             specular_factor: self.specular_factor,
             specular_color: self.specular_color,
             transmission: self.transmission,
+            translucency: self.translucency.as_ref().map_or(0.0, |own| own.share),
             layers: self.layers(),
         }
     }

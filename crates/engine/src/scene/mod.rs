@@ -19,6 +19,7 @@ pub mod pyramid;
 mod sky_file;
 pub mod sky_map;
 mod texture;
+mod translucency;
 mod vertex;
 
 use crate::radiometry::Rgb;
@@ -34,6 +35,7 @@ pub use material::{Alpha, Appearance, Material, Model, Volume};
 pub use message::{SceneError, Warning};
 pub use punctual::{LightKind, PunctualLight};
 pub use texture::{Encoding, NormalMap, Texture, TextureSlot, Wrap, srgb_to_linear};
+pub use translucency::Translucency;
 pub use vertex::{Triangle, Vertex};
 
 /// A scene in world space, metres, right-handed, +Y up.
@@ -150,7 +152,31 @@ impl Scene {
         if let Some(layering) = &material.layering {
             seen.layers = layering.at(&sample);
         }
+        if let Some(translucency) = &material.translucency {
+            seen.translucency = translucency.share_at(&sample);
+        }
         seen
+    }
+
+    /// The share of light, by its colour, that a surface which reflects no lobe lets through to
+    /// its other side at barycentric (u, v) of a triangle.
+    pub fn passed(&self, triangle: &Triangle, u: f32, v: f32) -> Rgb {
+        self.passed_by(triangle, [u, v], |slot| self.sample(Some(slot), triangle, u, v))
+    }
+
+    /// The same where `sample` says what a texture is there.
+    fn passed_by(
+        &self,
+        triangle: &Triangle,
+        at: [f32; 2],
+        sample: impl Fn(&TextureSlot) -> Vec4,
+    ) -> Rgb {
+        let material = &self.materials[triangle.material as usize];
+        let translucency = material.translucency.as_ref().filter(|_| !material.unlit);
+        let Some(translucency) = translucency else { return Rgb::ZERO };
+        let seen = self.appearance_by(triangle, at, &sample);
+        let dielectric = 1.0 - seen.metallic.clamp(0.0, 1.0);
+        translucency.color_at(&sample) * (seen.translucency * dielectric)
     }
 
     /// The share of light that meets the surface at barycentric (u, v) of a triangle instead of

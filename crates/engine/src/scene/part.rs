@@ -34,6 +34,13 @@ impl Scene {
         self.appearance_by(triangle, part.at.to_array(), sample)
     }
 
+    /// What a part of a triangle lets through on the mean; see [`Scene::passed`].
+    pub fn passed_over(&self, pyramids: &Pyramids, triangle: &Triangle, part: &Part) -> Rgb {
+        self.passed_by(triangle, part.at.to_array(), |slot| {
+            self.mean_texel(pyramids, (slot, Weight::Even), triangle, part)
+        })
+    }
+
     /// Mean emitted radiance of a part of a triangle.
     pub fn emission_over(&self, pyramids: &Pyramids, triangle: &Triangle, part: &Part) -> Rgb {
         let material = &self.materials[triangle.material as usize];

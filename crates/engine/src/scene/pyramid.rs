@@ -192,7 +192,8 @@ fn needed(scene: &Scene) -> Vec<(u32, Encoding, Weight)> {
             (emission, Weight::Even),
         ];
         let layers = material.layering.iter().flat_map(|layering| layering.slots());
-        let layers = layers.map(|slot| (slot, Weight::Even));
+        let passed = material.translucency.iter().flat_map(|translucency| translucency.slots());
+        let layers = layers.chain(passed).map(|slot| (slot, Weight::Even));
         let slots = slots.into_iter().filter_map(|(slot, weight)| Some((slot?, weight)));
         for (slot, weight) in slots.chain(layers) {
             let way = (slot.texture, slot.encoding, weight);

@@ -49,6 +49,28 @@ fn textures_enter_the_appearance_by_their_channels() {
 }
 
 #[test]
+fn what_passes_is_share_times_colour_of_what_is_no_metal() {
+    let translucency = Translucency {
+        share: 0.5,
+        share_texture: Some(TextureSlot::data(0)),
+        color: Rgb::new(1.0, 0.5, 0.25),
+        color_texture: Some(TextureSlot::plain(0)),
+    };
+    let material = Material {
+        metallic: 0.25,
+        translucency: Some(Box::new(translucency)),
+        ..Material::default()
+    };
+    let scene = triangle(material, vec![uniform([51, 102, 153, 204])]);
+    let seen = scene.appearance(&scene.triangles[0], 0.2, 0.3);
+    assert!((seen.translucency - 0.5 * 0.8).abs() < 1e-6);
+    let texel = Rgb::new(srgb_to_linear(51), srgb_to_linear(102), srgb_to_linear(153));
+    let expected = texel * translucency.color * (0.4 * 0.75);
+    let passed = scene.passed(&scene.triangles[0], 0.2, 0.3);
+    assert!(passed.abs_diff_eq(expected, 1e-6), "{passed} {expected}");
+}
+
+#[test]
 fn coverage_is_factor_times_texture_times_vertex_alpha() {
     let blended = Material {
         alpha: Alpha::Blend,

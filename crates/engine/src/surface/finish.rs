@@ -35,6 +35,8 @@ pub struct Finish {
     /// Radiance that a camera sees of a material that takes no part in light
     /// (KHR_materials_unlit): its base colour.
     pub is_unlit: bool,
+    /// Whether light may go through it diffusely.
+    pub is_translucent: bool,
     /// What it does to light as a clear surface, if it is one.
     pub clear: Option<Clear>,
 }
@@ -173,6 +175,7 @@ impl Finish {
             varies,
             is_bent,
             is_unlit: material.unlit,
+            is_translucent: material.is_translucent(),
             clear,
         }
     }

@@ -49,7 +49,8 @@ impl Microfacets {
         let normal = ((material.ior - 1.0) / (material.ior + 1.0)).powi(2);
         let f0 = (normal * at.specular_color).clamp(Rgb::ZERO, Rgb::ONE) * f90;
         Self {
-            diffuse: base * (1.0 - metallic),
+            // What goes through is not reflected.
+            diffuse: base * ((1.0 - metallic) * (1.0 - at.translucency)),
             f0: f0.lerp(base, metallic),
             f90: f90 + (1.0 - f90) * metallic,
             dielectric: [f0.max_element(), f90],

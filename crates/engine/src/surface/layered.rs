@@ -75,6 +75,13 @@ impl Layered {
         self.coat.left(cosine) * self.sheen.left(cosine)
     }
 
+    /// What lies below the layers, and what these leave of light from there towards a viewer at an
+    /// angle of that cosine, or on the mean over all.
+    pub fn below(&self, cosine: Option<f32>) -> (Microfacets, f32) {
+        let mean = || self.mean(|layered, cosine| Rgb::splat(layered.left(cosine))).x;
+        (self.base.facets, cosine.map_or_else(mean, |cosine| self.left(cosine)))
+    }
+
     /// Albedo of the diffuse part towards a viewer at an angle of that cosine.
     fn diffuse_albedo(&self, cosine: f32) -> Rgb {
         self.base.diffuse_albedo(cosine) * self.left(cosine)

@@ -38,6 +38,8 @@ mod passage;
 
 mod filtered;
 
+mod far_side;
+
 #[cfg(test)]
 mod laws;
 

@@ -35,7 +35,34 @@ impl Parameters {
         match material.model {
             Model::Ggx if !at.layers.is_none() => Self::layered(facets, at),
             Model::Ggx if facets.is_glossy() => Self::Ggx(facets),
-            _ => Self::Phong(material.reflectance(at)),
+            _ => {
+                let mut reflectance = material.reflectance(at);
+                // What goes through is not reflected.
+                reflectance.diffuse *= 1.0 - at.translucency;
+                Self::Phong(reflectance)
+            }
+        }
+    }
+
+    /// What light that goes through diffusely is left of by the diffuse part alone, where the
+    /// surface lets through that share of what its lobes leave; towards a viewer at an angle of that
+    /// cosine, or on the mean over all.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn passing(&self, share: Rgb, cosine: Option<f32>) -> Self {
+        let without_lobe = |facets: Microfacets, diffuse| Microfacets {
+            diffuse,
+            f0: Rgb::ZERO,
+            f90: 0.0,
+            ..facets
+        };
+        match self {
+            Self::Phong(own) => Self::Phong(Reflectance::lambertian(share * (1.0 - own.specular))),
+            Self::Ggx(facets) => Self::Ggx(without_lobe(*facets, share)),
+            Self::Layered(layered) => {
+                let (facets, left) = layered.below(cosine);
+                Self::Ggx(without_lobe(facets, share * left))
+            }
         }
     }
 

@@ -26,6 +26,8 @@ pub struct World {
     /// Whether light passes anything as clear, and whether it does so along a straight line.
     has_clear: bool,
     has_panes: bool,
+    /// Whether anything lets light through diffusely.
+    has_translucent: bool,
     /// By material, whether it may mirror sharply.
     mirrors: Vec<bool>,
 }
@@ -50,9 +52,11 @@ impl World {
             scene,
             has_clear: false,
             has_panes: false,
+            has_translucent: false,
             mirrors,
         };
         this.has_clear = this.finishes.all().iter().any(|finish| finish.clear.is_some());
+        this.has_translucent = this.finishes.all().iter().any(|finish| finish.is_translucent);
         this.has_panes =
             this.has_clear && this.scene.unique_triangles().any(|triangle| this.is_pane(triangle));
         this
@@ -185,6 +189,17 @@ impl World {
     #[inline]
     pub fn is_clear(&self, triangle: u32) -> bool {
         self.has_clear && self.finishes.of(triangle).clear.is_some()
+    }
+
+    /// Whether light may go through a triangle diffusely; see [`World::far_side`].
+    #[inline]
+    pub fn is_translucent(&self, triangle: u32) -> bool {
+        self.has_translucent && self.finishes.of(triangle).is_translucent
+    }
+
+    /// Whether it may do so anywhere.
+    pub fn has_translucent(&self) -> bool {
+        self.has_translucent
     }
 
     /// Whether a triangle may mirror sharply anywhere.

@@ -8,6 +8,12 @@ pub fn by_patches(scene: &Scene) -> Vec<Warning> {
     for index in used(scene) {
         let material = &scene.materials[index];
         let (name, at) = (&material.name, format!("materials[{index}]"));
+        if material.is_translucent() {
+            let what = format!(
+                "{name:?} lets light through diffusely; patches show it as opaque; hemilux and ray-traced can"
+            );
+            warnings.push(Warning::new(at.clone(), what));
+        }
         if material.clear_share() > 0.0 {
             let what = format!(
                 "{name:?} lets light through; patches show it as opaque and cannot show its caustics; illumination-map and ray-traced can"

@@ -87,7 +87,9 @@ pub const EXTENSIONS: &[Extension] = &[
     ),
     extension(
         "KHR_materials_diffuse_transmission",
-        Support::Ignored("diffuse transmission is ignored; the surface is opaque"),
+        Support::Approximated(
+            "what a body takes of light inside it (KHR_materials_volume) is ignored, as is the colour of a thin film over what passes",
+        ),
     ),
     extension("KHR_materials_dispersion", Support::Implemented),
     extension("KHR_materials_emissive_strength", Support::Implemented),

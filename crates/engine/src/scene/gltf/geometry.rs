@@ -352,7 +352,8 @@ fn warn_of_missing_uv(
         &material.transmission_texture,
     ];
     let layers = material.layering.iter().flat_map(|layering| layering.slots());
-    for slot in slots.into_iter().flatten().chain(layers) {
+    let passed = material.translucency.iter().flat_map(|translucency| translucency.slots());
+    for slot in slots.into_iter().flatten().chain(layers).chain(passed) {
         if primitive.uv[slot.uv_set as usize].is_none() {
             warnings.push(
                 format!("{}.attributes.TEXCOORD_{}", primitive.at, slot.uv_set),

@@ -2,17 +2,20 @@
 
 use super::extensions::{EXTENSIONS, Support, loss};
 use super::factors::{color, factor};
-use super::material_layers;
+use super::material_layers::{self, object};
 use super::textures::{Reference, Textures};
 use super::warnings::Warnings;
 use crate::radiometry::Rgb;
-use crate::scene::{Encoding, Material, SceneError, Volume};
+use crate::scene::{Encoding, Material, SceneError, Translucency, Volume};
 use glam::Vec2;
 use gltf::json::Value;
 use gltf::json::extensions::material::{Material as Extensions, PbrSpecularGlossiness, Specular};
+use gltf::json::texture::Info;
 use serde::Deserialize;
 
 const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
+
+const DIFFUSE_TRANSMISSION: &str = "KHR_materials_diffuse_transmission";
 
 const DISPERSION: &str = "KHR_materials_dispersion";
 
@@ -47,12 +50,14 @@ pub(super) fn apply(
         specular_glossiness(extension, &at, material, textures, warnings)?;
     }
     clear(extensions, at, material, textures, warnings)?;
+    diffuse_transmission(extensions, at, material, textures, warnings)?;
     material_layers::apply(extensions, at, material, textures, warnings)?;
     if extensions.unlit.is_some() {
         material.unlit = true;
         material.emission = Rgb::ZERO;
         material.emission_texture = None;
         material.transmission = 0.0;
+        material.translucency = None;
     }
     for extension in EXTENSIONS {
         let Support::Ignored(loss) = extension.support else { continue };
@@ -143,7 +148,7 @@ fn dispersion(
     material: &mut Material,
     warnings: &mut Warnings,
 ) -> Result<(), SceneError> {
-    let found = material_layers::object::<Dispersion>(extensions, DISPERSION, at)?;
+    let found = object::<Dispersion>(extensions, DISPERSION, at)?;
     let Some((extension, at)) = found else { return Ok(()) };
     let range = 0.0..=MAX_DISPERSION;
     let value = factor(extension.dispersion, &format!("{at}.dispersion"), range, warnings);
@@ -152,6 +157,64 @@ fn dispersion(
         return Ok(());
     }
     material.dispersion = value;
+    Ok(())
+}
+
+/// KHR_materials_diffuse_transmission.
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+struct DiffuseTransmission {
+    diffuse_transmission_factor: f32,
+    diffuse_transmission_texture: Option<Info>,
+    diffuse_transmission_color_factor: [f32; 3],
+    diffuse_transmission_color_texture: Option<Info>,
+}
+
+impl Default for DiffuseTransmission {
+    fn default() -> Self {
+        Self {
+            diffuse_transmission_factor: 0.0,
+            diffuse_transmission_texture: None,
+            diffuse_transmission_color_factor: [1.0; 3],
+            diffuse_transmission_color_texture: None,
+        }
+    }
+}
+
+/// Reads what goes through and is scattered. Such a surface has two sides for light, so its back is
+/// there for cameras, too.
+fn diffuse_transmission(
+    extensions: &Extensions,
+    at: &str,
+    material: &mut Material,
+    textures: &mut Textures<'_, '_>,
+    warnings: &mut Warnings,
+) -> Result<(), SceneError> {
+    let found = object::<DiffuseTransmission>(extensions, DIFFUSE_TRANSMISSION, at)?;
+    let Some((extension, at)) = found else { return Ok(()) };
+    let of = |member: &str| format!("{at}.{member}");
+    let share = extension.diffuse_transmission_factor;
+    let share = factor(share, &of("diffuseTransmissionFactor"), 0.0..=1.0, warnings);
+    let tint = extension.diffuse_transmission_color_factor;
+    let tint = color(tint, &of("diffuseTransmissionColorFactor"), 0.0..=1.0, warnings);
+    if share == 0.0 {
+        return Ok(());
+    }
+    let mut slot = |info: &Option<Info>, member: &str, encoding| {
+        let reference = info.as_ref().map(|info| Reference::new(info, of(member)));
+        reference.map(|reference| textures.slot(&reference, encoding, warnings)).transpose()
+    };
+    let (shares, tints) =
+        (&extension.diffuse_transmission_texture, &extension.diffuse_transmission_color_texture);
+    let share_texture = slot(shares, "diffuseTransmissionTexture", Encoding::Linear)?;
+    let color_texture = slot(tints, "diffuseTransmissionColorTexture", Encoding::Srgb)?;
+    let translucency = Translucency { share, share_texture, color: tint, color_texture };
+    material.translucency = Some(Box::new(translucency));
+    material.double_sided = true;
+    let has_film = extensions.others.contains_key("KHR_materials_iridescence");
+    if extensions.volume.is_some() || has_film {
+        warnings.push(at, loss(DIFFUSE_TRANSMISSION));
+    }
     Ok(())
 }
 
@@ -164,7 +227,7 @@ fn clear(
     warnings: &mut Warnings,
 ) -> Result<(), SceneError> {
     let Some(extension) = &extensions.transmission else {
-        if extensions.volume.is_some() {
+        if extensions.volume.is_some() && !extensions.others.contains_key(DIFFUSE_TRANSMISSION) {
             let what = "is ignored; nothing gets into it without KHR_materials_transmission";
             warnings.push(format!("{at}.KHR_materials_volume"), what);
         }

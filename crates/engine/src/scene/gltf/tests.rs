@@ -315,6 +315,45 @@ fn clear_materials_say_what_is_behind_them() {
     );
 }
 
+/// What lets light through diffusely has two sides.
+#[test]
+fn diffuse_transmission_is_read() {
+    let mut file = square();
+    file.root["meshes"][0]["primitives"][0]["material"] = json!(0);
+    let extended = |extensions| json!({ "extensions": extensions });
+    file.root["materials"] = json!([
+        extended(json!({ "KHR_materials_diffuse_transmission": {
+            "diffuseTransmissionFactor": 0.75, "diffuseTransmissionColorFactor": [1, 0.5, 0],
+        } })),
+        extended(json!({ "KHR_materials_diffuse_transmission": {} })),
+        extended(json!({
+            "KHR_materials_diffuse_transmission": { "diffuseTransmissionFactor": 2 },
+            "KHR_materials_volume": { "thicknessFactor": 1 },
+        })),
+        extended(json!({
+            "KHR_materials_diffuse_transmission": { "diffuseTransmissionFactor": 1 },
+            "KHR_materials_unlit": {},
+        })),
+    ]);
+    let scene = file.import();
+    let [leaf, opaque, body, unlit] = &scene.materials[..] else { panic!("four materials") };
+    let translucency = leaf.translucency.as_ref().expect("it is translucent");
+    assert_eq!((translucency.share, translucency.color), (0.75, Vec3::new(1.0, 0.5, 0.0)));
+    assert!(leaf.double_sided && leaf.is_translucent());
+    assert!(!opaque.double_sided && !opaque.is_translucent() && !unlit.is_translucent());
+    let translucency = body.translucency.as_ref().expect("it is translucent");
+    assert_eq!((translucency.share, translucency.color), (1.0, Vec3::ONE));
+    let at = scene.warnings.iter().map(|warning| warning.at.as_str());
+    let at: Vec<_> = at.filter(|at| at.starts_with("materials[")).collect();
+    assert_eq!(
+        at,
+        [
+            "materials[2].extensions.KHR_materials_diffuse_transmission.diffuseTransmissionFactor",
+            "materials[2].extensions.KHR_materials_diffuse_transmission",
+        ]
+    );
+}
+
 fn encoded(format: image::ImageFormat, picture: &image::DynamicImage) -> Vec<u8> {
     let mut out = std::io::Cursor::new(Vec::new());
     picture.write_to(&mut out, format).unwrap();

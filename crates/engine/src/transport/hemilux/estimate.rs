@@ -106,7 +106,17 @@ impl PictureInputs<'_> {
         let (mut least, mut most, mut all) = (Rgb::INFINITY, Rgb::ZERO, 0.0);
         for index in visible.start[pixel] as usize..visible.start[pixel + 1] as usize {
             let share = visible.fragments[index].share;
-            let (own, own_variance) = self.fragment(gloss, index);
+            let (mut own, mut own_variance) = self.fragment(gloss, index);
+            if visible.has_beyond() {
+                if visible.fragments[index].is_beyond {
+                    continue;
+                }
+                if let Some(beyond) = visible.beyond(index) {
+                    let (passed, passed_variance) = self.fragment(&[], beyond);
+                    own += passed;
+                    own_variance.iter_mut().zip(passed_variance).for_each(|(sum, own)| *sum += own);
+                }
+            }
             radiance += own * share;
             for (sum, own) in variance.iter_mut().zip(own_variance) {
                 *sum += own.element_sum() * (share * share);

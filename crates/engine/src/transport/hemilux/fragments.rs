@@ -2,6 +2,7 @@
 //! rasterised and grouped by surface into fragments.
 
 mod band;
+mod beyond;
 pub mod edges;
 
 use super::instance_pixels::InstancePixels;
@@ -32,6 +33,8 @@ const GOLDEN_RATIO: f32 = 0.618_034;
 const NO_FRAGMENT: usize = usize::MAX;
 /// Squares along and across a pixel that sees one facet alone, over which textures are averaged.
 const SQUARES: u32 = 4;
+/// Places in a sample's square that are looked at for one of a lobe that shares its pixel.
+const EDGE_TRIES: u32 = 4;
 /// Rays of a lobe that share its part of a pixel at first where textures say how it reflects. Later
 /// ones stand for ever less: between metal and paint the mean of both is neither.
 const FIRST_LOBE_RAYS: u32 = 4;
@@ -67,6 +70,9 @@ pub struct Fragment {
     pub lobe_factor: Rgb,
     /// Whether it reflects a lobe.
     pub glossy: bool,
+    /// Whether it is the other side of another fragment of the pixel, which lets light through
+    /// diffusely from there: then its diffuse albedo is what comes through.
+    pub is_beyond: bool,
 }
 
 /// How far beside a facet places of its plane are found by its barycentric coordinates; farther away
@@ -274,12 +280,10 @@ impl VisibleSurfaces {
         let mut offset = self.sample(fragment.in_plane, n);
         let round = n / fragment.in_plane.count_ones().max(1);
         if round > 0 {
-            // Elsewhere in the samples' squares: a shadow's edge may be finer than those. But not
-            // beyond the facet, where a wall may stand.
-            let side = (self.samples.len() as f32).sqrt().recip();
-            let beside = offset + ((SQUARE_STEP * round as f32).fract() - 0.5) * side;
-            let at = self.unbounded(&placed, fragment.pixel, beside);
-            if at.min_element() > 0.0 && at.element_sum() < 1.0 {
+            // A shadow's edge may be finer than the samples' squares. But not beyond the facet,
+            // where a wall may stand.
+            let beside = self.beside(offset, round);
+            if self.is_on(&placed, fragment.pixel, beside) {
                 offset = beside;
             }
         }
@@ -288,8 +292,20 @@ impl VisibleSurfaces {
         }
         let (point, normal) = placed.spot(back, self.in_plane_of(&placed, fragment.pixel, offset));
         // Not under the other facets of the plane, which is theirs but for a little.
-        let slant = normal.dot(self.frame.towards_eye(point)).max(LEAST_SLANT);
+        let slant = normal.dot(self.frame.towards_eye(point)).abs().max(LEAST_SLANT);
         point + normal * (LIFT_PIXELS * self.frame.footprint(point, self.height) / slant)
+    }
+
+    /// Another place in a sample's square, for each round after the first.
+    fn beside(&self, offset: Vec2, round: u32) -> Vec2 {
+        let side = (self.samples.len() as f32).sqrt().recip();
+        offset + ((SQUARE_STEP * round as f32).fract() - 0.5) * side
+    }
+
+    /// Whether a facet covers a place in a pixel.
+    fn is_on(&self, placed: &PictureFacet, pixel: u32, offset: Vec2) -> bool {
+        let at = self.unbounded(placed, pixel, offset);
+        at.min_element() > 0.0 && at.element_sum() < 1.0
     }
 
     /// The surface point of the sample that is nearest to the middle of a fragment's: what it
@@ -367,10 +383,9 @@ impl VisibleSurfaces {
     /// were `before`.
     pub fn surface(&self, world: &World, lobe: &Lobe, (n, before): (u32, u32)) -> Surface {
         let area = self.share(lobe) / (before + 1).max(FIRST_LOBE_RAYS) as f32;
-        let (SampleGroup { code, mask }, n) = self.group_of(lobe, n);
+        let (code, offset) = self.place_of_lobe(lobe, n);
         let (facet, back) = item::decode(code).unwrap_or((0, false));
         let pixel = self.fragments[lobe.fragment as usize].pixel;
-        let offset = self.sample(mask, n);
         let at = self.barycentric(facet, pixel, offset);
         let placed = self.placed(facet);
         let spot = Spot::new(placed.corners, placed.normal, at.x, at.y);
@@ -411,8 +426,51 @@ impl VisibleSurfaces {
 
     /// Origin and unit direction of the camera's ray through a lobe's n-th sample.
     pub fn lobe_ray(&self, lobe: &Lobe, n: u32) -> (Vec3, Vec3) {
-        let (SampleGroup { mask, .. }, n) = self.group_of(lobe, n);
-        self.ray(self.fragments[lobe.fragment as usize].pixel, self.sample(mask, n))
+        self.ray(self.fragments[lobe.fragment as usize].pixel, self.place_of_lobe(lobe, n).1)
+    }
+
+    /// Code of the facet, and place in the pixel, of a lobe's n-th sample; once all had their turn, of
+    /// another place in that sample's square, since highlights may be finer than the squares.
+    fn place_of_lobe(&self, lobe: &Lobe, n: u32) -> (u32, Vec2) {
+        let (SampleGroup { code, mask }, own) = self.group_of(lobe, n);
+        let offset = self.sample(mask, own);
+        let round = n / self.count(lobe).max(1);
+        if round == 0 {
+            return (code, offset);
+        }
+        let fragment = &self.fragments[lobe.fragment as usize];
+        let tries = if self.share(lobe) < 1.0 { EDGE_TRIES } else { 1 };
+        for attempt in 0..tries {
+            let beside = self.beside(offset, round * tries + attempt);
+            let found = match tries > 1 {
+                true => self.seen_at(lobe, fragment.pixel, beside),
+                false => self.covering(lobe, fragment.pixel, (code, beside)),
+            };
+            if let Some(code) = found {
+                return (code, beside);
+            }
+        }
+        (code, offset)
+    }
+
+    /// Code of the facet of a lobe that covers a place in a pixel, of which all is the lobe's: that of
+    /// `code`, or another one.
+    fn covering(&self, lobe: &Lobe, pixel: u32, (code, place): (u32, Vec2)) -> Option<u32> {
+        let covers = |code: &u32| {
+            let facet = item::decode(*code);
+            facet.is_some_and(|(facet, _)| self.is_on(&self.placed(facet), pixel, place))
+        };
+        let others = self.groups(lobe).iter().map(|group| group.code);
+        std::iter::once(code).chain(others).find(covers)
+    }
+
+    /// Code of the facet that is seen at a place in a pixel, if that is the lobe's.
+    fn seen_at(&self, lobe: &Lobe, pixel: u32, place: Vec2) -> Option<u32> {
+        let (origin, direction) = self.ray(pixel, place);
+        let spread = ((place.x + place.y) * GOLDEN_RATIO * MOST_SAMPLES as f32).rem_euclid(1.0);
+        let rays = &self.placing.world.rays;
+        let code = self.code_of(&rays.closest_in_pixel(origin, direction, spread, pixel)?)?;
+        self.groups(lobe).iter().any(|group| group.code == code).then_some(code)
     }
 
     fn sample(&self, mut mask: u64, n: u32) -> Vec2 {

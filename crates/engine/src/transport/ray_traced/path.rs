@@ -5,7 +5,7 @@
 //! same light is left out ([`Carried`]).
 
 use crate::emitters::{DiskPoints, Disks, LightSample, SceneLights, TriangleLights};
-use crate::radiometry::Rgb;
+use crate::radiometry::{Rgb, importance};
 use crate::random::Numbers;
 use crate::rays::Eye;
 use crate::sampling::{CHOICES, Turn, power_heuristic};
@@ -267,7 +267,8 @@ impl Tracer<'_> {
                 .filter(|clear| clear.share >= 1.0 || walk.numbers.uniform() < clear.share);
             let Some(clear) = clear else {
                 let Flight { carried, inside, .. } = flight;
-                return (radiance, Some(Stop { surface, viewer, carried, inside }));
+                let stop = Stop { surface, viewer, carried, inside };
+                return (radiance, Some(self.on_a_side(stop, walk)));
             };
             crossings += 1;
             if crossings > SURE_CROSSINGS {
@@ -288,6 +289,23 @@ impl Tracer<'_> {
             };
             flight.leave(&surface, &passed, self.is_pane(&surface, clear.is_straight()));
         }
+    }
+
+    /// A stop on the side of the surface that light comes from next: where it lets light through
+    /// diffusely, one of both by chance.
+    fn on_a_side(&self, stop: Stop, walk: &mut Walk) -> Stop {
+        if !self.world.is_translucent(stop.surface.triangle) {
+            return stop;
+        }
+        let far = self.world.far_side(&stop.surface, stop.viewer);
+        let near = importance(stop.surface.reflection().albedo(stop.viewer));
+        let share = importance(far.albedo());
+        let share = if share > 0.0 { share / (near + share) } else { 0.0 };
+        if walk.numbers.uniform() >= share {
+            return Stop { carried: stop.carried.times(Rgb::splat(1.0 / (1.0 - share))), ..stop };
+        }
+        let carried = stop.carried.times(Rgb::splat(1.0 / share));
+        Stop { surface: far.surface, viewer: far.viewer, carried, ..stop }
     }
 
     /// Whether light samples see through a surface; disks are not sampled through panes.

@@ -9,6 +9,7 @@
 
 use super::direct::DirectLight;
 use super::elements::ElementIndex;
+use super::far_sides::FarSides;
 use super::mesh::{CellSpot, CoarseMesh};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::{Rgb, importance};
@@ -16,6 +17,7 @@ use crate::random::Stream;
 use crate::rays::{Eye, Hit, Ray};
 use crate::sampling::{Seed, Shifted, cosine_direction};
 use crate::surface::World;
+use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;
@@ -35,6 +37,10 @@ const MOST_SWEEPS: u32 = 400;
 const SETTLED_CHANGE: f32 = 2e-4;
 /// How often a solution is corrected by where in elements links end.
 const CORRECTIONS: u32 = 2;
+/// Links from which on no more get a colour, 20 bytes each: 80 MiB.
+const MOST_TINTS: usize = 4 << 20;
+/// Colours of links that differ by less from white are white.
+const LEAST_TINT: f32 = 1e-3;
 /// Elements of a parallel task.
 const CHUNK: usize = 256;
 
@@ -59,6 +65,28 @@ struct Round {
     /// Σ π × radiance that each element's rays found of sky and emitters by way of what bends light;
     /// empty where nothing does.
     bent: Vec<Rgb>,
+    /// What coloured glass on the way takes of links, in the order of the elements that these start
+    /// from.
+    tints: Vec<Tint>,
+}
+
+/// A link whose light is coloured on its way.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+struct Tint {
+    /// The element that it starts from, and the one that it met.
+    from: u32,
+    to: u32,
+    /// The share of its light that does not arrive.
+    lack: Rgb,
+}
+
+/// What rays of an element found beside the elements that they met.
+#[derive(Default)]
+struct OnTheWay {
+    /// Σ π × radiance of sky and emitters by way of what bends light.
+    bent: Rgb,
+    tints: Vec<Tint>,
 }
 
 /// Where links are traced.
@@ -74,6 +102,16 @@ pub struct Linking<'a> {
     pub follows_mirrors: bool,
 }
 
+/// A ray of a link.
+struct LinkRay {
+    /// The element that it starts from.
+    from: u32,
+    /// Unit vector.
+    direction: Vec3,
+    /// Whether its colour may be kept.
+    has_tint: bool,
+}
+
 impl Round {
     fn of(&self, element: ElementIndex) -> &[u32] {
         let [first, end] = [self.start[element.at()], self.start[element.at() + 1]];
@@ -84,6 +122,16 @@ impl Round {
         let [first, end] = [self.start[element.at()], self.start[element.at() + 1]];
         let own = first as usize..end as usize;
         (&self.links[own.clone()], &self.spots[own])
+    }
+
+    /// What the colours of an element's links take, where `radiosity` says what the elements send.
+    fn lack(&self, element: ElementIndex, radiosity: &[Rgb]) -> Rgb {
+        if self.tints.is_empty() {
+            return Rgb::ZERO;
+        }
+        let first = self.tints.partition_point(|tint| tint.from < element.0);
+        let own = self.tints[first..].iter().take_while(|tint| tint.from == element.0);
+        own.map(|tint| tint.lack * radiosity[tint.to as usize]).sum()
     }
 }
 
@@ -103,6 +151,8 @@ impl Links {
         if self.count() + end as usize > MOST_LINKS && !self.rounds.is_empty() {
             return;
         }
+        let has_tint =
+            self.rounds.iter().map(|round| round.tints.len()).sum::<usize>() < MOST_TINTS;
         let of_element = |index: usize| {
             let element = ElementIndex(index as u32);
             let done = self.rounds.iter().map(|round| round.of(element).len() as u32).sum();
@@ -111,12 +161,15 @@ impl Links {
             let batch = link_rays(world, mesh, element, count, sequence);
             let mut hits = Vec::with_capacity(batch.len());
             world.rays.closest_many(Eye::Light, &batch, &mut hits);
-            let mut bent = Rgb::ZERO;
+            let mut way = OnTheWay::default();
             let links = hits.into_iter().zip(&batch);
-            let links = links.map(|(hit, ray)| linking.link(hit, ray.direction, &mut bent));
-            (links.collect::<Vec<(u32, CellSpot)>>(), bent)
+            let links = links.map(|(hit, ray)| {
+                let ray = LinkRay { from: element.0, direction: ray.direction, has_tint };
+                linking.link(hit, &ray, &mut way)
+            });
+            (links.collect::<Vec<(u32, CellSpot)>>(), way)
         };
-        let found: Vec<(Vec<(u32, CellSpot)>, Rgb)> =
+        let found: Vec<(Vec<(u32, CellSpot)>, OnTheWay)> =
             (0..elements).into_par_iter().with_max_len(64).map(of_element).collect();
         let mut links = Vec::with_capacity(end as usize);
         let mut spots = Vec::with_capacity(end as usize);
@@ -124,23 +177,25 @@ impl Links {
             links.extend(own.iter().map(|(link, _)| *link));
             spots.extend(own.iter().map(|(_, spot)| *spot));
         }
-        let mut bent = Vec::new();
+        let (mut bent, mut tints) = (Vec::new(), Vec::new());
         if world.has_clear() || linking.follows_mirrors {
-            bent = found.iter().map(|(_, bent)| *bent).collect();
+            bent = found.iter().map(|(_, way)| way.bent).collect();
+            tints = found.into_iter().flat_map(|(_, way)| way.tints).collect();
         }
-        self.rounds.push(Round { start, links, spots, bent });
+        self.rounds.push(Round { start, links, spots, bent, tints });
     }
 
     /// Solves the radiosity equation E_bounced = Σ ρ_link (E_direct + E_bounced)_link / N over the
-    /// links so far, beginning with the solution before.
+    /// links so far, beginning with the solution before; what `far` sides let through is added to what
+    /// a link's end reflects.
     ///
     /// A link takes its element's mean, wherever in the element the ray ended, and so light moves by
     /// parts of an element at random at every bounce, which makes it spread too far in a long white
     /// room. The slope of the light over the element, times the way from its middle to where the ray
     /// ended, corrects that to the second order.
-    pub fn solve(&mut self, mesh: &CoarseMesh, direct: &[DirectLight]) {
+    pub fn solve(&mut self, mesh: &CoarseMesh, direct: &[DirectLight], far: Option<&FarSides>) {
         let albedo = &mesh.elements.albedo;
-        self.balance(albedo, direct, &[]);
+        self.balance(albedo, direct, far, &[]);
         for _ in 0..CORRECTIONS {
             let irradiance = |element: ElementIndex| {
                 direct[element.at()].irradiance + self.bounced[element.at()]
@@ -150,7 +205,7 @@ impl Links {
                 return;
             }
             let correction = self.correction(albedo, &slopes);
-            self.balance(albedo, direct, &correction);
+            self.balance(albedo, direct, far, &correction);
         }
     }
 
@@ -175,7 +230,13 @@ impl Links {
 
     /// Solves the equation by sweeps, where `correction` (or nothing, if that is empty) is added to
     /// what the links of each element bring.
-    fn balance(&mut self, albedo: &[Rgb], direct: &[DirectLight], correction: &[Rgb]) {
+    fn balance(
+        &mut self,
+        albedo: &[Rgb],
+        direct: &[DirectLight],
+        far: Option<&FarSides>,
+        correction: &[Rgb],
+    ) {
         let elements = direct.len() as u32;
         self.bounced.resize(direct.len(), Rgb::ZERO);
         let rows: Vec<u32> = (0..elements)
@@ -188,8 +249,13 @@ impl Links {
             .collect();
         let reflected = |bounced: &[Rgb]| -> Vec<Rgb> {
             let all = direct.par_iter().zip(bounced).zip(albedo).with_min_len(CHUNK);
-            all.map(|((direct, bounced), albedo)| *albedo * (direct.irradiance + *bounced))
-                .collect()
+            let own =
+                all.map(|((direct, bounced), albedo)| *albedo * (direct.irradiance + *bounced));
+            let Some(far) = far else { return own.collect() };
+            let arriving =
+                |element: ElementIndex| direct[element.at()].irradiance + bounced[element.at()];
+            let passed = |element: usize| far.passed(ElementIndex(element as u32), arriving);
+            own.enumerate().map(|(element, own)| own + passed(element)).collect()
         };
         for _ in 0..MOST_SWEEPS {
             let radiosity = reflected(&self.bounced);
@@ -200,6 +266,9 @@ impl Links {
                     let links = self.of(ElementIndex(element));
                     let met = links.filter_map(|link| radiosity.get(link.at()));
                     let sum = met.sum::<Rgb>() + self.bent(ElementIndex(element));
+                    let lacks = self.rounds.iter();
+                    let lacks = lacks.map(|round| round.lack(ElementIndex(element), &radiosity));
+                    let sum = sum - lacks.sum::<Rgb>();
                     let beyond = correction.get(element as usize).copied().unwrap_or_default();
                     let found = sum / rows[element as usize].max(1) as f32 + beyond;
                     found.max(Rgb::ZERO)
@@ -231,10 +300,11 @@ impl Links {
     pub fn save(&self, elements: usize, to: &mut Writer) {
         to.slice(&self.bounced);
         to.value(self.rounds.len() as u64);
-        for Round { start, links, spots, bent } in &self.rounds {
+        for Round { start, links, spots, bent, tints } in &self.rounds {
             to.slice(start);
             to.slice(bent);
             to.slice(spots);
+            to.slice(tints);
             if fits_two_bytes(elements) {
                 // The two marks are the largest numbers, in two bytes as in four.
                 to.slice(&links.iter().map(|link| *link as u16).collect::<Vec<_>>());
@@ -257,6 +327,14 @@ impl Links {
                 return damaged("its bent light is not of these elements");
             }
             let spots: Vec<CellSpot> = from.exactly(count)?;
+            let tints: Vec<Tint> = from.slice()?;
+            let is_sound = |tint: &Tint| {
+                let ends = [tint.from, tint.to];
+                ends.iter().all(|end| (*end as usize) < elements) && tint.lack.is_finite()
+            };
+            if !tints.iter().all(is_sound) || !tints.is_sorted_by_key(|tint| tint.from) {
+                return damaged("the colours of its links are not of these elements");
+            }
             if start[0] != 0 || !start.is_sorted() {
                 return damaged("its links are not in order");
             }
@@ -272,7 +350,7 @@ impl Links {
             if links.iter().any(|link| *link as usize >= elements && *link < COVERED) {
                 return damaged("a link leads nowhere");
             }
-            rounds.push(Round { start, links, spots, bent });
+            rounds.push(Round { start, links, spots, bent, tints });
         }
         if bounced.len() != if rounds.is_empty() { 0 } else { elements } {
             return damaged("its links are not of these elements");
@@ -299,9 +377,9 @@ fn starts(area: &[f32], rays: u32) -> Vec<u32> {
 }
 
 impl Linking<'_> {
-    /// The link of a ray along the unit `direction` that met this, and where in the element it ends;
-    /// what the ray found by way of what bends light goes to `bent`.
-    fn link(&self, hit: Option<Hit>, direction: Vec3, bent: &mut Rgb) -> (u32, CellSpot) {
+    /// The link of a ray that met this, and where in the element it ends; what else the ray found goes
+    /// to `way`.
+    fn link(&self, hit: Option<Hit>, ray: &LinkRay, way: &mut OnTheWay) -> (u32, CellSpot) {
         let Self { world, mesh, .. } = self;
         let element = |hit: &Hit| {
             mesh.spot_at(hit).map_or((DARK, CellSpot::MIDDLE), |(element, spot)| (element.0, spot))
@@ -315,20 +393,23 @@ impl Linking<'_> {
         if !is_clear && !is_mirror {
             return element(&hit);
         }
-        let mut passage = world.pass(hit, direction);
+        let mut passage = world.pass(hit, ray.direction);
         if self.follows_mirrors {
             passage = world.follow_mirrors(passage);
         }
         if passage.is_bent {
-            *bent += PI * passage.bent_light(world, !self.is_mapped);
+            way.bent += PI * passage.bent_light(world, !self.is_mapped);
         }
-        // Links carry no colour, so what glass takes ends some of them.
-        match passage.met() {
-            Some(met) if !world.is_black(&met) && passage.chance < importance(passage.left) => {
-                element(&met)
-            }
-            _ => (DARK, CellSpot::MIDDLE),
+        // What glass takes ends some of them, and colours others.
+        let left = passage.left;
+        let share = if ray.has_tint { left.max_element() } else { importance(left) }.min(1.0);
+        let met = passage.met().filter(|met| !world.is_black(met) && passage.chance < share);
+        let to = met.map_or((DARK, CellSpot::MIDDLE), |met| element(&met));
+        let lack = Rgb::ONE - left / share;
+        if ray.has_tint && to.0 < COVERED && lack.abs().max_element() > LEAST_TINT {
+            way.tints.push(Tint { from: ray.from, to: to.0, lack });
         }
+        to
     }
 }
 
@@ -375,8 +456,13 @@ mod tests {
     /// Element 0 sees element 1 by half of its rays and nothing else, element 1 sees only element
     /// 0: E_0 = ½ a_1 (D_1 + E_1), E_1 = a_0 (D_0 + E_0).
     fn two_elements() -> Links {
-        let (start, links) = (vec![0, 2, 3], vec![1, DARK, 0]);
-        let round = Round { start, links, spots: vec![CellSpot::MIDDLE; 3], bent: Vec::new() };
+        let round = Round {
+            start: vec![0, 2, 3],
+            links: vec![1, DARK, 0],
+            spots: vec![CellSpot::MIDDLE; 3],
+            bent: Vec::new(),
+            tints: Vec::new(),
+        };
         Links { rounds: vec![round], bounced: Vec::new() }
     }
 
@@ -384,7 +470,7 @@ mod tests {
     fn sweeps_solve_the_balance() {
         let (albedo, lit) = ([0.8, 0.5], [3.0, 1.0]);
         let mut links = two_elements();
-        links.balance(&albedo.map(Rgb::splat), &lit.map(direct), &[]);
+        links.balance(&albedo.map(Rgb::splat), &lit.map(direct), None, &[]);
         // Both equations, solved by hand.
         let own = 0.5 * albedo[1] * (lit[1] + albedo[0] * lit[0]);
         let first = own / (1.0 - 0.5 * albedo[0] * albedo[1]);
@@ -394,11 +480,24 @@ mod tests {
         }
     }
 
+    /// Through red glass element 0 sees only the red of element 1: E_0 = ½ a_1 D_1 there, as if it
+    /// were black otherwise.
+    #[test]
+    fn coloured_links_bring_coloured_light() {
+        let mut links = two_elements();
+        let lack = Rgb::new(0.0, 1.0, 0.25);
+        links.rounds[0].tints.push(Tint { from: 0, to: 1, lack });
+        links.balance(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct), None, &[]);
+        let expected = 0.5 * (Rgb::ONE - lack);
+        assert!(links.bounced[0].abs_diff_eq(expected, 1e-5), "{}", links.bounced[0]);
+        assert_eq!(links.bounced[1], Rgb::ZERO);
+    }
+
     #[test]
     fn rays_from_inside_a_body_do_not_count() {
         let mut links = two_elements();
         links.rounds[0].links[1] = COVERED;
-        links.balance(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct), &[]);
+        links.balance(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct), None, &[]);
         // Half of the rays of element 0 start inside: the other half is all that it sees.
         assert!((links.bounced[0].x - 1.0).abs() < 1e-3, "{}", links.bounced[0]);
     }
@@ -409,8 +508,9 @@ mod tests {
             let start: Vec<u32> = (0..=elements as u32).collect();
             let links = (0..elements as u32).map(|e| [e, DARK, COVERED][e as usize % 3]);
             let bent = vec![Rgb::Y; elements];
+            let tints = [0, 2].map(|from| Tint { from, to: 1, lack: Rgb::X }).to_vec();
             let spots = vec![CellSpot::MIDDLE; elements];
-            let round = Round { start, links: links.collect(), spots, bent };
+            let round = Round { start, links: links.collect(), spots, bent, tints };
             let bounced = vec![Rgb::splat(2.0); elements];
             let links = Links { rounds: vec![round], bounced };
             let mut to = Writer::new(u64::MAX);
@@ -419,6 +519,7 @@ mod tests {
             let again = Links::restore(elements, &mut Reader::new(&bytes)).expect("sound");
             assert_eq!(again.rounds[0].links, links.rounds[0].links);
             assert_eq!(again.rounds[0].bent, links.rounds[0].bent);
+            assert_eq!(again.rounds[0].tints, links.rounds[0].tints);
             assert_eq!(again.bounced, links.bounced);
             // Of fewer elements than the links lead to.
             assert!(Links::restore(elements - 1, &mut Reader::new(&bytes)).is_err());

@@ -3,6 +3,7 @@
 mod caustic_light;
 mod direct;
 mod elements;
+mod far_sides;
 mod groups;
 mod guide;
 mod links;

@@ -5,6 +5,7 @@
 use super::caustic_light::{self, CausticLight};
 use super::direct::{DirectLight, Lighting, SampledLight};
 use super::elements::ElementIndex;
+use super::far_sides::FarSides;
 use super::guide::Guide;
 use super::links::{Linking, Links};
 use super::mesh::{CoarseMesh, MeshValues};
@@ -40,6 +41,8 @@ pub struct CoarseSolution {
     /// Sums over points of each element, from which `direct` follows.
     sampled: Vec<SampledLight>,
     direct: Vec<DirectLight>,
+    /// What elements let through diffusely, if any do.
+    far_sides: Option<FarSides>,
     links: Links,
     /// Light by way of clear bodies, where there are some.
     caustics: Option<CausticLight>,
@@ -70,6 +73,7 @@ impl CoarseSolution {
             mesh,
             sampled: sampled.unwrap_or_default(),
             direct: Vec::new(),
+            far_sides: None,
             links: Links::default(),
             caustics: None,
             follows_mirrors: false,
@@ -77,6 +81,7 @@ impl CoarseSolution {
             total: MeshValues::default(),
             indirect: MeshValues::default(),
         };
+        this.far_sides = FarSides::new(&this.world, &this.mesh);
         this.caustics = CausticLight::new(&this.world, count, seed.number);
         // What lamps send by way of mirrors is too noisy to be found by chance.
         if this.caustics.is_some() || !caustic_light::is_cast(&this.world) {
@@ -123,15 +128,16 @@ impl CoarseSolution {
             follows_mirrors: self.follows_mirrors,
         };
         self.links.trace(linking, seed, rays);
+        let far = self.far_sides.as_ref();
         match &self.caustics {
-            None => self.links.solve(&self.mesh, &self.direct),
+            None => self.links.solve(&self.mesh, &self.direct, far),
             Some(caustics) => {
                 let elements = self.mesh.elements.all();
                 let lit = elements.zip(&self.direct).map(|(element, direct)| {
                     let by_caustics = caustics.of_element(&self.mesh, element);
                     DirectLight { irradiance: direct.irradiance + by_caustics, ..*direct }
                 });
-                self.links.solve(&self.mesh, &lit.collect::<Vec<_>>());
+                self.links.solve(&self.mesh, &lit.collect::<Vec<_>>(), far);
             }
         }
         self.update_irradiance();
@@ -224,8 +230,11 @@ impl CoarseSolution {
         };
         (self.total, self.indirect) = (self.mesh.values(all), self.mesh.values(bounced));
         let CoarseMesh { cut, elements, .. } = &self.mesh;
+        let arriving =
+            |element: ElementIndex| self.mesh.of_element(&self.total, element).max(Rgb::ZERO);
         let radiosity = elements.all().zip(&elements.albedo).map(|(element, albedo)| {
-            importance(*albedo * self.mesh.of_element(&self.total, element).max(Rgb::ZERO))
+            let passed = self.far_sides.as_ref().map(|far| far.passed(element, arriving));
+            importance(*albedo * arriving(element) + passed.unwrap_or_default())
         });
         let radiosity: Vec<f32> = radiosity.collect();
         self.guide = Guide::new(&self.world, cut, elements, &self.links, &radiosity);
@@ -261,7 +270,7 @@ impl CoarseSolution {
         self.by_albedo(&surface, surface.reflection().diffuse(viewer), hit, Some(numbers))
     }
 
-    /// The same of a surface with that albedo.
+    /// The same of a surface with that albedo, and what comes through it diffusely from its other side.
     pub fn by_albedo(
         &self,
         surface: &Surface,
@@ -269,6 +278,18 @@ impl CoarseSolution {
         hit: &Hit,
         afresh: Option<Afresh>,
     ) -> Rgb {
+        let own = self.of_side(surface, albedo, hit, afresh);
+        if !self.world.is_translucent(surface.triangle) {
+            return own;
+        }
+        let (far, share) = self.world.far_side_on_the_mean(surface);
+        let mut behind = *hit;
+        behind.back = !hit.back;
+        own + self.of_side(&far, share, &behind, afresh)
+    }
+
+    /// What a side of a surface with that albedo reflects.
+    fn of_side(&self, surface: &Surface, albedo: Rgb, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
         if albedo == Rgb::ZERO {
             return Rgb::ZERO;
         }

@@ -150,7 +150,7 @@ impl VisibleSurfaces {
             };
             let one = Fragment { mask: group.mask, in_plane: group.mask, ..one };
             shine += own * one.share;
-            if !one.reflects() {
+            if !one.reflects() && !self.is_translucent(world, group.code) {
                 continue;
             }
             // Facets of a smooth surface share a fragment.
@@ -179,6 +179,9 @@ impl VisibleSurfaces {
             fragment.normal = fragment.normal.normalize_or(Vec3::Z);
             fragment.shading_normal = fragment.shading_normal.normalize_or(fragment.normal);
         }
+        if world.has_translucent() {
+            self.look_beyond(world, groups, &fragment_of_group, (fragments, first));
+        }
         shine
     }
 
@@ -205,7 +208,10 @@ impl VisibleSurfaces {
     }
 
     /// The samples of a group, as places in the pixel.
-    fn samples_of(&self, group: &SampleGroup) -> SeenPart<impl Iterator<Item = Vec2> + Clone> {
+    pub(super) fn samples_of(
+        &self,
+        group: &SampleGroup,
+    ) -> SeenPart<impl Iterator<Item = Vec2> + Clone> {
         let (mask, all) = (group.mask, self.samples.len() as f32);
         let count = mask.count_ones() as usize;
         let is_whole = count == self.samples.len();
@@ -267,6 +273,7 @@ impl VisibleSurfaces {
             diffuse,
             lobe_factor,
             glossy,
+            is_beyond: false,
         };
         Some((fragment, shine))
     }

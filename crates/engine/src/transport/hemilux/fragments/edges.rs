@@ -256,7 +256,7 @@ impl EdgePixel {
             .and_then(|code| visible.fragment_of(world, self.pixel, code, seen));
         let Some((one, shine)) = one else { return };
         self.seen.shine += shine;
-        if !one.reflects() {
+        if !one.reflects() && !world.is_translucent(hit.triangle) {
             return;
         }
         let own = &visible.fragments[visible.of_pixel(self.pixel)];
@@ -264,6 +264,13 @@ impl EdgePixel {
             Some(index) => {
                 let (diffuse, lobe_factor) = (one.diffuse, one.lobe_factor);
                 fragments[index].seen += Part { share: 1.0, diffuse, lobe_factor };
+                if let Some(beyond) = visible.beyond_in(own, index) {
+                    let seen = SeenPart { share: 1.0, middle: offset, side, places: once(offset) };
+                    let code = visible.code_of(&hit).unwrap_or(item::EMPTY);
+                    let diffuse = visible.passed(world, self.pixel, code, seen);
+                    let lobe_factor = own[beyond].lobe_factor;
+                    fragments[beyond].seen += Part { share: 1.0, diffuse, lobe_factor };
+                }
             }
             None => self.seen.stray += stray(&hit, [origin, direction], places.apart()),
         }
@@ -279,10 +286,11 @@ impl VisibleSurfaces {
     /// Which of a pixel's fragments has the light of `one`: that of the same facet, or else, of those
     /// on the same surface, that of the most similar colour.
     fn alike(&self, own: &[Fragment], one: &Fragment) -> Option<usize> {
-        let by_code = own.iter().position(|other| other.code == one.code);
+        let by_code = own.iter().position(|other| other.code == one.code && !other.is_beyond);
         let off = |index: &usize| (own[*index].diffuse - one.diffuse).abs().element_sum();
         by_code.or_else(|| {
-            let same = (0..own.len()).filter(|index| self.is_same_surface(&own[*index], one));
+            let near = (0..own.len()).filter(|index| !own[*index].is_beyond);
+            let same = near.filter(|index| self.is_same_surface(&own[*index], one));
             same.min_by(|a, b| off(a).total_cmp(&off(b)))
         })
     }
@@ -313,7 +321,9 @@ impl VisibleSurfaces {
     fn filling(&self, pixel: u32) -> Option<Option<&Fragment>> {
         match &self.fragments[self.of_pixel(pixel)] {
             [] => Some(None),
-            [one] if one.share > WHOLE => Some(Some(one)),
+            [one, rest @ ..] if one.share > WHOLE && rest.iter().all(|own| own.is_beyond) => {
+                Some(Some(one))
+            }
             _ => None,
         }
     }

@@ -326,12 +326,9 @@ impl Gloss {
         let lobes: Vec<(Rgb, Rgb)> =
             (0..self.len()).into_par_iter().with_min_len(1024).map(own).collect();
         let mut fragments = vec![(Rgb::ZERO, Rgb::ZERO); visible.fragments.len()];
-        for (lobe, (mean, own_variance)) in visible.lobes.iter().zip(lobes) {
-            let fragment = lobe.fragment as usize;
-            let weight = visible.share(lobe) / visible.fragments[fragment].share;
-            let (radiance, variance) = &mut fragments[fragment];
-            *radiance += mean * weight;
-            *variance += own_variance * (weight * weight);
+        // A fragment has one lobe, and the lobe all of its share, which rays at edges refine.
+        for (lobe, own) in visible.lobes.iter().zip(lobes) {
+            fragments[lobe.fragment as usize] = own;
         }
         fragments
     }
