@@ -415,8 +415,13 @@ fn meshes(cases: &mut Cases) {
     cases.set("POSITION out of range", &of("attributes/POSITION"), json!(99), accessor);
     let normal = refused("attributes.NORMAL", "is Vec2");
     cases.set("normals that are texture coordinates", &of("attributes/NORMAL"), json!(2), normal);
-    cases.edit("fewer texture coordinates", refused("TEXCOORD_0", "2 elements"), |root, _| {
+    cases.edit("fewer texture coordinates", accepted("TEXCOORD_0: has 2 elements"), |root, _| {
         root["accessors"][2]["count"] = json!(2);
+    });
+    cases.edit("fewer normals", accepted("NORMAL: has 2 elements for 3 positions"), |root, _| {
+        let normals = json!({ "componentType": 5126, "count": 2, "type": "VEC3" });
+        root["accessors"].as_array_mut().expect("a list").push(normals);
+        root["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = json!(3);
     });
     let indices = refused("primitives[0].indices", "not a list of unsigned");
     cases.set("indices that are positions", &of("indices"), json!(0), indices);
@@ -492,12 +497,12 @@ fn nodes_and_cameras(cases: &mut Cases) {
         root["nodes"][1] = json!({});
     });
     let yfov = "/cameras/0/perspective/yfov";
-    let at = "cameras[0].perspective.yfov";
-    cases.set("field of view 0", yfov, json!(0), refused(at, "not a field of view"));
-    cases.set("field of view 4", yfov, json!(4), refused(at, "not a field of view"));
-    let kind = refused("cameras[0].type", "\"fisheye\" is not a value");
+    let lens = "radians is not a field of view between 0 and π; the camera is left out";
+    cases.set("field of view 0", yfov, json!(0), accepted(lens));
+    cases.set("field of view 4", yfov, json!(4), accepted(lens));
+    let kind = accepted("cameras[0].type: is not a value");
     cases.set("camera of unknown kind", "/cameras/0/type", json!("fisheye"), kind);
-    let lens = refused("cameras[0].orthographic", "missing");
+    let lens = accepted("cameras[0].orthographic: is missing");
     cases.set("orthographic camera without a size", "/cameras/0/type", json!("orthographic"), lens);
     let squashed = accepted("nodes[1]: its camera is left out");
     cases.set("camera squashed flat", "/nodes/1/scale", json!([1, 0, 1]), squashed);

@@ -23,7 +23,8 @@ pub(super) fn lights(cases: &mut Cases) {
     light("point light", json!({ "type": "point", "intensity": 40, "range": 9 }), accepted(""));
     light("directional light", json!({ "type": "directional" }), accepted(""));
     light("spot light", spot(0.1, 0.5), accepted(""));
-    light("light of unknown kind", json!({ "type": "lava" }), refused("lights[0].type", "allows"));
+    let unknown = accepted("lights[0].type: is not a kind of light that is known");
+    light("light of unknown kind", json!({ "type": "lava" }), unknown);
     let dark = json!({ "type": "point", "intensity": -1 });
     light("light of negative intensity", dark, refused("lights[0].intensity", "negative"));
     let bright = json!({ "type": "point", "intensity": 1e300 });
@@ -139,7 +140,7 @@ pub(super) fn materials(cases: &mut Cases) {
         "texture without a source",
         "/textures/0",
         json!({}),
-        refused("textures[0]", "no PNG"),
+        accepted("textures[0]: has no PNG"),
     );
     let set = accepted("texCoord: texture coordinate set 9 is ignored");
     cases.set("texture coordinate set 9", &of("baseColorTexture/texCoord"), json!(9), set);
@@ -166,6 +167,8 @@ pub(super) fn images(cases: &mut Cases) {
         Refused { at_contains: "images[0]", what_contains: "", too_large: true },
     );
     cases.image("image without width", &png_claiming(0, 5), refused("images[0]", ""));
+    let gone = accepted("images[0].uri: \"wall.png\" is not among the files");
+    cases.set("image that did not come along", "/images/0", json!({ "uri": "wall.png" }), gone);
     let uri = refused("images[0].uri", "leaves the folder");
     cases.set("image URI ../", "/images/0", json!({ "uri": "../../secret.png" }), uri);
 }

@@ -105,7 +105,7 @@ fn primitive(
     Tables { accessors, variants, more_targets }: Tables<'_>,
     warnings: &mut Warnings,
 ) -> Result<Option<Primitive>, SceneError> {
-    let attributes = Attributes::of(object, &at, accessors)?;
+    let mut attributes = Attributes::of(object, &at, accessors)?;
     if object.attributes.contains_key(&Checked::Invalid) {
         warnings.push(
             &attributes.at,
@@ -121,7 +121,7 @@ fn primitive(
         return Ok(None);
     };
     let vertices = accessors[position].count;
-    attributes.check_counts(vertices, accessors)?;
+    attributes.check_counts(vertices, accessors, warnings)?;
     let morphs = morph::Place { at: &at, of, accessors, more: more_targets };
     let targets = morphs.targets(object, vertices)?;
     let count = indices.map_or(vertices, |index| accessors[index].count);
@@ -217,8 +217,15 @@ impl Attributes {
         })
     }
 
-    /// Refuses attributes that have not one element for each position.
-    fn check_counts(&self, vertices: usize, accessors: &[Accessor<'_>]) -> Result<(), SceneError> {
+    /// Refuses joints and weights that have not one element for each position, and leaves out other
+    /// such attributes with a warning: without them the shape is still there.
+    fn check_counts(
+        &mut self,
+        vertices: usize,
+        accessors: &[Accessor<'_>],
+        warnings: &mut Warnings,
+    ) -> Result<(), SceneError> {
+        let [uv_0, uv_1] = &mut self.uv;
         for (set, (joints, weights)) in self.influences.iter().enumerate() {
             for (name, index) in [("JOINTS", joints), ("WEIGHTS", weights)] {
                 let count = accessors[*index].count;
@@ -231,18 +238,21 @@ impl Attributes {
             }
         }
         for (name, index) in [
-            ("NORMAL", self.normal),
-            ("TANGENT", self.tangent),
-            ("TEXCOORD_0", self.uv[0]),
-            ("TEXCOORD_1", self.uv[1]),
-            ("COLOR_0", self.color),
+            ("NORMAL", &mut self.normal),
+            ("TANGENT", &mut self.tangent),
+            ("TEXCOORD_0", uv_0),
+            ("TEXCOORD_1", uv_1),
+            ("COLOR_0", &mut self.color),
         ] {
             let count = index.map(|index| accessors[index].count);
             if let Some(count) = count.filter(|count| *count != vertices) {
-                return Err(malformed(
+                *index = None;
+                warnings.push(
                     format!("{}.{name}", self.at),
-                    format!("has {count} elements for {vertices} positions"),
-                ));
+                    format!(
+                        "has {count} elements for {vertices} positions; it is ignored, export the mesh again to have it"
+                    ),
+                );
             }
         }
         Ok(())

@@ -275,14 +275,27 @@ pub(super) fn resolve<'a>(
         return data_uri(&uri[5..], at).map(Cow::Owned);
     }
     let name = relative_name(uri, at)?;
-    let found = resources.get(&name).or_else(|| resources.get(uri)).ok_or_else(|| {
+    let found = resources.get(&name).or_else(|| resources.get(uri));
+    found.map(|bytes| Cow::Borrowed(&bytes[..])).ok_or_else(|| {
         SceneError::malformed(
             at,
-            format!("{:?} is not among the files that came with the scene", clip(&name)),
+            not_among(&name),
             "send the file along under this name, or pack everything into one .glb",
         )
-    })?;
-    Ok(Cow::Borrowed(found))
+    })
+}
+
+fn not_among(name: &str) -> String {
+    format!("{:?} is not among the files that came with the scene", clip(name))
+}
+
+/// What is missing where a URI names a file that did not come with the scene; `None` where it came,
+/// and of URIs that [`resolve`] refuses for other reasons.
+pub(super) fn missing(uri: &str, resources: &Resources) -> Option<String> {
+    let is_data = uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"));
+    let name = (!is_data).then(|| relative_name(uri, "").ok()).flatten()?;
+    let came = resources.contains_key(&name) || resources.contains_key(uri);
+    (!came).then(|| not_among(&name))
 }
 
 fn data_uri(rest: &str, at: &str) -> Result<Vec<u8>, SceneError> {

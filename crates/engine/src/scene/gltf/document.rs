@@ -59,6 +59,8 @@ const TARGET_MEMBERS: &[(&str, &str)] =
 const UNREAD: &[&str] = &[
     // Covers `extensionsRequired` too, which is checked where hints are given.
     "extensions",
+    // Read, but what is wrong with a camera costs the camera alone.
+    "cameras[",
     ".skeleton",
     "occlusionTexture",
     ".minFilter",

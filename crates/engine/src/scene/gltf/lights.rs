@@ -1,6 +1,6 @@
 //! KHR_lights_punctual: lights without extent, and where nodes place them.
 
-use super::document::{self, malformed, valid};
+use super::document::{self, malformed};
 use super::limits::MAX_COORDINATE;
 use super::warnings::Warnings;
 use crate::radiometry::Rgb;
@@ -8,6 +8,7 @@ use crate::scene::{LightKind, PunctualLight, SceneError};
 use glam::{DMat4, DVec3, Vec3};
 use gltf::json::Root;
 use gltf::json::extensions::scene::khr_lights_punctual::{Light, Spot, Type};
+use gltf::json::validation::Checked;
 use std::f32::consts::FRAC_PI_2;
 
 /// Most lights of a scene: each is asked for at every point.
@@ -25,8 +26,12 @@ pub(super) type LightNode = (usize, usize, DMat4);
 /// Where the file lists its lights.
 const LIST: &str = "extensions.KHR_lights_punctual.lights";
 
-/// The file's lights, in its order, as they are at the origin, shining along −Z.
-pub(super) fn read(root: &Root, warnings: &mut Warnings) -> Result<Vec<PunctualLight>, SceneError> {
+/// The file's lights, in its order, as they are at the origin, shining along −Z; `None` for those
+/// of an unknown kind.
+pub(super) fn read(
+    root: &Root,
+    warnings: &mut Warnings,
+) -> Result<Vec<Option<PunctualLight>>, SceneError> {
     let objects = listed(root).iter().enumerate();
     objects.map(|(index, object)| light(object, &format!("{LIST}[{index}]"), warnings)).collect()
 }
@@ -52,8 +57,17 @@ pub(super) fn of_node(root: &Root, node: usize) -> Result<Option<usize>, SceneEr
     Ok(Some(light))
 }
 
-fn light(object: &Light, at: &str, warnings: &mut Warnings) -> Result<PunctualLight, SceneError> {
-    let kind = match valid(&object.type_, format!("{at}.type"))? {
+fn light(
+    object: &Light,
+    at: &str,
+    warnings: &mut Warnings,
+) -> Result<Option<PunctualLight>, SceneError> {
+    let Checked::Valid(kind) = object.type_ else {
+        let what = "is not a kind of light that is known; the light is left out, export it as point, spot or directional";
+        warnings.push(format!("{at}.type"), what);
+        return Ok(None);
+    };
+    let kind = match kind {
         Type::Point => LightKind::Point,
         Type::Directional => LightKind::Directional,
         Type::Spot => {
@@ -82,14 +96,14 @@ fn light(object: &Light, at: &str, warnings: &mut Warnings) -> Result<PunctualLi
         let what = format!("{range:e} is not a distance above 0");
         return Err(malformed(format!("{at}.range"), what));
     }
-    Ok(PunctualLight {
+    Ok(Some(PunctualLight {
         name: document::name(&object.name).unwrap_or_default(),
         kind,
         position: Vec3::ZERO,
         direction: Vec3::NEG_Z,
         intensity,
         range: object.range,
-    })
+    }))
 }
 
 fn cone(spot: &Spot, at: &str, warnings: &mut Warnings) -> Result<LightKind, SceneError> {
@@ -114,7 +128,7 @@ fn cone(spot: &Spot, at: &str, warnings: &mut Warnings) -> Result<LightKind, Sce
 /// The lights of `nodes` in the world.
 pub(super) fn placed(
     root: &Root,
-    lights: &[PunctualLight],
+    lights: &[Option<PunctualLight>],
     nodes: Vec<LightNode>,
     warnings: &mut Warnings,
 ) -> Result<Vec<PunctualLight>, SceneError> {
@@ -127,7 +141,7 @@ pub(super) fn placed(
     }
     let mut placed = Vec::new();
     for (node, light, to_world) in nodes {
-        let light = &lights[light];
+        let Some(light) = &lights[light] else { continue };
         let position = to_world.w_axis.truncate();
         let direction = to_world.transform_vector3(DVec3::NEG_Z).try_normalize();
         let direction = match (light.kind, direction) {

@@ -80,7 +80,7 @@ fn normals(
 ) -> Result<(), SceneError> {
     let Some(info) = &object.normal_texture else { return Ok(()) };
     let at = format!("{at}.normalTexture");
-    material.normal_map = Some(textures.normal_map(info, &at, warnings)?);
+    material.normal_map = textures.normal_map(info, &at, warnings)?;
     Ok(())
 }
 
@@ -115,18 +115,19 @@ fn metallic_roughness(
     material.opacity = factor(opacity, &of("baseColorFactor"), 0.0..=1.0, warnings);
     if let Some(info) = &surface.base_color_texture {
         let reference = Reference::new(info, of("baseColorTexture"));
-        let slot = textures.slot(&reference, Encoding::Srgb, warnings)?;
-        material.base_color_texture = Some(slot);
+        material.base_color_texture = textures.slot(&reference, Encoding::Srgb, warnings)?;
     }
     let (metallic, roughness) = (surface.metallic_factor.0, surface.roughness_factor.0);
     material.metallic = factor(metallic, &of("metallicFactor"), 0.0..=1.0, warnings);
     material.roughness = factor(roughness, &of("roughnessFactor"), 0.0..=1.0, warnings);
     if let Some(info) = &surface.metallic_roughness_texture {
         let reference = Reference::new(info, of("metallicRoughnessTexture"));
-        let slot = textures.slot(&reference, Encoding::Linear, warnings)?;
-        let [_, roughness, metallic, _] = textures.images.mean(slot.texture);
-        material.metallic_roughness_mean = Vec2::new(metallic, roughness);
-        material.metallic_roughness_texture = Some(slot);
+        material.metallic_roughness_texture =
+            textures.slot(&reference, Encoding::Linear, warnings)?;
+        if let Some(slot) = material.metallic_roughness_texture {
+            let [_, roughness, metallic, _] = textures.images.mean(slot.texture);
+            material.metallic_roughness_mean = Vec2::new(metallic, roughness);
+        }
     }
     Ok(())
 }
@@ -155,8 +156,11 @@ fn emission(
     material.emission = emission;
     if let Some(info) = object.emissive_texture.as_ref().filter(|_| material.emits()) {
         let reference = Reference::new(info, format!("{at}.emissiveTexture"));
-        let slot = textures.slot(&reference, Encoding::Srgb, warnings)?;
-        material.emission_texture = Some(slot);
+        material.emission_texture = textures.slot(&reference, Encoding::Srgb, warnings)?;
+        if material.emission_texture.is_none() {
+            // The texture says where it shines: without it, a wall with a lamp would shine all over.
+            material.emission = Rgb::ZERO;
+        }
     }
     Ok(())
 }

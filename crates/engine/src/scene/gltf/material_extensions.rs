@@ -81,12 +81,11 @@ fn specular(
     material.specular_color = color(tint, &of("specularColorFactor"), 0.0..=1e4, warnings);
     if let Some(info) = &extension.specular_texture {
         let reference = Reference::new(info, of("specularTexture"));
-        material.specular_texture = Some(textures.slot(&reference, Encoding::Linear, warnings)?);
+        material.specular_texture = textures.slot(&reference, Encoding::Linear, warnings)?;
     }
     if let Some(info) = &extension.specular_color_texture {
         let reference = Reference::new(info, of("specularColorTexture"));
-        material.specular_color_texture =
-            Some(textures.slot(&reference, Encoding::Srgb, warnings)?);
+        material.specular_color_texture = textures.slot(&reference, Encoding::Srgb, warnings)?;
     }
     Ok(())
 }
@@ -119,17 +118,18 @@ fn specular_glossiness(
     (material.specular_texture, material.specular_color_texture) = (None, None);
     if let Some(info) = &extension.diffuse_texture {
         let reference = Reference::new(info, of("diffuseTexture"));
-        material.base_color_texture = Some(textures.slot(&reference, Encoding::Srgb, warnings)?);
+        material.base_color_texture = textures.slot(&reference, Encoding::Srgb, warnings)?;
     }
     if let Some(info) = &extension.specular_glossiness_texture {
         let reference = Reference::new(info, of("specularGlossinessTexture"));
-        material.specular_color_texture =
-            Some(textures.slot(&reference, Encoding::Srgb, warnings)?);
-        let slot = textures.roughness_slot(&reference, glossiness, warnings)?;
-        material.roughness = 1.0;
-        let [_, roughness, ..] = textures.images.mean(slot.texture);
-        material.metallic_roughness_mean = Vec2::new(1.0, roughness);
-        material.metallic_roughness_texture = Some(slot);
+        material.specular_color_texture = textures.slot(&reference, Encoding::Srgb, warnings)?;
+        let rough = textures.roughness_slot(&reference, glossiness, warnings)?;
+        material.metallic_roughness_texture = rough;
+        if let Some(slot) = rough {
+            material.roughness = 1.0;
+            let [_, roughness, ..] = textures.images.mean(slot.texture);
+            material.metallic_roughness_mean = Vec2::new(1.0, roughness);
+        }
     }
     Ok(())
 }
@@ -238,8 +238,7 @@ fn clear(
     material.transmission = factor(share, &of("transmissionFactor"), 0.0..=1.0, warnings);
     if let Some(info) = &extension.transmission_texture {
         let reference = Reference::new(info, of("transmissionTexture"));
-        let slot = textures.slot(&reference, Encoding::Linear, warnings)?;
-        material.transmission_texture = Some(slot);
+        material.transmission_texture = textures.slot(&reference, Encoding::Linear, warnings)?;
     }
     if let Some(extension) = &extensions.volume {
         let of = |member: &str| format!("{at}.KHR_materials_volume.{member}");

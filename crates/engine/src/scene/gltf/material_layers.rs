@@ -140,7 +140,7 @@ impl Reading<'_, '_, '_> {
     ) -> Result<Option<TextureSlot>, SceneError> {
         let Some(info) = info else { return Ok(None) };
         let reference = Reference::new(info, at);
-        self.textures.slot(&reference, encoding, self.warnings).map(Some)
+        self.textures.slot(&reference, encoding, self.warnings)
     }
 
     fn clearcoat(
@@ -167,7 +167,7 @@ impl Reading<'_, '_, '_> {
             self.slot(roughness.as_ref(), of("clearcoatRoughnessTexture"), Encoding::Linear)?;
         if let Some(info) = &coat.clearcoat_normal_texture {
             let at = of("clearcoatNormalTexture");
-            layering.coat_normal_map = Some(self.textures.normal_map(info, &at, self.warnings)?);
+            layering.coat_normal_map = self.textures.normal_map(info, &at, self.warnings)?;
         }
         if material.emits() {
             // What gets through a coat, on the mean over all directions.

@@ -80,8 +80,8 @@ pub(super) fn place(graph: Graph<'_>, warnings: &mut Warnings) -> Result<Placed,
         .cameras
         .iter()
         .enumerate()
-        .map(|(index, lens)| projection(lens, &format!("cameras[{index}]"), warnings))
-        .collect::<Result<Vec<_>, _>>()?;
+        .map(|(index, lens)| usable(projection(lens, index, warnings), warnings))
+        .collect::<Vec<_>>();
     let lights = lights::read(root, warnings)?;
     let nodes = &root.nodes[..];
     let carried =
@@ -184,7 +184,7 @@ fn instance(
 /// The cameras of `nodes`: the node's index, the camera's, and the transform to the world.
 fn cameras(
     root: &Root,
-    projections: &[Projection],
+    projections: &[Option<Projection>],
     nodes: Vec<(usize, usize, DMat4)>,
     warnings: &mut Warnings,
 ) -> Vec<Camera> {
@@ -195,6 +195,7 @@ fn cameras(
             left_out += 1;
             continue;
         }
+        let Some(projection) = projections[camera] else { continue };
         let Some(to_world) = frame(to_world) else {
             warnings.push(
                 format!("nodes[{node}]"),
@@ -207,7 +208,7 @@ fn cameras(
         cameras.push(Camera {
             name: name.unwrap_or_else(|| format!("camera {}", cameras.len())),
             to_world,
-            projection: projections[camera],
+            projection,
         });
     }
     if left_out > 0 {
@@ -350,7 +351,25 @@ fn worlds(nodes: &[json::Node], matrices: &[DMat4]) -> Result<Vec<DMat4>, SceneE
     }
 }
 
-fn projection(camera: &Lens, at: &str, warnings: &mut Warnings) -> Result<Projection, SceneError> {
+/// The projection, or a warning of what is wrong with it: the scene can be seen by other cameras.
+fn usable(
+    projection: Result<Projection, SceneError>,
+    warnings: &mut Warnings,
+) -> Option<Projection> {
+    projection
+        .map_err(|SceneError { at, what, .. }| {
+            let what = format!("{what}; the camera is left out, name one of your own instead");
+            warnings.push(at, what);
+        })
+        .ok()
+}
+
+fn projection(
+    camera: &Lens,
+    index: usize,
+    warnings: &mut Warnings,
+) -> Result<Projection, SceneError> {
+    let at = format!("cameras[{index}]");
     match valid(&camera.type_, format!("{at}.type"))? {
         Type::Perspective => {
             let at = format!("{at}.perspective");

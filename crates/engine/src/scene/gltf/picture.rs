@@ -1,6 +1,6 @@
 //! Images: PNG, JPEG, WebP and KTX2 to 8-bit RGBA, dimensions checked before decoding.
 
-use super::container::{Buffers, resolve};
+use super::container::{Buffers, missing, resolve};
 use super::document::{clip, malformed};
 use super::ktx2;
 use super::limits::{ImportLimits, Resources};
@@ -63,6 +63,11 @@ impl<'a> Images<'a> {
     /// Whether the file has the image.
     pub fn has(&self, image: usize) -> bool {
         image < self.objects.len()
+    }
+
+    /// What is missing where the image's file did not come with the scene.
+    pub fn missing(&self, image: usize) -> Option<String> {
+        missing(self.objects[image].uri.as_ref()?, self.resources)
     }
 
     /// The texture of an image, an index into [`Images::textures`].

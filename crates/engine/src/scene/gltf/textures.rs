@@ -59,8 +59,13 @@ pub(super) struct Textures<'a, 'i> {
 }
 
 impl<'a> Textures<'a, '_> {
-    /// The texture that a reference leads to, and its image.
-    fn image(&self, reference: &Reference) -> Result<(&'a json::Texture, usize), SceneError> {
+    /// The texture that a reference leads to, and its image; `None`, with a warning, where it has no
+    /// source that can be read.
+    fn image(
+        &self,
+        reference: &Reference,
+        warnings: &mut Warnings,
+    ) -> Result<Option<(&'a json::Texture, usize)>, SceneError> {
         let index = reference.index;
         let Some(texture) = self.root.textures.get(index) else {
             let what = format!("{index}, but there are {} textures", self.root.textures.len());
@@ -79,26 +84,30 @@ impl<'a> Textures<'a, '_> {
             })?;
         }
         if !self.images.has(image) {
-            return Err(SceneError::malformed(
-                at(),
-                "has no PNG, JPEG, WebP or KTX2 source",
-                "export textures as PNG, JPEG, WebP or KTX2",
-            ));
+            let what = "has no PNG, JPEG, WebP or KTX2 source; surfaces are shown without it, export textures as one of these";
+            warnings.push(at(), what);
+            return Ok(None);
         }
-        Ok((texture, image))
+        if let Some(what) = self.images.missing(image) {
+            let what =
+                format!("{what}; surfaces are shown without it, send it along under this name");
+            warnings.push(format!("images[{image}].uri"), what);
+            return Ok(None);
+        }
+        Ok(Some((texture, image)))
     }
 
-    /// A texture as a material uses it.
+    /// A texture as a material uses it; `None` where it cannot be had, as if none were named.
     pub fn slot(
         &mut self,
         reference: &Reference,
         encoding: Encoding,
         warnings: &mut Warnings,
-    ) -> Result<TextureSlot, SceneError> {
-        let (texture, image) = self.image(reference)?;
+    ) -> Result<Option<TextureSlot>, SceneError> {
+        let Some((texture, image)) = self.image(reference, warnings)? else { return Ok(None) };
         let place = self.images.texture(image)?;
         let slot = TextureSlot { encoding, ..TextureSlot::plain(place) };
-        self.placed(slot, texture, reference, warnings)
+        self.placed(slot, texture, reference, warnings).map(Some)
     }
 
     /// A normal map as a material uses it.
@@ -107,12 +116,13 @@ impl<'a> Textures<'a, '_> {
         info: &NormalTexture,
         at: &str,
         warnings: &mut Warnings,
-    ) -> Result<NormalMap, SceneError> {
+    ) -> Result<Option<NormalMap>, SceneError> {
         let reference = Reference::to_normals(info, at.to_owned())?;
         let slot = self.slot(&reference, Encoding::Linear, warnings)?;
+        let Some(slot) = slot else { return Ok(None) };
         let range = -MAX_NORMAL_SCALE..=MAX_NORMAL_SCALE;
         let scale = factor(info.scale, &format!("{at}.scale"), range, warnings);
-        Ok(NormalMap { slot, scale })
+        Ok(Some(NormalMap { slot, scale }))
     }
 
     /// The texture of roughness that a texture with glossiness in its alpha says, as a material
@@ -122,10 +132,10 @@ impl<'a> Textures<'a, '_> {
         reference: &Reference,
         glossiness: f32,
         warnings: &mut Warnings,
-    ) -> Result<TextureSlot, SceneError> {
-        let (texture, image) = self.image(reference)?;
+    ) -> Result<Option<TextureSlot>, SceneError> {
+        let Some((texture, image)) = self.image(reference, warnings)? else { return Ok(None) };
         let slot = TextureSlot::data(self.images.roughness(image, glossiness)?);
-        self.placed(slot, texture, reference, warnings)
+        self.placed(slot, texture, reference, warnings).map(Some)
     }
 
     /// A slot with the coordinates, the transform and the sampler that the file gives it.
