@@ -265,10 +265,11 @@ fn a_long_white_room_keeps_its_light() {
         run(&small).picture.mean()
     };
     let paths = mean("ray-traced", 400, 9);
-    let found = (1..=4).map(|seed| mean("hemilux", 5, seed)).sum::<f64>() / 4.0;
-    println!("{found:.4} of {paths:.4}");
-    // By the means of patches alone it is 1.19.
-    assert!((found / paths - 1.0).abs() < 0.08, "{found} {paths}");
+    let found: Vec<f64> = (1..=12).map(|seed| mean("hemilux", 5, seed) / paths).collect();
+    let mean = found.iter().sum::<f64>() / 12.0;
+    println!("{mean:.4} of {paths:.4}: {found:.3?}");
+    // By the means of patches alone it is 1.2. One picture scatters by .1, so the mean by .03.
+    assert!((mean - 1.0).abs() < 0.12, "{mean}");
 }
 
 /// A block that stands on the floor and one that hovers a hair above it look the same: no light

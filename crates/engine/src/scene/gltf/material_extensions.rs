@@ -202,7 +202,8 @@ fn diffuse_transmission(
     }
     let mut slot = |info: &Option<Info>, member: &str, encoding| {
         let reference = info.as_ref().map(|info| Reference::new(info, of(member)));
-        reference.map(|reference| textures.slot(&reference, encoding, warnings)).transpose()
+        let slot = reference.map(|reference| textures.slot(&reference, encoding, warnings));
+        slot.transpose().map(Option::flatten)
     };
     let (shares, tints) =
         (&extension.diffuse_transmission_texture, &extension.diffuse_transmission_color_texture);
