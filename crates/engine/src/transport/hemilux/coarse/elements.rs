@@ -4,7 +4,7 @@
 
 use super::groups::{Groups, NONE};
 use crate::patches::{Cut, PatchIndex};
-use crate::radiometry::{Rgb, importance};
+use crate::radiometry::Rgb;
 use crate::surface::World;
 use crate::transport::patch_points::PatchPoints;
 use rayon::prelude::*;
@@ -92,7 +92,7 @@ impl Elements {
             for ((reflectance, albedo), area) in finishes {
                 let mut own = albedo;
                 if reflectance.is_sharp() {
-                    let mirrored = importance(reflectance.specular).min(MOST_MIRRORED);
+                    let mirrored = reflectance.specular.max_element().min(MOST_MIRRORED);
                     own = reflectance.diffuse / (1.0 - mirrored);
                 }
                 sum += own * area;

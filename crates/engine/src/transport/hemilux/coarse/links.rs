@@ -401,16 +401,22 @@ impl Linking<'_> {
             way.bent += PI * passage.bent_light(world, !self.is_mapped);
         }
         // What glass takes ends some of them, and colours others.
-        let left = passage.left;
-        let share = if ray.has_tint { left.max_element() } else { importance(left) }.min(1.0);
+        let (share, lack) = tint(passage.left, ray.has_tint);
         let met = passage.met().filter(|met| !world.is_black(met) && passage.chance < share);
         let to = met.map_or((DARK, CellSpot::MIDDLE), |met| element(&met));
-        let lack = Rgb::ONE - left / share;
         if ray.has_tint && to.0 < COVERED && lack.abs().max_element() > LEAST_TINT {
             way.tints.push(Tint { from: ray.from, to: to.0, lack });
         }
         to
     }
+}
+
+/// Probability that a link stands of which that is left of each channel, and what it lacks of each then. No
+/// channel is more than whole: with what a link brings above what was sent, sweeps would not converge.
+fn tint(left: Rgb, has_tint: bool) -> (f32, Rgb) {
+    let share = if has_tint { left.max_element() } else { importance(left) }.clamp(0.0, 1.0);
+    let whole = (left / share.max(f32::MIN_POSITIVE)).min(Rgb::ONE);
+    (share, Rgb::ONE - whole)
 }
 
 /// So many rays from points of an element over its hemisphere.
@@ -491,6 +497,20 @@ mod tests {
         let expected = 0.5 * (Rgb::ONE - lack);
         assert!(links.bounced[0].abs_diff_eq(expected, 1e-5), "{}", links.bounced[0]);
         assert_eq!(links.bounced[1], Rgb::ZERO);
+    }
+
+    #[test]
+    fn links_bring_no_more_than_is_sent() {
+        for left in [Rgb::new(0.0, 0.0, 14.0), Rgb::new(0.3, 0.6, 0.1), Rgb::ZERO, Rgb::ONE] {
+            for has_tint in [false, true] {
+                let (share, lack) = tint(left, has_tint);
+                assert!((0.0..=1.0).contains(&share), "{share}");
+                assert!(lack.min_element() >= 0.0 && lack.max_element() <= 1.0, "{lack}");
+            }
+        }
+        let left = Rgb::new(0.3, 0.6, 0.1);
+        let (share, lack) = tint(left, true);
+        assert!(((Rgb::ONE - lack) * share).abs_diff_eq(left, 1e-6), "nothing is lost on average");
     }
 
     #[test]
