@@ -99,7 +99,7 @@ mod tests {
     const DONE: WorkDone = WorkDone { iterations: 4, lobe_passes: 4, rays_per_record: 200.0 };
 
     fn balance(by_cause: [f64; 5]) -> Balance {
-        Balance::of(&Errors { by_cause, total: 0.0 }, DONE)
+        Balance::of(&Errors { by_cause, ..Errors::default() }, DONE)
     }
 
     #[test]

@@ -51,6 +51,8 @@ struct PixelEstimate {
 pub struct Errors {
     /// rRMSE by cause, in the order of [`CAUSES`].
     pub by_cause: [f64; 5],
+    /// rRMSE by noise of the links that wide areas have in common.
+    pub by_links: f64,
     /// All causes together with the coarse mesh's error.
     pub total: f64,
 }
@@ -72,6 +74,8 @@ pub struct PictureInputs<'a> {
     pub gloss: &'a Gloss,
     /// The job's settings, some of which switch parts off.
     pub options: &'a HemiluxSettings,
+    /// Mean over channels of the variance of radiance by the links' noise, over wide areas.
+    pub link_variance: f64,
 }
 
 /// The picture with its estimated error; `None` of a black picture.
@@ -88,7 +92,7 @@ pub fn measure(known: &PictureInputs<'_>) -> (Picture, Option<Errors>) {
         .with_min_len(1024)
         .map(|pixel| known.pixel(&gloss, coverage, pixel))
         .collect();
-    let errors = errors(&estimates, &visible.shine);
+    let errors = errors(&estimates, &visible.shine, known.link_variance);
     let pixels = estimates.iter().map(|estimate| estimate.radiance).collect();
     let alpha = (!visible.coverage.is_empty()).then(|| visible.coverage.clone());
     (Picture { alpha, ..Picture::new(visible.width, visible.height, pixels) }, errors)
@@ -187,7 +191,7 @@ impl PictureInputs<'_> {
 }
 
 /// Relative errors over the pixels that see no emitter; `None` where these are black.
-fn errors(estimates: &[PixelEstimate], shine: &[Rgb]) -> Option<Errors> {
+fn errors(estimates: &[PixelEstimate], shine: &[Rgb], link_variance: f64) -> Option<Errors> {
     let (mut sum, mut variance, mut pixels) = (0.0, [0.0; 5], 0.0);
     for (estimate, shine) in estimates.iter().zip(shine) {
         if *shine == Rgb::ZERO {
@@ -202,7 +206,8 @@ fn errors(estimates: &[PixelEstimate], shine: &[Rgb]) -> Option<Errors> {
         let mean = sum / pixels;
         let square = |k: usize| CAUSE_FACTORS[k] * variance[k] / pixels / (mean * mean);
         let squares: [f64; 5] = std::array::from_fn(square);
-        let total = (squares.iter().sum::<f64>() + COARSE_MESH_ERROR * COARSE_MESH_ERROR).sqrt();
-        Errors { by_cause: squares.map(f64::sqrt), total }
+        let by_links = link_variance / (mean * mean);
+        let all = squares.iter().sum::<f64>() + by_links + COARSE_MESH_ERROR * COARSE_MESH_ERROR;
+        Errors { by_cause: squares.map(f64::sqrt), by_links: by_links.sqrt(), total: all.sqrt() }
     })
 }

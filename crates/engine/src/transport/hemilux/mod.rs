@@ -20,6 +20,7 @@ mod fragments;
 mod gather;
 mod gloss;
 mod instance_pixels;
+mod link_noise;
 mod places;
 mod plan;
 mod settings;

@@ -9,6 +9,7 @@ use super::fragments::edges::Edges;
 use super::fragments::{Fragment, VisibleSurfaces};
 use super::gather::{Gathering, IrradianceCache, PilotSampling, Spacing, least_scale};
 use super::gloss::{Gloss, of_camera};
+use super::link_noise::LinkNoise;
 use super::settings::HemiluxSettings;
 use crate::checkpoint::{CheckpointError, Reader};
 use crate::device::DeviceError;
@@ -72,6 +73,8 @@ pub struct Tiers {
     lights: Arc<DirectLights>,
     visible: VisibleSurfaces,
     coarse: CoarseSolution,
+    /// Variance of the picture's radiance that the links' noise makes, the same over wide areas.
+    link_variance: f64,
     cache: IrradianceCache,
     direct: DirectLighting,
     gloss: Gloss,
@@ -134,6 +137,7 @@ impl Tiers {
             gloss: Gloss::new(&world, &visible),
             edges: None,
             balance: Balance::default(),
+            link_variance: 0.0,
             world,
             lights,
             visible,
@@ -191,6 +195,8 @@ impl Tiers {
         self.direct.restore(&mut from)?;
         self.gloss.restore(&self.visible, &mut from)?;
         self.balance = from.value::<Balance>()?.bounded();
+        let variance = from.value::<f64>()?;
+        self.link_variance = if variance.is_finite() { variance.max(0.0) } else { 0.0 };
         let mut edges = Edges::default();
         edges.restore(&mut self.visible, &mut from)?;
         self.edges = (edges.rays() > 0).then_some(edges);
@@ -276,7 +282,19 @@ impl Tiers {
         let rounds = (number as u32).div_ceil(2).clamp(1, MOST_ROUNDS);
         // The first points there are already.
         let points = if number == 0 { 0 } else { PATCH_POINTS * rounds };
+        let links = self.coarse.links();
+        let before = (links > 0).then(|| LinkNoise::look(&self.coarse, &self.visible));
         self.coarse.link(self.seed, points, self.options.coarse_rays * rounds);
+        if let Some(before) = before.filter(|_| self.coarse.links() > links) {
+            let after = LinkNoise::look(&self.coarse, &self.visible);
+            let found = after.variance(&before);
+            // One difference says little: that of the links before, of which there were half as many,
+            // counts, too.
+            self.link_variance = match self.link_variance > 0.0 {
+                true => 0.5 * (found + 0.5 * self.link_variance),
+                false => found,
+            };
+        }
     }
 
     /// Traces more rays for the records, and adds records in some iterations. Returns how many rays
@@ -379,6 +397,7 @@ impl Tiers {
             direct: &self.direct,
             gloss: &self.gloss,
             options: &self.options,
+            link_variance: self.link_variance,
         });
         self.clock.lap("seconds_picture");
         self.picture_seconds = Some(began.elapsed().as_secs_f64());
@@ -432,6 +451,7 @@ impl Solver for Tiers {
         self.direct.save(&mut parts.bound);
         self.gloss.save(&mut parts.bound);
         parts.bound.value(self.balance);
+        parts.bound.value(self.link_variance);
         self.edges.as_ref().unwrap_or(&Edges::default()).save(&mut parts.bound);
         Ok(())
     }
@@ -451,6 +471,8 @@ impl Solver for Tiers {
         {
             figures.insert(format!("error_{cause}"), error);
         }
+        let errors = self.drawn.errors.unwrap_or_default();
+        figures.insert("error_links".into(), errors.by_links);
         figures.insert("records".into(), self.cache.len() as f64);
         figures.insert("records_reused".into(), self.cache.reused as f64);
         figures.insert("first_rays".into(), f64::from(self.first_rays));
