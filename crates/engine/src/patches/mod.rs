@@ -19,6 +19,7 @@ mod index;
 mod means;
 mod nearby;
 mod patched;
+mod piece_index;
 mod seams;
 mod split;
 

@@ -1,10 +1,11 @@
 //! A scene in facets and patches, all of them listed.
 
 use super::contacts::cut_at_contacts;
-use super::facet::{Facet, NO_PATCH, cells, facet_area, in_piece, nth_cell};
+use super::facet::{Facet, NO_PATCH, cells, facet_area, nth_cell};
 use super::focus::Focus;
 use super::index::{FacetIndex, PatchIndex};
 use super::means::{CellMeans, colour_varies, exponent_of, point_of};
+use super::piece_index::PieceIndex;
 use super::{bodies, seams, split};
 use crate::radiometry::{Reflectance, Rgb, importance};
 use crate::scene::{Scene, Warning};
@@ -26,8 +27,8 @@ pub struct PatchedScene {
     pub warnings: Vec<Warning>,
     /// What the patches are finest about.
     pub focus: Option<Focus>,
-    /// Facets of scene triangle t: `pieces[t]..pieces[t + 1]`.
-    pieces: Vec<u32>,
+    /// Finds a triangle's facets.
+    pieces: PieceIndex,
 }
 
 /// The patches, one entry a patch in every array.
@@ -172,37 +173,14 @@ impl PatchedScene {
         if facets.is_empty() {
             warnings.push(Warning::new("scene", "there is no surface to be seen"));
         }
-        let mut pieces = vec![0u32; scene.triangle_count() + 1];
-        for facet in &facets {
-            pieces[facet.source as usize + 1] += 1;
-        }
-        for triangle in 1..pieces.len() {
-            pieces[triangle] += pieces[triangle - 1];
-        }
+        let pieces = PieceIndex::new(scene.triangle_count(), &facets);
         Self { scene, positions, facets, patches, warnings, focus, pieces }
     }
 
     /// The facet, and the barycentric coordinates in it, of barycentric (u, v) of a scene triangle;
     /// `None` of triangles that were left out.
     pub fn place_on_triangle(&self, triangle: u32, u: f32, v: f32) -> Option<(FacetIndex, Vec2)> {
-        let triangle = triangle as usize;
-        let (first, end) = (self.pieces[triangle], self.pieces[triangle + 1]);
-        if end == first + 1 {
-            return Some((FacetIndex(first), Vec2::new(u, v)));
-        }
-        let mut found = None;
-        let mut nearest = f32::NEG_INFINITY;
-        for facet in (first..end).map(FacetIndex) {
-            let at = in_piece(&self.facets[facet.at()].source_uv, u, v);
-            let inside = at.x.min(at.y).min(1.0 - at.x - at.y);
-            if inside > nearest {
-                (nearest, found) = (inside, Some((facet, at)));
-            }
-            if inside >= 0.0 {
-                break;
-            }
-        }
-        found
+        self.pieces.place(&self.facets, triangle, u, v)
     }
 
     /// Whether base colour or emission changes over a facet.

@@ -35,8 +35,9 @@ const MOST_AT_ONCE: usize = 4 << 20;
 const MOST_SWEEPS: u32 = 400;
 /// Sum of all changes in a sweep, relative to the sum of all values, at which sweeps end.
 const SETTLED_CHANGE: f32 = 2e-4;
-/// How often a solution is corrected by where in elements links end.
-const CORRECTIONS: u32 = 2;
+/// How often the equation is solved over the same links: each time with the slopes of the solution
+/// before.
+const SOLUTIONS: u32 = 2;
 /// Links from which on no more get a colour, 20 bytes each: 80 MiB.
 const MOST_TINTS: usize = 4 << 20;
 /// Colours of links that differ by less from white are white.
@@ -195,13 +196,13 @@ impl Links {
     /// ended, corrects that to the second order.
     pub fn solve(&mut self, mesh: &CoarseMesh, direct: &[DirectLight], far: Option<&FarSides>) {
         let albedo = &mesh.elements.albedo;
-        self.balance(albedo, direct, far, &[]);
-        for _ in 0..CORRECTIONS {
-            let irradiance = |element: ElementIndex| {
-                direct[element.at()].irradiance + self.bounced[element.at()]
-            };
-            let slopes = mesh.slopes(irradiance);
-            if slopes.is_empty() {
+        for number in 0..SOLUTIONS {
+            let mut slopes = Vec::new();
+            if !self.bounced.is_empty() {
+                slopes = mesh
+                    .slopes(|element| direct[element.at()].irradiance + self.bounced[element.at()]);
+            }
+            if number > 0 && slopes.is_empty() {
                 return;
             }
             let correction = self.correction(albedo, &slopes);

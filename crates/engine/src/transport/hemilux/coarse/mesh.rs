@@ -7,11 +7,14 @@ use crate::patches::{Cut, Facet, FacetPlace, PatchIndex, PatchedScene, Sides, ce
 use crate::radiometry::Rgb;
 use crate::rays::{Hit, Rays};
 use glam::Vec2;
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Near field: a ray that ends within so many sides of the patch it meets sees a small part of it,
 /// on which the patch's mean is not the light (docs/decisions/0004).
 const NEAR_FIELD: f32 = 2.0;
+/// Facets that one thread takes at a time.
+const CHUNK: usize = 256;
 /// Factor by which an interpolated value may differ from its patch's own: interpolation may take
 /// values from the other side of a wall.
 const MOST_CHANGE: f32 = 2.5;
@@ -119,18 +122,24 @@ impl CoarseMesh {
             return Vec::new();
         };
         let values = self.values(of_element);
+        let of_side = |index: usize, back: bool| {
+            let facet = &listed.facets[index];
+            let first = facet.first_patch(back)?;
+            let all = reconstruction.slopes((index, facet), back, &values.vertices);
+            Some((first..).zip(all).filter_map(|(patch, slope)| {
+                let element = self.elements.of(PatchIndex(patch))?;
+                let is_alone = self.elements.members(element).len() == 1;
+                is_alone.then(|| (element, limited(slope, values.own[patch as usize])))
+            }))
+        };
+        let facets = (0..listed.facets.len()).into_par_iter().with_min_len(CHUNK);
+        let sides = facets.flat_map_iter(|index| {
+            [false, true].into_iter().filter_map(move |back| of_side(index, back)).flatten()
+        });
+        let found: Vec<(ElementIndex, [Rgb; 2])> = sides.collect();
         let mut slopes = vec![[Rgb::ZERO; 2]; self.elements.len()];
-        for (index, facet) in listed.facets.iter().enumerate() {
-            for back in [false, true] {
-                let Some(first) = facet.first_patch(back) else { continue };
-                let all = reconstruction.slopes((index, facet), back, &values.vertices);
-                for (patch, slope) in (first..).zip(all) {
-                    let Some(element) = self.elements.of(PatchIndex(patch)) else { continue };
-                    if self.elements.members(element).len() == 1 {
-                        slopes[element.at()] = limited(slope, values.own[patch as usize]);
-                    }
-                }
-            }
+        for (element, slope) in found {
+            slopes[element.at()] = slope;
         }
         slopes
     }
