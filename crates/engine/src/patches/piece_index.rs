@@ -150,7 +150,8 @@ fn nearest(
 mod tests {
     use super::super::PatchedScene;
     use super::*;
-    use crate::sampling::{Seed, Shifted, Stream};
+    use crate::random::Stream;
+    use crate::sampling::{Seed, Shifted};
     use crate::scene::gltf::{ImportLimits, Resources, import};
     use crate::scene::made;
     use std::sync::Arc;
