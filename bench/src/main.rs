@@ -4,7 +4,7 @@
 //! triangles do; `pixels` measures
 //! ways to sample the pixels of a ray-traced picture, `views` what a solved scene saves its next
 //! picture, `limits` how far the processor device is from what the machine can do; `real-light`
-//! judges scenes with real light on real materials.
+//! judges scenes with real light on real materials, and `export` writes them out for others.
 //!
 //! Errors, statistics, tables, charts and contact sheets are those of [`hemilux_charts`]; what
 //! benchmarks share beyond that: [`views`] (scenes), [`cell`] (errors over seeds), [`page`] (how
@@ -14,6 +14,7 @@
 
 mod cell;
 mod crowds;
+mod export;
 mod form_factors;
 mod growth;
 mod limits;
@@ -70,6 +71,8 @@ enum Benchmark {
     Tiers(tiers::Arguments),
     /// Scenes with skies, mirrors, glass, leaves and screens against path tracing, with pictures.
     RealLight(real_light::Arguments),
+    /// One of these scenes with its sky and sun, as files for other renderers.
+    Export(export::Arguments),
 }
 
 fn main() -> Result<(), results::Failure> {
@@ -88,5 +91,6 @@ fn main() -> Result<(), results::Failure> {
         Benchmark::Pixels(arguments) => pixels::run(&arguments),
         Benchmark::Tiers(arguments) => tiers::run(&arguments),
         Benchmark::RealLight(arguments) => real_light::run(&arguments),
+        Benchmark::Export(arguments) => export::run(&arguments),
     }
 }
