@@ -87,6 +87,11 @@ pub struct Config {
     /// else is unlimited: drivers of GPUs reserve much more address space than they use.
     #[arg(long, env = "HEMILUX_JOB_MEMORY_MB", value_parser = clap::value_parser!(u64).range(64..=67_108_864))]
     pub job_memory_mb: Option<u64>,
+    /// Most memory of each device for the scenes of its latest jobs, MiB: another job on one of them
+    /// begins without importing it again. At most a quarter of what the device's process may take; 0
+    /// keeps none.
+    #[arg(long, env = "HEMILUX_KEEP_SCENES_MB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(0..=1_048_576))]
+    pub keep_scenes_mb: u64,
     /// Seconds of silence after which a job's device is started again and the attempt counts as
     /// failed; more than any honest iteration takes.
     #[arg(long, env = "HEMILUX_NO_PROGRESS_S", default_value_t = 600.0, value_parser = parse_seconds)]
@@ -143,6 +148,12 @@ impl Config {
         let of_container =
             || memory::container().map(|bytes| memory::default_job_limit(bytes) >> 20);
         self.job_memory_mb.or_else(|| if device == "cpu" { of_container() } else { None })
+    }
+
+    /// Most bytes of scenes that that device keeps for its next jobs.
+    pub fn kept_scene_bytes(&self, device: &str) -> u64 {
+        let share = self.device_memory_mb(device).map_or(u64::MAX, |limit| limit / 4);
+        self.keep_scenes_mb.min(share) << 20
     }
 
     /// Largest upload, bytes.

@@ -12,6 +12,7 @@ mod faults;
 mod guard;
 mod isolation;
 mod jobs;
+mod kept_scenes;
 mod keys;
 mod malformed;
 mod mutations;

@@ -71,6 +71,16 @@ pub struct Outline {
 }
 
 impl Clusters {
+    /// Bytes that they take.
+    pub fn held_bytes(&self) -> u64 {
+        let of_level = |level: &Level| {
+            let lists = size_of_val(&*level.of_side) + size_of_val(&*level.clusters);
+            lists + size_of_val(&*level.members) + size_of_val(&*level.running)
+        };
+        let levels = self.shapes.iter().flatten().flatten().map(of_level).sum::<usize>();
+        (levels + size_of_val(&*self.level) + size_of_val(&*self.first)) as u64
+    }
+
     /// The patches of a scene's instances, with `cell` the side of a patch in the focus, metres.
     pub fn new(scene: &Scene, cell: f32, focus: Option<Focus>) -> Self {
         let instances = &scene.instances;

@@ -79,6 +79,14 @@ pub struct CrowdPatch {
 }
 
 impl Crowd {
+    /// Bytes that it takes beside the scene.
+    pub fn held_bytes(&self) -> u64 {
+        let clusters = self.clusters.as_ref().map_or(0, Clusters::held_bytes);
+        let lists =
+            size_of_val(&*self.is_cut) + size_of_val(&*self.cut) + size_of_val(&*self.pieces);
+        clusters + lists as u64
+    }
+
     /// Cuts what is larger than a patch, for about `wanted` patches of equal area if the triangles
     /// were no smaller.
     pub fn new(scene: Arc<Scene>, wanted: usize, focus: Option<Focus>) -> Self {

@@ -41,6 +41,14 @@ impl PatchCell {
 }
 
 impl Cut {
+    /// Bytes that it takes beside the scene.
+    pub fn held_bytes(&self) -> u64 {
+        match self {
+            Self::Listed(listed) => listed.held_bytes(),
+            Self::Crowd(crowd) => crowd.held_bytes(),
+        }
+    }
+
     /// Cuts a scene into about so many patches, at least one a triangle side.
     pub fn new(scene: Arc<Scene>, wanted: usize, focus: Option<Focus>) -> Self {
         // What instances share is not listed for each of them.

@@ -104,6 +104,14 @@ impl Patches {
 pub const MAX_PATCHES: usize = 4_000_000;
 
 impl PatchedScene {
+    /// Bytes that positions, facets and patches take, about.
+    pub fn held_bytes(&self) -> u64 {
+        // The fields of a patch.
+        const PER_PATCH: usize = 112;
+        let lists = size_of_val(&*self.positions) + size_of_val(&*self.facets);
+        (lists + self.patches.len() * PER_PATCH) as u64
+    }
+
     /// Cuts `scene` into about `target` patches of about equal area, at least one a triangle side.
     ///
     /// Elongated triangles are bisected first (conformingly), so that patches are compact.

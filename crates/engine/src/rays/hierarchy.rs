@@ -44,6 +44,11 @@ pub struct Hierarchy {
 }
 
 impl Hierarchy {
+    /// Bytes that it takes.
+    pub fn held_bytes(&self) -> u64 {
+        (size_of_val(&*self.nodes) + size_of_val(&*self.leaves)) as u64
+    }
+
     /// The tree over boxes, which are reordered, with at most `in_leaf` of them in a leaf, which are
     /// at most [`WIDTH`].
     pub fn new(boxes: &mut [Boxed], in_leaf: usize) -> Self {

@@ -60,6 +60,13 @@ struct Inside<'a> {
 }
 
 impl Instanced {
+    /// Bytes that its trees take.
+    pub fn held_bytes(&self) -> u64 {
+        let shapes = self.shapes.iter().map(|shape| shape.tree.held_bytes()).sum::<u64>();
+        let lists = size_of_val(&*self.of_leaf) + size_of_val(&*self.placed);
+        shapes + self.top.held_bytes() + lists as u64
+    }
+
     /// Prepares a scene's instances; `None` without any. Ray units of the world are metres from the
     /// center times the scale.
     pub fn new(scene: &Scene, (center, scale): (DVec3, f64), margin: Vec3A) -> Option<Self> {

@@ -160,6 +160,12 @@ impl Rays {
         triangles * 500
     }
 
+    /// Bytes that hierarchies and triangles take.
+    pub fn held_bytes(&self) -> u64 {
+        let instanced = self.instanced.as_ref().map_or(0, |instanced| instanced.held_bytes());
+        self.listed.held_bytes() + instanced
+    }
+
     /// Ray units of a metre.
     pub fn scale(&self) -> f64 {
         self.scale

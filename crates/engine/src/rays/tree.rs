@@ -52,6 +52,11 @@ pub struct Found {
 }
 
 impl Tree {
+    /// Bytes that it takes.
+    pub fn held_bytes(&self) -> u64 {
+        self.hierarchy.held_bytes() + size_of_val(&*self.packets) as u64
+    }
+
     /// The tree over boxes of triangles, which `corners` and `two_sided` say more about.
     pub fn new(
         mut boxes: Vec<Boxed>,

@@ -147,6 +147,14 @@ impl Shape {
 }
 
 impl Instances {
+    /// Bytes of shapes and transforms.
+    pub fn held_bytes(&self) -> u64 {
+        let of_shape =
+            |shape: &Shape| size_of_val(&*shape.vertices) + size_of_val(&*shape.triangles);
+        let shapes = self.shapes.iter().map(of_shape).sum::<usize>();
+        (shapes + size_of_val(&*self.all)) as u64
+    }
+
     /// Adds a shape of at least one triangle, which use all of the vertices and no others. Returns its
     /// number.
     pub fn add_shape(&mut self, vertices: Vec<Vertex>, triangles: Vec<Triangle>) -> u32 {

@@ -78,6 +78,13 @@ pub struct AnimationName {
 }
 
 impl Scene {
+    /// Bytes of its vertices, triangles and textures, those of shared meshes too.
+    pub fn held_bytes(&self) -> u64 {
+        let own = size_of_val(&*self.vertices) + size_of_val(&*self.triangles);
+        let texels = self.textures.iter().map(|texture| size_of_val(&*texture.texels));
+        own as u64 + texels.sum::<usize>() as u64 + self.instances.held_bytes()
+    }
+
     /// Smallest box around all vertices that triangles use; `None` without triangles.
     pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
         let mut bounds = self.instance_bounds();

@@ -70,6 +70,11 @@ struct Found {
 }
 
 impl Finishes {
+    /// Bytes that they take.
+    pub fn held_bytes(&self) -> u64 {
+        (size_of_val(&*self.all) + size_of_val(&*self.of_triangle)) as u64
+    }
+
     /// Those of a scene; a metre is so many ray units.
     pub fn new(scene: &Scene, metre: f64) -> Self {
         let unique: Vec<u32> = scene.unique_triangles().collect();

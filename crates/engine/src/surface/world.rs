@@ -7,29 +7,33 @@ use super::model::Parameters;
 use super::point::Surface;
 use crate::radiometry::Rgb;
 use crate::rays::{Eye, Hit, Rays, Segment, Spot, unit_normal};
+use crate::scene::pyramid::Pyramids;
 use crate::scene::{Background, Environment, Material, Scene};
 use glam::{Vec2, Vec3};
 use std::cell::Cell;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// A scene for rays, with what its triangles reflect and emit.
+#[derive(Clone)]
 pub struct World {
     /// The scene.
     pub scene: Arc<Scene>,
     /// Its triangles.
-    pub rays: Rays,
+    pub rays: Arc<Rays>,
     /// What surrounds it: sky and sun.
     pub environment: Arc<Environment>,
     /// What a camera sees beside its surfaces.
     pub background: Background,
-    finishes: Finishes,
+    finishes: Arc<Finishes>,
     /// Whether light passes anything as clear, and whether it does so along a straight line.
     has_clear: bool,
     has_panes: bool,
     /// Whether anything lets light through diffusely.
     has_translucent: bool,
     /// By material, whether it may mirror sharply.
-    mirrors: Vec<bool>,
+    mirrors: Arc<[bool]>,
+    /// Averages of its textures, once they have been asked for.
+    pyramids: Arc<OnceLock<Arc<Pyramids>>>,
 }
 
 impl World {
@@ -41,8 +45,8 @@ impl World {
 
     /// Prepares a scene in its surroundings.
     pub fn surrounded(scene: Arc<Scene>, environment: Arc<Environment>) -> Self {
-        let rays = Rays::of(&scene);
-        let finishes = Finishes::new(&scene, rays.scale());
+        let rays = Arc::new(Rays::of(&scene));
+        let finishes = Arc::new(Finishes::new(&scene, rays.scale()));
         let mirrors = scene.materials.iter().map(Material::casts_caustics).collect();
         let mut this = Self {
             rays,
@@ -54,12 +58,18 @@ impl World {
             has_panes: false,
             has_translucent: false,
             mirrors,
+            pyramids: Arc::default(),
         };
         this.has_clear = this.finishes.all().iter().any(|finish| finish.clear.is_some());
         this.has_translucent = this.finishes.all().iter().any(|finish| finish.is_translucent);
         this.has_panes =
             this.has_clear && this.scene.unique_triangles().any(|triangle| this.is_pane(triangle));
         this
+    }
+
+    /// The same in other surroundings; what it is made of is shared.
+    pub fn within(&self, environment: Arc<Environment>) -> Self {
+        Self { environment, ..self.clone() }
     }
 
     /// The same, seen before a background.
@@ -75,6 +85,17 @@ impl World {
     /// Square metres of a square ray unit.
     pub fn square_metre(&self) -> f32 {
         (self.rays.scale() * self.rays.scale()).recip() as f32
+    }
+
+    /// Averages of the scene's textures.
+    pub fn pyramids(&self) -> Arc<Pyramids> {
+        self.pyramids.get_or_init(|| Arc::new(Pyramids::new(&self.scene))).clone()
+    }
+
+    /// Bytes that hierarchy, finishes and averages take.
+    pub fn held_bytes(&self) -> u64 {
+        let pyramids = self.pyramids.get().map_or(0, |_| Pyramids::needed_bytes(&self.scene));
+        self.rays.held_bytes() + self.finishes.held_bytes() + pyramids
     }
 
     /// Bytes that [`World::new`] and the scene's lights take at their peak for so many triangles.

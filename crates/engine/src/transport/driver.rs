@@ -3,6 +3,7 @@
 
 use super::job::{Chosen, Job};
 use super::patchless;
+use super::prepared::Prepared;
 use super::run::Run;
 use super::silhouette;
 use super::solver::{Estimate, Extent, Method, Solver, TriangleCount};
@@ -19,7 +20,7 @@ use std::time::Instant;
 /// patches or pixels one takes longer than a step.
 const ESTIMATE_PAUSE: f64 = 10.0;
 
-/// Does a job by a method, chosen and set as it says.
+/// Does a job by a method, chosen and set as it says, with what is made of its scene already.
 ///
 /// # Errors
 /// See [`crate::transport::render`].
@@ -27,10 +28,10 @@ pub fn drive<'a>(
     method: &dyn Method,
     chosen: Chosen,
     device: &'a mut dyn Device,
-    request: &'a RenderRequest,
+    asked: (&'a RenderRequest, &'a Prepared),
     observer: &'a mut dyn Observer,
 ) -> Result<Rendered, RenderError> {
-    let mut job = Job::new(chosen, request, observer)?;
+    let mut job = Job::new(chosen, asked, observer)?;
     admit(method, &job)?;
     let Some(mut solver) = method.begin(&mut job, device)? else {
         let unlit = silhouette::picture(&job);

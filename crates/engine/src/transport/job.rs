@@ -3,6 +3,7 @@
 
 use super::checkpoints::{Configured, Owner, Past};
 use super::options::{MeshSettings, Scope, Settings};
+use super::prepared::Prepared;
 use super::run::Run;
 use super::surroundings::surroundings;
 use super::{patchless, unseen};
@@ -37,6 +38,8 @@ pub struct Chosen {
 pub struct Job<'a> {
     /// What is asked.
     pub request: &'a RenderRequest,
+    /// What earlier jobs have made of its scene.
+    prepared: &'a Prepared,
     /// What surrounds the scene.
     pub environment: Arc<Environment>,
     /// The settings in force.
@@ -75,13 +78,13 @@ impl<'a> Job<'a> {
     /// [`RenderError::Checkpoint`] where the job can't begin with what it names.
     pub fn new(
         chosen: Chosen,
-        request: &'a RenderRequest,
+        (request, prepared): (&'a RenderRequest, &'a Prepared),
         observer: &'a mut dyn Observer,
     ) -> Result<Self, RenderError> {
         let Chosen { scope, checkpoint_format, reasons, settings, warnings: unused } = chosen;
         let method = Configured { scope: &scope, format: checkpoint_format, settings: &settings };
-        let past = Past::of(request, &method)?;
-        let (camera, made_up) = request.camera()?;
+        let (camera, made_up) = prepared.camera(request)?;
+        let past = Past::of(request, &camera, &method)?;
         let owner = Owner::new(request, &method, &camera);
         let plan = Plan {
             method: scope.method.into(),
@@ -95,6 +98,7 @@ impl<'a> Job<'a> {
         let run = Run::new(request, owner, observer);
         Ok(Self {
             request,
+            prepared,
             environment,
             settings,
             camera,
@@ -164,7 +168,7 @@ impl<'a> Job<'a> {
     ) -> Arc<Cut> {
         let scene = self.request.scene.clone();
         let has_sun = self.environment.sun.is_some();
-        let cut = Arc::new(Cut::new(scene.clone(), patches, focus));
+        let cut = self.prepared.cut(patches, focus);
         let shines =
             cut.any_light() || patchless::shines(&scene, &self.environment) || scene.has_unlit();
         let more = unseen::by_gathering(&scene, has_sun, most_triangles);
@@ -180,8 +184,7 @@ impl<'a> Job<'a> {
 
     /// The scene as rays meet it, in its surroundings and before its background.
     pub fn world(&self) -> World {
-        let world = World::surrounded(self.request.scene.clone(), self.environment.clone());
-        world.before(self.request.background)
+        self.prepared.world(self.environment.clone(), self.request.background)
     }
 
     /// What turns solutions on the patches into the picture.

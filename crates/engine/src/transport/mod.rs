@@ -15,6 +15,7 @@ mod light_sums;
 pub mod options;
 mod patch_points;
 mod patchless;
+mod prepared;
 mod radiosity;
 mod ray_traced;
 mod registry;
@@ -30,8 +31,10 @@ use crate::device::Device;
 use crate::render::{Begin, Observer, RenderError, RenderRequest, Rendered};
 use crate::scene::Warning;
 use crate::scene::pyramid::Pyramids;
+use std::sync::Arc;
 
 use job::Chosen;
+pub use prepared::Prepared;
 pub use registry::{
     Given, Listed, METHODS, REGISTRY, check_settings, find, listed, needed_bytes, relevant,
     settings,
@@ -79,6 +82,25 @@ pub fn render(
     request: &RenderRequest,
     observer: &mut dyn Observer,
 ) -> Result<Rendered, RenderError> {
+    let prepared = Prepared::new(request.scene.clone());
+    render_prepared(device, request, &prepared, observer)
+}
+
+/// The same picture, with what earlier jobs have made of the request's scene; what this one makes of it
+/// stays there for the next.
+///
+/// # Errors
+/// See [`render`].
+///
+/// # Panics
+/// Where it is of another scene.
+pub fn render_prepared(
+    device: &mut dyn Device,
+    request: &RenderRequest,
+    prepared: &Prepared,
+    observer: &mut dyn Observer,
+) -> Result<Rendered, RenderError> {
+    assert!(Arc::ptr_eq(prepared.scene(), &request.scene), "prepared for another scene");
     check(request)?;
     let (name, mut reasons) = match (request.method.as_str(), &request.begin) {
         ("auto", Begin::Continue(past) | Begin::View(past)) => {
@@ -110,5 +132,5 @@ pub fn render(
         settings,
         warnings: unused.collect(),
     };
-    driver::drive(method, chosen, device, request, observer)
+    driver::drive(method, chosen, device, (request, prepared), observer)
 }

@@ -174,6 +174,7 @@ async fn prepare(
         run: executor.next_run(),
         job: job.id,
         attempt: job.attempts,
+        scene: job.scene.clone(),
         scene_format: record.format,
         max_triangles: shared.config.max_triangles,
         request: job.request.clone(),
@@ -186,6 +187,7 @@ async fn prepare(
         first_checkpoint_s: job_state::first_checkpoint_s(job.interruptions),
         most_checkpoint_bytes: checkpoints::most_bytes(config),
         keeps_solution: config.keep_solutions_mb > 0,
+        kept_scene_bytes: config.kept_scene_bytes(job.device.as_deref().unwrap_or_default()),
     };
     Ok((task, parts))
 }

@@ -20,6 +20,7 @@ mod perform;
 mod process;
 mod requests;
 pub mod scenes;
+mod shelf;
 mod snapshots;
 pub mod threads;
 mod translation;

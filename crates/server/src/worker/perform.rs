@@ -4,6 +4,7 @@
 use super::encode;
 use super::pacing::Pacing;
 use super::requests::without_idle_settings;
+use super::shelf::{SceneKey, SceneShelf};
 use super::threads::TaskThreads;
 use super::translation::{
     environment, finite_header, render_request, to_plan, to_progress, to_stats, units,
@@ -22,7 +23,7 @@ use hemilux_engine::render::{Begin, Observer, Plan, Progress, RenderError, Rende
 use hemilux_engine::scene::Warning;
 use hemilux_engine::scene::gltf::BakedMesh;
 use hemilux_engine::scene::sky_map::SkyMap;
-use hemilux_engine::transport::render;
+use hemilux_engine::transport::{Prepared, render_prepared};
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -35,6 +36,8 @@ use tokio::sync::mpsc;
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(120);
 /// Snapshots after which the interval doubles.
 const SNAPSHOTS_PER_OCTAVE: u32 = 100;
+/// Name of the figure that says whether the scene was there from an earlier job.
+const SCENE_KEPT: &str = "scene_kept";
 /// The files of a result.
 const RESULT: [PictureFormat; 2] = [PictureFormat::Png, PictureFormat::Exr];
 /// Messages on their way to the server. Progress that finds no room is left out.
@@ -107,10 +110,11 @@ pub fn perform(device_id: &str, tasks: &Tasks, switches: &Switches, events: &Eve
     if events.blocking_send(ExecutorEvent::Ready.into()).is_err() {
         return;
     }
-    let mut crew = TaskThreads::default();
+    let (mut crew, mut shelf) = (TaskThreads::default(), SceneShelf::default());
     while let Ok((task, parts)) = tasks.recv() {
         let attempted = catch_unwind(AssertUnwindSafe(|| {
-            attempt((device.as_mut(), &mut crew), &task, parts, switches, events)
+            let means = Means { device: device.as_mut(), crew: &mut crew, shelf: &mut shelf };
+            attempt(means, &task, parts, switches, events)
                 .and_then(|rendered| last_word(&task, &rendered, switches, events))
         }))
         .unwrap_or_else(|panic| {
@@ -144,10 +148,17 @@ fn last_word(
         .map_err(|error| Failure::new("picture", error.to_string()))
 }
 
-/// Renders with that device and those threads; everything that can go wrong on the way is a
-/// [`Failure`].
+/// What tasks are done with.
+struct Means<'a> {
+    device: &'a mut dyn Device,
+    crew: &'a mut TaskThreads,
+    /// Scenes of earlier tasks.
+    shelf: &'a mut SceneShelf,
+}
+
+/// Renders by those means; everything that can go wrong on the way is a [`Failure`].
 fn attempt(
-    (device, crew): (&mut dyn Device, &mut TaskThreads),
+    Means { device, crew, shelf }: Means<'_>,
     task: &Task,
     parts: Vec<Content>,
     switches: &Switches,
@@ -162,10 +173,10 @@ fn attempt(
     };
     let mut parts = parts.into_iter().map(Content::into_bytes);
     let scene_bytes = parts.next().transpose().map_err(unread)?.unwrap_or_default();
-    let options = scenes::options(task.max_triangles, Some(&task.request));
-    let scene = scenes::load(task.scene_format, &scene_bytes, &options)
-        .map_err(|refusal| Failure::new("scene", refusal.to_string()))?;
-    drop(scene_bytes);
+    let key = SceneKey::of(task);
+    let kept = shelf.take(&key);
+    let was_kept = kept.is_some();
+    let mut prepared = kept.map_or_else(|| imported(task, scene_bytes), Ok)?;
     let sky = match task.request.environment_map() {
         Some(_) => Some(load_sky(&parts.next().transpose().map_err(unread)?.unwrap_or_default())?),
         None => None,
@@ -177,20 +188,27 @@ fn attempt(
     let job = without_idle_settings(task.request.clone());
     let around = job.environment.as_ref().map(|around| environment(around, sky)).transpose();
     let around = around.map_err(|error| Failure::new("parameter", error.to_string()))?;
-    let (scene, around) = (Arc::new(scene), around.map(Arc::new));
+    let (scene, around) = (prepared.scene().clone(), around.map(Arc::new));
     let mut request = render_request(&job, scene, around, Some(task.max_seconds), begin);
     let mut watcher = Watcher::new(task, switches, events);
     watcher.beginning = trouble.map(begins_afresh);
     let threads = crew.of(task.threads).map_err(|error| Failure::of_executor(error.to_string()))?;
-    let mut rendered = threads.install(|| render(device, &request, &mut watcher));
+    let mut render = |request: &_, prepared: &_, watcher: &mut Watcher<'_>| {
+        threads.install(|| render_prepared(device, request, prepared, watcher))
+    };
+    let mut rendered = render(&request, &prepared, &mut watcher);
+    if is_short_of_memory(&rendered) && (shelf.clear() || was_kept) {
+        prepared = Prepared::new(prepared.scene().clone());
+        rendered = render(&request, &prepared, &mut watcher);
+    }
     if let Err(RenderError::Checkpoint(error)) = &rendered {
         tracing::warn!(job = %task.job, %error, "begins afresh");
         watcher.beginning = Some(begins_afresh(error.to_string()));
         request.begin = Begin::Afresh;
-        rendered = threads.install(|| render(device, &request, &mut watcher));
+        rendered = render(&request, &prepared, &mut watcher);
     }
     watcher.hand_over();
-    let rendered = rendered.map_err(|error| match error {
+    let mut rendered = rendered.map_err(|error| match error {
         RenderError::Parameter { parameter, what } => {
             Failure::new("parameter", format!("{parameter}: {what}"))
         }
@@ -202,7 +220,22 @@ fn attempt(
     })?;
     failpoints::pass("rendered", about)
         .map_err(|injected| Failure::of_executor(injected.to_string()))?;
+    rendered.stats.diagnostics.insert(SCENE_KEPT.into(), f64::from(u8::from(was_kept)));
+    shelf.put(key, prepared, task.kept_scene_bytes);
     Ok(rendered)
+}
+
+/// The scene of a task, read from its file.
+fn imported(task: &Task, bytes: Bytes) -> Result<Prepared, Failure> {
+    let options = scenes::options(task.max_triangles, Some(&task.request));
+    let scene = scenes::load(task.scene_format, &bytes, &options)
+        .map_err(|refusal| Failure::new("scene", refusal.to_string()))?;
+    Ok(Prepared::new(Arc::new(scene)))
+}
+
+/// Whether a job was refused because there is too little memory: scenes that are kept take some.
+fn is_short_of_memory(rendered: &Result<Rendered, RenderError>) -> bool {
+    matches!(rendered, Err(RenderError::Device(DeviceError::OutOfMemory { .. })))
 }
 
 /// The map that is a job's sky.

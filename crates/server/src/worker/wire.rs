@@ -84,6 +84,8 @@ pub struct Task {
     pub job: Uuid,
     /// Which counted attempt this is.
     pub attempt: u32,
+    /// Id of the scene, a hash of its bytes.
+    pub scene: String,
     /// How the scene's bytes are to be read.
     pub scene_format: SceneFormat,
     /// Most triangles of a scene.
@@ -109,6 +111,8 @@ pub struct Task {
     pub most_checkpoint_bytes: u64,
     /// Whether what is known at the end is kept, with the light baked.
     pub keeps_solution: bool,
+    /// Most bytes of scenes that the device keeps for its next jobs.
+    pub kept_scene_bytes: u64,
 }
 
 /// What an executor says. Between `Ready` and the end it speaks of one run at a time: that of the

@@ -31,12 +31,13 @@ pub struct Past<'a> {
 }
 
 impl<'a> Past<'a> {
-    /// The past of a request that `method` is to render.
+    /// The past of a request that `method` is to render, by that camera.
     ///
     /// # Errors
     /// [`CheckpointError::Foreign`] or [`CheckpointError::Version`].
     pub fn of(
         request: &'a RenderRequest,
+        camera: &Camera,
         method: &Configured<'_>,
     ) -> Result<Option<Self>, RenderError> {
         let (name, reads) = (method.scope.method, method.format);
@@ -62,11 +63,8 @@ impl<'a> Past<'a> {
         if let Some(what) = other_settings(&header.settings, method) {
             return foreign(what);
         }
-        if same_view {
-            let (camera, _) = request.camera()?;
-            if header.view != view_key(request, &camera) {
-                return foreign("another camera, size of the picture or background".into());
-            }
+        if same_view && header.view != view_key(request, camera) {
+            return foreign("another camera, size of the picture or background".into());
         }
         let (environment, _) = surroundings(&request.scene, request);
         if header.scene != scene_hash(&request.scene, &environment) {

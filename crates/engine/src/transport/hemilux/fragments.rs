@@ -167,7 +167,7 @@ pub struct VisibleSurfaces {
     /// The camera's frame, ray units.
     pub frame: Frame,
     cut: Arc<Cut>,
-    pyramids: Pyramids,
+    pyramids: Arc<Pyramids>,
     /// The facets; none of a crowd, whose facets are placed where they are needed.
     placed: Vec<PictureFacet>,
     placing: Placing,
@@ -227,7 +227,7 @@ impl VisibleSurfaces {
             instance_pixels: InstancePixels::new(world, camera, [width, height]),
             squares: squares(SQUARES),
             samples,
-            pyramids: Pyramids::new(cut.scene()),
+            pyramids: world.pyramids(),
             cut,
             fragments: Vec::new(),
             lobes: Vec::new(),

@@ -17,8 +17,11 @@ use crate::transport::hemilux::fragments::{Lobe, VisibleSurfaces};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Lobe rays of a whole pixel in the first pass, with as many rays to the lights.
+/// Lobe rays of a whole pixel in a pass, with as many rays to the lights.
 const RAYS_PER_PIXEL: f32 = 4.0;
+/// Rays of each lobe in the first pass: as few as tell scatter, by which the passes after it find where
+/// rays are worth their time.
+const FIRST_RAYS: u32 = 2;
 /// Batches of directions to an open sky of a lobe that sees any, in the first pass.
 const FIRST_BATCHES: u32 = 2;
 /// Time of such a batch, in that of a ray with its ray to the lights.
@@ -30,7 +33,7 @@ const RAYS_TO_REST: u32 = 8;
 const NEGLIGIBLE_ERROR: f64 = 0.004;
 /// Factor by which sharing rays with neighbours is taken to lower the variance.
 const NEIGHBOUR_VARIANCE_FACTOR: f64 = 0.5;
-/// Most lobe rays in a pass, as a multiple of those in the first pass, where lobes scatter most.
+/// Most lobe rays in a pass, as a multiple of the mean, where lobes scatter most.
 const MOST_RAYS_FACTOR: f32 = 16.0;
 /// Pixels in each direction that share rays.
 const NEIGHBOUR_REACH: i32 = 2;
@@ -208,7 +211,7 @@ impl Gloss {
         let all = self.sums.par_iter_mut().zip(&visible.lobes).enumerate().with_max_len(256);
         all.for_each(|(index, (sums, lobe))| {
             let work = work_by_scatter.as_ref().map_or_else(
-                || Work { rays: first_pass_rays(visible, lobe), batches: FIRST_BATCHES },
+                || Work { rays: FIRST_RAYS, batches: FIRST_BATCHES },
                 |work_by_scatter| work_by_scatter[index],
             );
             // Pixels of a tile take the points of a sequence in turn.
@@ -267,7 +270,7 @@ impl Gloss {
         (rest + factor * open, rest_variance + factor * factor * open_variance)
     }
 
-    /// Work at each lobe in the next pass: about as much altogether as in the first pass, in
+    /// Work at each lobe in the next pass: about as much altogether in each, in
     /// proportion to the standard deviation that each adds to the picture, which minimises variance
     /// (Neyman allocation).
     fn work_by_scatter(&self, visible: &VisibleSurfaces) -> Vec<Work> {
@@ -304,7 +307,7 @@ impl Gloss {
                 (scatter / mean.max(f32::MIN_POSITIVE)).min(MOST_RAYS_FACTOR) * RAYS_PER_PIXEL
             };
             let least = if sums.rays < RAYS_TO_REST { 1.0 } else { 0.0 };
-            let most = MOST_RAYS_FACTOR * first_pass_rays(visible, lobe) as f32;
+            let most = MOST_RAYS_FACTOR * mean_rays(visible, lobe) as f32;
             let rays = times(ray).round().max(least).min(most) as u32;
             Work { rays, batches: times(batch).round().max(least) as u32 }
         };
@@ -428,7 +431,7 @@ fn trace(
     Found { radiance, sky, open_sky, albedo, nearness }
 }
 
-/// Rays of the first pass: by the share of the pixel, and as many as a variance takes.
-fn first_pass_rays(visible: &VisibleSurfaces, lobe: &Lobe) -> u32 {
-    (RAYS_PER_PIXEL * visible.share(lobe)).ceil().max(2.0) as u32
+/// Rays of a lobe in a pass if all scatter alike: by the share of the pixel.
+fn mean_rays(visible: &VisibleSurfaces, lobe: &Lobe) -> u32 {
+    (RAYS_PER_PIXEL * visible.share(lobe)).ceil().max(FIRST_RAYS as f32) as u32
 }
