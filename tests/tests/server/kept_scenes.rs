@@ -45,7 +45,7 @@ fn another_view_of_a_scene_finds_it_there_and_shows_the_same() {
 fn scenes_are_told_apart_and_none_is_kept_where_none_may_be() {
     let server = Server::start();
     done(&server, &job("cornell", 0));
-    let posted = server.post_scene(&scene("cornell_phong"));
+    let posted = server.post_scene(&scene("cornell_phong.glb"));
     let other = posted.json()["id"].as_str().expect("an id").to_owned();
     assert!(!done(&server, &job(&other, 0)).1, "another scene was taken for it");
     assert!(done(&server, &job("cornell", 0)).1, "two small scenes fit");
