@@ -13,21 +13,39 @@ import scene as scenes
 
 mi.set_variant("llvm_ad_rgb")
 
+from gltf_bsdf import GltfSurface  # needs the variant
+
+SKY_TURN = 90.0  # degrees about +Y
+
+SUN_DISTANCE = 1e5  # metres: what turns the sun's direction across a room is a thousandth of its radius
+
+
+def texture(pixels):
+    pixels = mi.Bitmap(np.ascontiguousarray(pixels, np.float32))
+    return {"type": "bitmap", "bitmap": pixels, "raw": True, "filter_type": "bilinear"}
+
 
 def material(mesh):
+    """Mitsuba's own diffuse where the material has no lobe: it is the faster one."""
     if mesh.texture is None:
         reflectance = {"type": "rgb", "value": mesh.color.tolist()}
     else:
-        pixels = (mesh.texture * mesh.color).astype(np.float32)
-        bitmap = mi.Bitmap(pixels)
-        reflectance = {"type": "bitmap", "bitmap": bitmap, "raw": True, "filter_type": "bilinear"}
-    diffuse = {"type": "diffuse", "reflectance": reflectance}
-    return {"type": "twosided", "bsdf": diffuse} if mesh.two_sided else diffuse
+        reflectance = texture(mesh.texture * mesh.color)
+    if mesh.lambert():
+        bsdf = mi.load_dict({"type": "diffuse", "reflectance": reflectance})
+    else:
+        factors = np.array([0, mesh.roughness, mesh.metallic])
+        surface = texture(mesh.surface * factors) if mesh.surface is not None else None
+        if surface is None:
+            surface = {"type": "rgb", "value": factors.tolist()}
+        color, surface = mi.load_dict(reflectance), mi.load_dict(surface)
+        bsdf = GltfSurface(color, surface, mesh.f0, mesh.f90)
+    return mi.load_dict({"type": "twosided", "bsdf": bsdf}) if mesh.two_sided else bsdf
 
 
-def shape(mesh):
+def shape(mesh, bsdf):
     properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(material(mesh))
+    properties["bsdf"] = bsdf
     if mesh.emission.any():
         radiance = {"type": "rgb", "value": mesh.emission.tolist()}
         properties["emitter"] = mi.load_dict({"type": "area", "radiance": radiance})
@@ -35,16 +53,38 @@ def shape(mesh):
         mesh.name,
         len(mesh.positions),
         len(mesh.triangles),
+        has_vertex_normals=mesh.normals is not None,
         has_vertex_texcoords=mesh.uvs is not None,
         props=properties,
     )
     parameters = mi.traverse(made)
     parameters["vertex_positions"] = mesh.positions.ravel()
     parameters["faces"] = mesh.triangles.ravel()
+    if mesh.normals is not None:
+        parameters["vertex_normals"] = mesh.normals.ravel()
     if mesh.uvs is not None:
         parameters["vertex_texcoords"] = mesh.uvs.ravel()
     parameters.update()
     return made
+
+
+def sky(path):
+    """Rows and columns stand as ours, but the middle of Mitsuba's map looks along another axis."""
+    turned = mi.ScalarTransform4f().rotate([0, 1, 0], SKY_TURN)
+    return {"type": "envmap", "filename": path, "to_world": turned}
+
+
+def sun(described):
+    """A disc so far away that its light is as good as parallel."""
+    towards = np.array(described["direction"])
+    sine = np.sin(described["angular_radius"])
+    radiance = np.array(described["irradiance"]) / (np.pi * sine**2)
+    centre = towards * SUN_DISTANCE
+    above = [0, 1, 0] if abs(towards[1]) < 0.9 else [1, 0, 0]
+    to_world = mi.ScalarTransform4f().look_at(centre.tolist(), [0, 0, 0], above)
+    to_world = to_world.scale(SUN_DISTANCE * float(np.tan(described["angular_radius"])))
+    emitter = {"type": "area", "radiance": {"type": "rgb", "value": radiance.tolist()}}
+    return {"type": "disk", "to_world": to_world, "emitter": emitter}
 
 
 def make(path, size):
@@ -67,13 +107,21 @@ def make(path, size):
             "fov": float(np.degrees(camera.yfov)),
             "fov_axis": "y",
             "near_clip": 0.001,
-            "far_clip": 1e5,
+            "far_clip": 1e6,
             "to_world": mi.ScalarTransform4f(to_world),
             "film": film,
         },
     }
+    bsdfs = {}
     for index, mesh in enumerate(meshes):
-        description[f"shape_{index}"] = shape(mesh)
+        if mesh.material not in bsdfs:
+            bsdfs[mesh.material] = material(mesh)
+        description[f"shape_{index}"] = shape(mesh, bsdfs[mesh.material])
+    light = scenes.load_light(path)
+    if light.sky:
+        description["sky"] = sky(light.sky)
+    if light.sun:
+        description["sun"] = sun(light.sun)
     scene = mi.load_dict(description)
     path_tracer = {"type": "path", "max_depth": -1}
     plain = mi.load_dict(path_tracer)
@@ -88,13 +136,15 @@ def make(path, size):
         picture = np.array(image)
         return time.perf_counter() - began, picture
 
-    def render(effort, seed):
+    def render(effort, seed, denoised=True):
         seconds, picture = run(plain, effort, seed)
+        if not denoised:
+            return {"mitsuba": (seconds, picture[..., :3])}
         guided_seconds, layers = run(guided, effort, seed + 1_000_000)
         began = time.perf_counter()
         smooth = denoise.denoise(layers[..., :3], layers[..., 3:6], layers[..., 6:9])
-        denoised = guided_seconds + time.perf_counter() - began
-        return {"mitsuba": (seconds, picture[..., :3]), "mitsuba+oidn": (denoised, smooth)}
+        guided_seconds += time.perf_counter() - began
+        return {"mitsuba": (seconds, picture[..., :3]), "mitsuba+oidn": (guided_seconds, smooth)}
 
     return render
 
