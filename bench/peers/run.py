@@ -18,6 +18,7 @@ import truth as truths
 from truth import SIZE
 
 TARGETS = (0.10, 0.05, 0.03, 0.02, 0.01)
+AGREEING = 0.005  # difference of means up to which a peer's converged picture counts as truth too
 
 
 def arguments():
@@ -91,15 +92,21 @@ def judged(truth, name, result, effort, repetition, seconds, picture):
 
 
 def agree(options, name, peers, truth, folder, agreements):
-    """Converged pictures of the peers that are given a scene as it is beside our reference."""
+    """Holds converged pictures of the peers that are given a scene as it is against our reference.
+    Where the means agree they are joined with it, which makes it less noisy and nobody's own."""
+    joined = truth
     for peer in peers if name in compared.WHOLE else []:
         other = truths.converged(peer, name, truth.counted, options.converged_seconds, folder)
         row = {
             "scene": name, "program": peer.name, **truth.beside(other),
             "own_error": other.own_error(), "our_own_error": truth.own_error(),
         }
-        agreements.append(row)
-        print("  ".join(f"{k} {v:.4f}" if isinstance(v, float) else v for k, v in row.items()))
+        if abs(row["mean"] - 1) < AGREEING:
+            joined = joined.joined(other)
+        agreements.append({**row, "joined_own_error": joined.own_error()})
+        shown = agreements[-1].items()
+        print("  ".join(f"{k} {v:.4f}" if isinstance(v, float) else v for k, v in shown), flush=True)
+    return joined
 
 
 def measure(options, name, scene, folder, rows, best, agreements):
@@ -112,7 +119,7 @@ def measure(options, name, scene, folder, rows, best, agreements):
     ]
     peers = [programs.Peer(peer, scene) for peer in peers_on(options, name)]
     try:
-        agree(options, name, peers, truth, folder, agreements)
+        truth = agree(options, name, peers, truth, folder, agreements)
         with tempfile.TemporaryDirectory() as scratch:
             for repetition in range(options.repetitions):
                 plan = {program: efforts(options, program in ours) for program in ours + peers}
@@ -128,8 +135,9 @@ def measure(options, name, scene, folder, rows, best, agreements):
                                 judged(truth, name, result, effort, repetition, seconds, picture)
                             )
                             best[name, result] = (seconds, picture)
-                        # The next effort is four times this one.
-                        if program in peers and 4 * max(s for s, _ in results.values()) > options.seconds:
+                        # The next effort is four times this one; what denoising takes stays.
+                        least = min(seconds for seconds, _ in results.values())
+                        if program in peers and 4 * least > options.seconds:
                             done.add(program)
     finally:
         for peer in peers:

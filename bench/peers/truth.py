@@ -60,6 +60,13 @@ class Reference:
     def picture(self):
         return (self.halves[0] + self.halves[1]) / 2
 
+    def joined(self, other):
+        """One reference of both, each half the mean of a half of either, by their precision."""
+        ours, theirs = (1 / max(x.own_error() * x.mean, 1e-12) ** 2 for x in (self, other))
+        pairs = zip(self.halves, other.halves)
+        halves = [(ours * a + theirs * b) / (ours + theirs) for a, b in pairs]
+        return Reference(halves, self.counted)
+
     def beside(self, other):
         """How another program's converged picture lies to ours: ratios of the means, and the root
         mean square difference of blocks over our mean, free of the noise of both."""
@@ -117,14 +124,24 @@ def near(mask):
     return grown
 
 
-def hidden(options, scene, folder):
-    """Pixels that see the sky, if only in part."""
-    path = os.path.join(folder, "alpha.exr")
+def helper(options, scene, path, light, *more):
+    """A second of our path tracer, for a mask."""
     command = [options.hemilux, "render", scene, "--method", "ray-traced", "-o", path]
-    command += ["--size", f"{SIZE}x{SIZE}", "--seconds", "1", "--background", "transparent"]
-    command += [*scenes.load_light(scene).options(), "--device", "cpu"]
-    subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
-    return near(programs.read_exr(path, "A") < 0.9999)
+    command += ["--size", f"{SIZE}x{SIZE}", "--seconds", "1", "--device", "cpu"]
+    subprocess.run([*command, *light.options(), *more], check=True, stderr=subprocess.DEVNULL)
+
+
+def hidden(options, scene, folder):
+    """Pixels that see the sky, if only in part, or that the sun itself shines on: a patch of sun in
+    a room is hundreds of times as bright as the rest, and its outline would be all of the error."""
+    path, light = os.path.join(folder, "mask.exr"), scenes.load_light(scene)
+    helper(options, scene, path, light, "--background", "transparent")
+    outside = near(programs.read_exr(path, "A") < 0.9999)
+    if light.sun:
+        sun = scenes.Light(None, light.sun)
+        helper(options, scene, path, sun, "--sky", "none", "--set", "ray_depth=1")
+        outside |= near(near(programs.read_exr(path).max(axis=-1) > 0))
+    return outside
 
 
 def shining(halves, scene):
