@@ -101,7 +101,7 @@ def agree(options, name, peers, truth, folder, agreements):
             "scene": name, "program": peer.name, **truth.beside(other),
             "own_error": other.own_error(), "our_own_error": truth.own_error(),
         }
-        if abs(row["mean"] - 1) < AGREEING:
+        if truth.agrees(other, AGREEING):
             joined = joined.joined(other)
         agreements.append({**row, "joined_own_error": joined.own_error()})
         shown = agreements[-1].items()

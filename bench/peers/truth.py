@@ -67,6 +67,11 @@ class Reference:
         halves = [(ours * a + theirs * b) / (ours + theirs) for a, b in pairs]
         return Reference(halves, self.counted)
 
+    def agrees(self, other, share):
+        """Whether the means differ by less than a share and three deviations of their noise."""
+        noise = math.hypot(self.own_error(), other.own_error()) / math.sqrt(self.counted.sum())
+        return abs(other.mean / self.mean - 1) < share + 3 * noise
+
     def beside(self, other):
         """How another program's converged picture lies to ours: ratios of the means, and the root
         mean square difference of blocks over our mean, free of the noise of both."""
