@@ -4,7 +4,8 @@ Every peer loads a scene once, renders it once to warm up (kernels, hierarchies)
 
     {"effort": samples a pixel, "seed": …, "out": path without ending}
 
-with seconds by result name; each result is a picture PATH-NAME.npy, rows × columns × 3, linear.
+(with "denoised": false for the plain picture alone, where the peer knows that), with seconds by
+result name; each result is a picture PATH-NAME.npy, rows × columns × 3, linear.
 """
 
 import json
@@ -29,9 +30,10 @@ def serve(make):
     print(json.dumps({"ready": time.perf_counter() - began}), file=answers, flush=True)
     for line in sys.stdin:
         asked = json.loads(line)
-        results = render(asked["effort"], asked["seed"])
+        out = asked.pop("out")
+        results = render(**asked)
         seconds = {}
         for name, (spent, picture) in results.items():
             seconds[name] = spent
-            np.save(f"{asked['out']}-{name}.npy", np.asarray(picture, np.float32))
+            np.save(f"{out}-{name}.npy", np.asarray(picture, np.float32))
         print(json.dumps({"seconds": seconds}), file=answers, flush=True)

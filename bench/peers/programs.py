@@ -8,6 +8,8 @@ import time
 
 import numpy as np
 
+import scene as scenes
+
 HERE = os.path.dirname(os.path.abspath(__file__))
 
 
@@ -26,9 +28,9 @@ class Peer:
             raise RuntimeError(f"{name} could not load {scene}: run peer_{name}.py by hand")
         self.start_up = time.perf_counter() - began
 
-    def render(self, effort, seed, out):
+    def render(self, effort, seed, out, **options):
         """Seconds and picture by result name."""
-        request = {"effort": effort, "seed": seed, "out": out}
+        request = {"effort": effort, "seed": seed, "out": out, **options}
         self.process.stdin.write(json.dumps(request) + "\n")
         self.process.stdin.flush()
         answer = self.process.stdout.readline()
@@ -51,7 +53,7 @@ class Hemilux:
         method, *own = method.split(",")
         settings = [*settings, *own]
         self.command = [binary, "render", scene, "--method", method, "--device", "cpu"]
-        self.command += ["--size", f"{size}x{size}"]
+        self.command += ["--size", f"{size}x{size}", *scenes.load_light(scene).options()]
         for setting in settings:
             self.command += ["--set", setting]
 
@@ -70,14 +72,16 @@ class Hemilux:
         return {f"hemilux {self.name}": (stats["seconds_solve"], picture)}
 
 
-def read_exr(path):
-    """Rows × columns × 3."""
+def read_exr(path, wanted="RGB"):
+    """Rows × columns × 3, or rows × columns of the one channel that is wanted."""
     import OpenEXR
 
     with OpenEXR.File(path) as opened:
         channels = opened.channels()
-        if "RGB" in channels or "RGBA" in channels:
-            pixels = channels["RGB" if "RGB" in channels else "RGBA"].pixels[..., :3]
+        packed = next((name for name in ("RGB", "RGBA") if name in channels), None)
+        if packed:
+            pixels = channels[packed].pixels
+            planes = [pixels[..., packed.index(name)] for name in wanted]
         else:
-            pixels = np.stack([channels[name].pixels for name in "RGB"], axis=-1)
-        return np.array(pixels, np.float64)
+            planes = [channels[name].pixels for name in wanted]
+    return np.array(planes[0] if len(wanted) == 1 else np.stack(planes, axis=-1), np.float64)

@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 matplotlib.rcParams.update({"svg.hashsalt": "hemilux", "font.family": "DejaVu Sans"})
 
 
-def curves(rows):
+def curves(rows, measure="error"):
     """(scene, program) → efforts as (median seconds, median, least and largest error)."""
     groups = {}
     for row in rows:
@@ -22,7 +22,7 @@ def curves(rows):
     for key, levels in groups.items():
         points = []
         for runs in levels.values():
-            errors = [abs(run["error"]) for run in runs]
+            errors = [abs(run[measure]) for run in runs]
             seconds = float(np.median([run["seconds"] for run in runs]))
             points.append((seconds, float(np.median(errors)), min(errors), max(errors)))
         result[key] = sorted(points)
@@ -43,11 +43,11 @@ def seconds_to(points, target):
     return None
 
 
-def times(rows, targets):
+def times(rows, targets, measure="error"):
     """Seconds to every target, by scene and program."""
     result = []
-    for (scene, program), points in curves(rows).items():
-        row = {"scene": scene, "program": program}
+    for (scene, program), points in curves(rows, measure).items():
+        row = {"scene": scene, "program": program, "measure": measure}
         for target in targets:
             row[f"{target:.0%}"] = seconds_to(points, target)
         row["least error"] = min(error for _, error, *_ in points)
@@ -121,6 +121,11 @@ def encode(picture, exposure):
     return (255 * encoded + 0.5).astype(np.uint8)
 
 
+def exposure(truth):
+    """At which a scene's pictures are shown."""
+    return 0.9 / np.percentile(truth.picture()[truth.counted], 98)
+
+
 def difference(picture, truth):
     """|x − ref| over the mean of the reference, black 0 to white 20 %."""
     relative = np.abs(picture - truth.picture()).mean(axis=-1) / truth.mean
@@ -134,15 +139,14 @@ def sheet(best, truths, out):
     for scene, truth in truths.items():
         pictures = {p: found for (s, p), found in best.items() if s == scene}
         height, width = truth.picture().shape[:2]
-        bright = np.percentile(truth.picture()[truth.counted], 98)
-        exposure = 0.9 / bright
+        shown_at = exposure(truth)
         page = Image.new("RGB", (width * (len(pictures) + 1), 2 * height + 24), "white")
         draw = ImageDraw.Draw(page)
         columns = [("reference", truth.picture(), None)]
         columns += [(f"{p}, {s:.1f} s", picture, True) for p, (s, picture) in pictures.items()]
         for column, (title, picture, compared) in enumerate(columns):
             draw.text((column * width + 8, 6), title, fill="black")
-            page.paste(Image.fromarray(encode(picture, exposure)), (column * width, 24))
+            page.paste(Image.fromarray(encode(picture, shown_at)), (column * width, 24))
             if compared:
                 shown = Image.fromarray(difference(picture, truth))
                 page.paste(shown, (column * width, 24 + height))

@@ -1,103 +1,70 @@
 """Hemilux and its peers in turn on the same scenes: error against seconds.
 
 bench/peers/run sets everything up and calls this. Writes into --out: runs.csv (every picture),
-times.csv (seconds to given errors), chart.svg, and a contact sheet of pictures and differences.
+times.csv (seconds to given errors), agreement.csv (converged pictures of peers beside ours),
+chart.svg, and a contact sheet of pictures and differences.
 """
 
 import argparse
 import csv
-import math
 import os
-import subprocess
 import sys
 import tempfile
 
-import numpy as np
-
+import compared
 import programs
 import report
-import scene as scenes
+import truth as truths
+from truth import SIZE
 
-SIZE = 500
-TARGETS = (0.10, 0.05, 0.03, 0.01)
+TARGETS = (0.10, 0.05, 0.03, 0.02, 0.01)
+AGREEING = 0.005  # difference of means up to which a peer's converged picture counts as truth too
 
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--hemilux", default="target/release/hemilux", help="our program")
-    parser.add_argument("--scenes", nargs="+", default=["cornell", "office"])
+    parser.add_argument(
+        "--exporter", default="target/release/hemilux-bench", help="writes our benchmark's scenes"
+    )
+    parser.add_argument(
+        "--scenes", nargs="+", default=list(compared.DIFFUSE),
+        choices=[*compared.DIFFUSE, *compared.WHOLE],
+    )
     parser.add_argument("--peers", nargs="*", default=["mitsuba", "cycles", "luxcore"])
     parser.add_argument(
         "--methods",
         nargs="+",
-        default=["hemilux", "stochastic,preset=paper"],
-        help="methods of ours, each with settings of its own",
+        help="methods of ours, each with settings of its own; the engine, and on diffuse scenes"
+        " the paper's method",
     )
     parser.add_argument("--set", nargs="*", default=[], help="settings of ours, name=value")
     parser.add_argument("--repetitions", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=60.0, help="longest render")
     parser.add_argument("--reference-seconds", type=float, default=900.0, help="each of two halves")
+    parser.add_argument(
+        "--converged-seconds", type=float,
+        help="each of two halves of a peer's own reference; a third of --reference-seconds",
+    )
     parser.add_argument("--reference", help="folder with SCENE-half-a.exr and SCENE-half-b.exr")
     parser.add_argument("--out", default="out/peers")
-    return parser.parse_args()
+    options = parser.parse_args()
+    if options.converged_seconds is None:
+        options.converged_seconds = options.reference_seconds / 3
+    return options
 
 
-class Reference:
-    """Two independent halves; errors are free of the reference's own noise."""
-
-    def __init__(self, halves, counted):
-        self.halves, self.counted = halves, counted
-        self.mean = np.mean([half[counted].mean() for half in halves])
-
-    def error(self, picture):
-        """rRMSE; negative where the estimate of its square is."""
-        a, b = (picture[self.counted] - half[self.counted] for half in self.halves)
-        squared = (a * b).mean() / self.mean**2
-        return math.copysign(math.sqrt(abs(squared)), squared)
-
-    def energy(self, picture):
-        """Mean radiance over the reference's."""
-        return picture[self.counted].mean() / self.mean
-
-    def own_error(self):
-        """rRMSE of the mean of both halves."""
-        difference = self.halves[0][self.counted] - self.halves[1][self.counted]
-        return math.sqrt((difference**2).mean() / 4) / self.mean
-
-    def picture(self):
-        return (self.halves[0] + self.halves[1]) / 2
+def methods_on(options, name):
+    if options.methods:
+        return options.methods
+    return ["hemilux", "stochastic,preset=paper"] if name in compared.DIFFUSE else ["hemilux"]
 
 
-def reference(options, name, scene, folder):
-    """Given halves, or our unbiased path tracer run long, kept for the next time."""
-    halves = []
-    for seed, half in enumerate("ab"):
-        path = os.path.join(folder, f"{name}-half-{half}.exr")
-        given = os.path.join(options.reference or "", f"{name}-half-{half}.exr")
-        if options.reference and os.path.exists(given):
-            path = given
-        elif not os.path.exists(path):
-            print(f"{name}: reference, half {half}", flush=True)
-            command = [options.hemilux, "render", scene, "--method", "ray-traced", "-o", path]
-            command += ["--size", f"{SIZE}x{SIZE}", "--seconds", str(options.reference_seconds)]
-            command += ["--seed", str(900_001 + seed), "--device", "cpu"]
-            subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
-        halves.append(programs.read_exr(path))
-    # What an emitter touches is far brighter than what anything reflects, and alike in both halves.
-    meshes, _ = scenes.load(scene)
-    dimmest = min(mesh.emission.max() for mesh in meshes if mesh.emission.any())
-    bright = ((halves[0] + halves[1]) / 2).max(axis=-1) > 0.02 * dimmest
-    emitter = near(bright & (np.minimum(*halves).max(axis=-1) > 0.9 * dimmest)) & bright
-    return Reference(halves, ~near(emitter))
-
-
-def near(mask):
-    """The mask and its neighbouring pixels."""
-    grown = mask.copy()
-    for axis in (0, 1):
-        for shift in (-1, 1):
-            grown |= np.roll(mask, shift, axis)
-    return grown
+def peers_on(options, name):
+    """Those that are given the scene's materials."""
+    return [
+        peer for peer in options.peers if name in compared.DIFFUSE or peer in compared.KNOWING
+    ]
 
 
 def efforts(options, ours):
@@ -108,16 +75,51 @@ def efforts(options, ours):
     return [4**level for level in range(10)]
 
 
-def measure(options, name, scene, folder, rows, best):
+def judged(truth, name, result, effort, repetition, seconds, picture):
+    """A row of runs.csv, printed too."""
+    row = {
+        "scene": name,
+        "program": result,
+        "effort": effort,
+        "repetition": repetition,
+        "seconds": seconds,
+        **{measure: getattr(truth, measure)(picture) for measure in truths.MEASURES},
+        "energy": truth.energy(picture),
+    }
+    shown = "  ".join(f"{key} {row[key]:.4f}" for key in (*truths.MEASURES, "energy"))
+    print(f"{name} {result:24} {effort:8} {seconds:8.2f} s  {shown}", flush=True)
+    return row
+
+
+def agree(options, name, peers, truth, folder, agreements):
+    """Holds converged pictures of the peers that are given a scene as it is against our reference.
+    Where the means agree they are joined with it, which makes it less noisy and nobody's own."""
+    joined = truth
+    for peer in peers if name in compared.WHOLE else []:
+        other = truths.converged(peer, name, truth.counted, options.converged_seconds, folder)
+        row = {
+            "scene": name, "program": peer.name, **truth.beside(other),
+            "own_error": other.own_error(), "our_own_error": truth.own_error(),
+        }
+        if truth.agrees(other, AGREEING):
+            joined = joined.joined(other)
+        agreements.append({**row, "joined_own_error": joined.own_error()})
+        shown = agreements[-1].items()
+        print("  ".join(f"{k} {v:.4f}" if isinstance(v, float) else v for k, v in shown), flush=True)
+    return joined
+
+
+def measure(options, name, scene, folder, rows, best, agreements):
     """All programs on one scene, in turn within each effort and repetition."""
-    truth = reference(options, name, scene, folder)
+    truth = truths.reference(options, name, scene, folder)
     print(f"{name}: the reference's own error is {truth.own_error():.4f}", flush=True)
     ours = [
         programs.Hemilux(options.hemilux, scene, method, SIZE, options.set)
-        for method in options.methods
+        for method in methods_on(options, name)
     ]
-    peers = [programs.Peer(peer, scene) for peer in options.peers]
+    peers = [programs.Peer(peer, scene) for peer in peers_on(options, name)]
     try:
+        truth = agree(options, name, peers, truth, folder, agreements)
         with tempfile.TemporaryDirectory() as scratch:
             for repetition in range(options.repetitions):
                 plan = {program: efforts(options, program in ours) for program in ours + peers}
@@ -129,24 +131,13 @@ def measure(options, name, scene, folder, rows, best):
                         effort, seed = levels[level], 1 + 100 * repetition + level
                         results = program.render(effort, seed, os.path.join(scratch, "picture"))
                         for result, (seconds, picture) in results.items():
-                            row = {
-                                "scene": name,
-                                "program": result,
-                                "effort": effort,
-                                "repetition": repetition,
-                                "seconds": seconds,
-                                "error": truth.error(picture),
-                                "energy": truth.energy(picture),
-                            }
-                            rows.append(row)
-                            best[name, result] = (seconds, picture)
-                            print(
-                                f"{name} {result:24} {effort:8} {seconds:8.2f} s"
-                                f"  error {row['error']:.4f}  energy {row['energy']:.4f}",
-                                flush=True,
+                            rows.append(
+                                judged(truth, name, result, effort, repetition, seconds, picture)
                             )
-                        # The next effort is four times this one.
-                        if program in peers and 4 * max(s for s, _ in results.values()) > options.seconds:
+                            best[name, result] = (seconds, picture)
+                        # The next effort is four times this one; what denoising takes stays.
+                        least = min(seconds for seconds, _ in results.values())
+                        if program in peers and 4 * least > options.seconds:
                             done.add(program)
     finally:
         for peer in peers:
@@ -156,11 +147,11 @@ def measure(options, name, scene, folder, rows, best):
 
 def start_ups(options, name, scene, folder, rows):
     """Seconds of the whole program: ours with reading the scene, theirs until the first answer."""
-    for method in options.methods:
+    for method in methods_on(options, name):
         program = programs.Hemilux(options.hemilux, scene, method, SIZE, options.set)
         _, _, whole = program.run(["--seconds", "0.1"], os.path.join(folder, "start"))
         rows.append({"scene": name, "program": f"hemilux {method}", "seconds": whole - 0.1})
-    for peer in options.peers:
+    for peer in peers_on(options, name):
         program = programs.Peer(peer, scene)
         rows.append({"scene": name, "program": peer, "seconds": program.start_up})
         program.close()
@@ -180,19 +171,28 @@ def main():
     os.makedirs(options.out, exist_ok=True)
     cache = os.path.join(options.out, "reference")
     os.makedirs(cache, exist_ok=True)
-    rows, best, truths, starts = [], {}, {}, []
+    rows, best, references, starts, agreements = [], {}, {}, [], []
     for name in options.scenes:
-        scene = os.path.join(cache, f"{name}.glb")
-        scenes.diffuse_copy(os.path.join("scenes", f"{name}.glb"), scene)
-        truths[name] = measure(options, name, scene, cache, rows, best)
+        try:
+            scene = compared.prepare(name, cache, options.exporter)
+        except compared.Missing as missing:
+            print(f"{name}: left out: {missing}", flush=True)
+            continue
+        references[name] = measure(options, name, scene, cache, rows, best, agreements)
         start_ups(options, name, scene, cache, starts)
         write(os.path.join(options.out, "runs.csv"), rows)
+        if agreements:
+            write(os.path.join(options.out, "agreement.csv"), agreements)
+    if not rows:
+        return "nothing was measured"
     write(os.path.join(options.out, "start-up.csv"), starts)
-    times = report.times(rows, TARGETS)
+    times = [row for kind in truths.MEASURES for row in report.times(rows, TARGETS, kind)]
     write(os.path.join(options.out, "times.csv"), times)
     report.chart(rows, TARGETS, os.path.join(options.out, "chart.svg"))
-    report.sheet(best, truths, options.out)
-    print(report.table(times, starts, TARGETS))
+    report.sheet(best, references, options.out)
+    for kind in truths.MEASURES:
+        chosen = [row for row in times if row["measure"] == kind]
+        print(f"{kind}:\n\n{report.table(chosen, starts, TARGETS)}")
 
 
 if __name__ == "__main__":

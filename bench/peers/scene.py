@@ -1,13 +1,15 @@
-"""Reads the project's glTF binaries into plain arrays that any renderer can be given.
+"""Reads glTF binaries into plain arrays that any renderer can be given, and the light beside them.
 
-Only what those scenes use: triangles with transforms, base colour (factor and PNG texture),
-emission, perspective cameras. Specular lobes are left out, for the engine too (`diffuse_copy`),
-so that every program gets the same diffuse scene.
+Only what the compared scenes use: triangles with transforms and normals, base colour, roughness and
+metallic (factors and PNG textures), a dielectric's reflectance, emission, perspective cameras. For
+peers that are given Lambert's materials alone, `diffuse_copy` leaves the specular lobes out, for
+the engine too. The light of SCENE.glb that is no surface stands in SCENE.light.json.
 """
 
 import dataclasses
 import io
 import json
+import os
 import struct
 
 import numpy as np
@@ -22,13 +24,24 @@ class Mesh:
     """Triangles of one material in world space."""
 
     name: str
+    material: int  # index in the file
     positions: np.ndarray  # vertices × 3, metres
+    normals: np.ndarray | None  # vertices × 3, unit; None where the triangles are flat
     uvs: np.ndarray | None  # vertices × 2, v downwards as in glTF
     triangles: np.ndarray  # triangles × 3
     color: np.ndarray  # linear reflectance
     texture: np.ndarray | None  # rows × columns × 3, linear
+    roughness: float
+    metallic: float
+    surface: np.ndarray | None  # rows × columns × 3: –, factors of roughness and of metallic
+    f0: np.ndarray  # a dielectric's reflectance, head on
+    f90: float  # and at grazing angles
     emission: np.ndarray  # radiance
     two_sided: bool
+
+    def lambert(self):
+        """Whether the material has no lobe beside Lambert's."""
+        return not (self.metallic or self.f90 or self.f0.any())
 
 
 @dataclasses.dataclass
@@ -37,6 +50,37 @@ class Camera:
 
     to_world: np.ndarray  # 4 × 4
     yfov: float  # radians
+
+
+@dataclasses.dataclass
+class Light:
+    """What shines into a scene from far away."""
+
+    sky: str | None  # path of an equirectangular map, laid out as glTF viewers and Hemilux have it
+    sun: dict | None  # direction (towards it), irradiance (of a plane that faces it), angular_radius
+
+    def options(self):
+        """As Hemilux is told."""
+        result = ["--sky", self.sky] if self.sky else []
+        if self.sun:
+            parts = (",".join(map(repr, self.sun[key])) for key in ("direction", "irradiance"))
+            result += ["--sun=" + ":".join(parts)]
+        return result
+
+
+def light_path(path):
+    return os.path.splitext(path)[0] + ".light.json"
+
+
+def load_light(path):
+    """The light beside a GLB."""
+    if not os.path.exists(light_path(path)):
+        return Light(None, None)
+    with open(light_path(path)) as file:
+        described = json.load(file)
+    sky = described.get("sky")
+    folder = os.path.dirname(path)
+    return Light(sky and os.path.join(folder, sky), described.get("sun"))
 
 
 def split(path):
@@ -71,6 +115,44 @@ def diffuse_copy(path, out):
     join(document, binary, out)
 
 
+def look_at(eye, target):
+    """A camera's place, +Y up."""
+    back = np.subtract(eye, target)
+    back = back / np.linalg.norm(back)
+    right = np.cross([0, 1, 0], back)
+    right = right / np.linalg.norm(right)
+    matrix = np.eye(4)
+    matrix[:3, :4] = np.stack([right, np.cross(back, right), back, eye], axis=1)
+    return matrix
+
+
+def with_camera(path, to_world, yfov, out):
+    """The scene with this camera in place of its own."""
+    document, binary = split(path)
+    for node in document["nodes"]:
+        node.pop("camera", None)
+    document["cameras"] = [{"type": "perspective", "perspective": {"yfov": yfov, "znear": 0.01}}]
+    document["nodes"].append({"camera": 0, "matrix": to_world.T.ravel().tolist()})
+    document["scenes"][document.get("scene", 0)]["nodes"].append(len(document["nodes"]) - 1)
+    join(document, binary, out)
+
+
+def reflectance(material):
+    """F0 and F90 of its dielectric part."""
+    extensions = material.get("extensions", {})
+    ior = extensions.get("KHR_materials_ior", {}).get("ior", 1.5)
+    specular = extensions.get("KHR_materials_specular", {})
+    assert "specularTexture" not in specular and "specularColorTexture" not in specular
+    factor = specular.get("specularFactor", 1.0)
+    color = np.array(specular.get("specularColorFactor", [1, 1, 1]), float)
+    return np.minimum(((ior - 1) / (ior + 1)) ** 2 * color, 1) * factor, factor
+
+
+def linear(encoded):
+    """Of sRGB."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
 def load(path):
     """Meshes and cameras of a GLB."""
     document, binary = split(path)
@@ -85,7 +167,7 @@ def load(path):
         values = np.frombuffer(binary, kind, accessor["count"] * width, start)
         return values.reshape(-1, width) if width > 1 else values
 
-    def texture(reference):
+    def texture(reference, decode):
         if reference is None:
             return None
         assert "texCoord" not in reference or reference["texCoord"] == 0
@@ -94,7 +176,7 @@ def load(path):
         start = view.get("byteOffset", 0)
         picture = Image.open(io.BytesIO(binary[start : start + view["byteLength"]]))
         encoded = np.asarray(picture.convert("RGB"), np.float32) / 255
-        return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+        return decode(encoded)
 
     meshes, cameras = [], []
 
@@ -112,6 +194,7 @@ def load(path):
 
     def mesh(node, primitive, world):
         material = document["materials"][primitive["material"]]
+        assert "normalTexture" not in material and "emissiveTexture" not in material
         surface = material.get("pbrMetallicRoughness", {})
         attributes = primitive["attributes"]
         positions = accessor(attributes["POSITION"]) @ world[:3, :3].T + world[:3, 3]
@@ -121,13 +204,26 @@ def load(path):
         uvs = accessor(attributes["TEXCOORD_0"]) if "TEXCOORD_0" in attributes else None
         strength = material.get("extensions", {}).get("KHR_materials_emissive_strength", {})
         emission = np.array(material.get("emissiveFactor", [0, 0, 0]), float)
+        normals = None
+        if "NORMAL" in attributes:
+            normals = accessor(attributes["NORMAL"]) @ np.linalg.inv(world[:3, :3])
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+            normals = normals.astype(np.float32)
+        f0, f90 = reflectance(material)
         return Mesh(
             name=node.get("name", "mesh"),
+            material=primitive["material"],
             positions=positions.astype(np.float32),
+            normals=normals,
             uvs=uvs,
             triangles=triangles,
             color=np.array(surface.get("baseColorFactor", [1, 1, 1, 1])[:3], float),
-            texture=texture(surface.get("baseColorTexture")),
+            texture=texture(surface.get("baseColorTexture"), linear),
+            roughness=surface.get("roughnessFactor", 1.0),
+            metallic=surface.get("metallicFactor", 1.0),
+            surface=texture(surface.get("metallicRoughnessTexture"), np.asarray),
+            f0=f0,
+            f90=f90,
             emission=emission * strength.get("emissiveStrength", 1.0),
             two_sided=material.get("doubleSided", False),
         )

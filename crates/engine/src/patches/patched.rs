@@ -11,6 +11,7 @@ use crate::radiometry::{Reflectance, Rgb, importance};
 use crate::scene::{Scene, Warning};
 use foldhash::{HashMap, HashMapExt};
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// A scene cut into facets and patches.
@@ -68,6 +69,20 @@ impl Patches {
         self.area.is_empty()
     }
 
+    /// Appends the patches of further facets.
+    fn append(&mut self, mut more: Self) {
+        self.area.append(&mut more.area);
+        self.centroid.append(&mut more.centroid);
+        self.normal.append(&mut more.normal);
+        self.shading_normal.append(&mut more.shading_normal);
+        self.diffuse.append(&mut more.diffuse);
+        self.specular.append(&mut more.specular);
+        self.exponent.append(&mut more.exponent);
+        self.albedo.append(&mut more.albedo);
+        self.emission.append(&mut more.emission);
+        self.facet.append(&mut more.facet);
+    }
+
     /// How the patch reflects.
     pub fn reflectance(&self, patch: usize) -> Reflectance {
         Reflectance {
@@ -100,6 +115,10 @@ impl Patches {
     }
 }
 
+/// Samples of textures in all patches: 64 in each where patches are few enough, never less than 4.
+const MOST_SAMPLES: usize = 4 << 20;
+/// Facets that one thread takes at a time.
+const CHUNK: usize = 512;
 /// Most patches of a scene.
 pub const MAX_PATCHES: usize = 4_000_000;
 
@@ -164,20 +183,21 @@ impl PatchedScene {
             split::split_elongated(&mut positions, &mut facets, cell_area, focus);
             facets.retain(|facet| facet_area(&positions, facet) > 0.0);
         }
-        let mut patches = Patches::default();
-        for (index, facet) in facets.iter_mut().enumerate() {
-            let [a, b, c] = facet.corners.map(|p| positions[p as usize]);
+        let mut count = 0;
+        for facet in &mut facets {
             let area = counted(&positions, facet);
             let wanted = (area / cell_area.max(f32::MIN_POSITIVE)).sqrt().round();
             facet.divisions = wanted.clamp(1.0, 1024.0) as u32;
             let material = &scene.materials[scene.triangle(facet.source).material as usize];
-            facet.front = patches.len() as u32;
-            cut_side(&scene, facet, index as u32, [a, b, c], false, &mut patches);
+            let of_side = facet.divisions * facet.divisions;
+            facet.front = count;
+            count += of_side;
             if material.double_sided && !facet.cull_back {
-                facet.back = patches.len() as u32;
-                cut_side(&scene, facet, index as u32, [a, b, c], true, &mut patches);
+                facet.back = count;
+                count += of_side;
             }
         }
+        let patches = patches_of(&scene, &positions, &facets, count as usize);
         if facets.is_empty() {
             warnings.push(Warning::new("scene", "there is no surface to be seen"));
         }
@@ -249,24 +269,42 @@ fn weld(scene: &Scene) -> (Vec<Vec3>, Vec<Facet>) {
     (positions, facets)
 }
 
-/// Appends the patches of one side of a facet.
+/// The patches of all facets, of which there are so many.
+fn patches_of(scene: &Scene, positions: &[Vec3], facets: &[Facet], count: usize) -> Patches {
+    let samples = (MOST_SAMPLES / count.max(1)) as f32;
+    let sub_side = (samples.sqrt() as u32).clamp(2, 8);
+    let of_chunk = |(chunk, facets): (usize, &[Facet])| {
+        let mut patches = Patches::default();
+        for (index, facet) in (CHUNK * chunk..).zip(facets) {
+            let sides = [(facet.front, false), (facet.back, true)];
+            for (_, back) in sides.into_iter().filter(|(first, _)| *first != NO_PATCH) {
+                cut_side((scene, positions), (index as u32, facet, back), sub_side, &mut patches);
+            }
+        }
+        patches
+    };
+    let all: Vec<Patches> = facets.par_chunks(CHUNK).enumerate().map(of_chunk).collect();
+    let mut patches = Patches::default();
+    all.into_iter().for_each(|chunk| patches.append(chunk));
+    patches
+}
+
+/// Appends the patches of one side of a facet, which has that number; colours that vary are sampled in
+/// so many sub-cells along a patch's side.
 fn cut_side(
-    scene: &Scene,
-    facet: &Facet,
-    index: u32,
-    corners: [Vec3; 3],
-    back: bool,
+    (scene, positions): (&Scene, &[Vec3]),
+    (index, facet, back): (u32, &Facet, bool),
+    sub_side: u32,
     patches: &mut Patches,
 ) {
     let triangle = &scene.triangle(facet.source);
-    let [a, b, c] = corners;
+    let [a, b, c] = facet.corners.map(|p| positions[p as usize]);
     let geometric = (b - a).cross(c - a);
     let side = if back { -1.0 } else { 1.0 };
     let normal = geometric.normalize() * side;
     let area = 0.5 * geometric.length() / (facet.divisions * facet.divisions) as f32;
     let varies = colour_varies(scene, triangle);
-    // Means over sub-cells where colour varies; 64 samples a patch.
-    let sub_cells: Vec<[Vec2; 3]> = cells(if varies { 8 } else { 1 }).collect();
+    let sub_cells: Vec<[Vec2; 3]> = cells(if varies { sub_side } else { 1 }).collect();
     let exponent = exponent_of(scene, triangle);
     for (cell, [pa, pb, pc]) in cells(facet.divisions).enumerate() {
         let points = sub_cells.iter().enumerate().map(|(number, sub_cell)| {
