@@ -123,12 +123,12 @@ const CHUNK: usize = 512;
 pub const MAX_PATCHES: usize = 4_000_000;
 
 impl PatchedScene {
-    /// Bytes that positions, facets and patches take, about.
+    /// Bytes that positions, facets and patches take.
     pub fn held_bytes(&self) -> u64 {
-        // The fields of a patch.
-        const PER_PATCH: usize = 112;
+        // Area, exponent, facet; centroid and normals; albedos and emission.
+        const PER_PATCH: usize = 3 * 4 + 3 * size_of::<Vec3>() + 4 * size_of::<Rgb>();
         let lists = size_of_val(&*self.positions) + size_of_val(&*self.facets);
-        (lists + self.patches.len() * PER_PATCH) as u64
+        (lists + self.patches.len() * PER_PATCH) as u64 + self.pieces.held_bytes()
     }
 
     /// Cuts `scene` into about `target` patches of about equal area, at least one a triangle side.

@@ -58,6 +58,13 @@ impl PieceIndex {
         Self { start, grid_of, grids }
     }
 
+    /// Bytes that it takes.
+    pub fn held_bytes(&self) -> u64 {
+        let of_grid = |grid: &Grid| size_of_val(&*grid.start) + size_of_val(&*grid.facets);
+        let grids = self.grids.iter().map(of_grid).sum::<usize>();
+        (grids + size_of_val(&*self.start) + size_of_val(&*self.grid_of)) as u64
+    }
+
     /// The facet, and the barycentric coordinates in it, of barycentric (u, v) of a triangle: the first
     /// one that it lies in, or by rounding the nearest one; `None` of triangles that were left out.
     pub fn place(

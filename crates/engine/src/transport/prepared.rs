@@ -1,8 +1,8 @@
 //! What is made of a scene before its light is solved, kept for the next job on the same scene.
 //!
-//! Of a large scene that takes longer than the first picture's light: the hierarchy for rays, the cut
-//! into patches, and where the file has no camera the search for one. None of it depends on the seed or
-//! on the light around the scene, so another job finds the same, to the bit.
+//! Of a large scene it takes a good part of the time to the first picture: the hierarchy for rays, the
+//! cut into patches, and where the file has no camera the search for one. None of it depends on the
+//! seed or on the light around the scene, so another job finds the same, to the bit.
 
 use crate::patches::{Cut, Focus};
 use crate::render::{CameraChoice, RenderError, RenderRequest};
