@@ -1,6 +1,6 @@
 //! Light transport: a scene becomes a picture.
 //!
-//! The modules follow the light: [`radiometry`] names the quantities, [`scene`] says what is
+//! The modules follow the light: [`radiometry`] names the quantities, `angles` measures, [`scene`] says what is
 //! there, [`rays`] says what a ray meets, [`sampling`] draws directions and points, `surface` says
 //! what a point reflects and lets through, [`patches`] cuts the scene into finite elements,
 //! `emitters` asks what shines, `filter` lets neighbours say together what one says badly,
@@ -14,6 +14,7 @@
 
 #![cfg_attr(not(test), warn(clippy::too_many_lines))]
 
+mod angles;
 pub mod radiometry;
 pub mod random;
 pub mod scene;

@@ -2,6 +2,7 @@
 //! (Lambert 1760), and points of it sampled by area or by solid angle.
 
 use super::light_tree::LightBounds;
+use crate::angles::{angle_of, angles_of};
 use crate::radiometry::{Rgb, importance};
 use crate::rays::Spot;
 use glam::{Vec3, Vec4};
@@ -179,7 +180,7 @@ impl PolygonLight {
             let cross = a.cross(b - a);
             let sine = cross.length();
             if sine > 0.0 {
-                let angle = angle_of(Vec4::splat(sine), Vec4::splat(a.dot(b))).x;
+                let angle = angle_of(sine, a.dot(b));
                 sum += angle * cross.dot(normal) / sine;
             }
         }
@@ -330,33 +331,10 @@ impl Edges {
         let sine = Vec4::from_array(square.to_array().map(f32::sqrt));
         let cosine = a.dot(a) + a.dot(&self.edges);
         let along = cross.dot(&Vec3x4::splat(normal)) / sine;
-        let each = angle_of(sine, cosine) * along;
+        let each = angles_of(sine, cosine) * along;
         let each = Vec4::select(sine.cmpgt(Vec4::ZERO), each, Vec4::ZERO);
         0.5 * each.element_sum().abs()
     }
-}
-
-/// atan2(sine, cosine) for sine ≥ 0, to 10⁻⁶ (Abramowitz and Stegun 4.4.49 for the inner range).
-#[inline]
-fn angle_of(sine: Vec4, cosine: Vec4) -> Vec4 {
-    const SERIES: [f32; 7] = [
-        -0.016_165_737,
-        0.042_909_614,
-        -0.075_289_64,
-        0.106_562_64,
-        -0.142_089,
-        0.199_935_51,
-        -0.333_331_45,
-    ];
-    let (low, high) = (sine.min(cosine.abs()), sine.max(cosine.abs()));
-    let x = low / high;
-    let s = x * x;
-    let series = SERIES.iter().fold(Vec4::splat(0.002_866_225_7), |sum, c| sum * s + *c);
-    let inner = x + x * s * series;
-    let outer = Vec4::splat(std::f32::consts::FRAC_PI_2) - inner;
-    let first = Vec4::select(sine.cmpgt(cosine.abs()), outer, inner);
-    let obtuse = cosine.cmplt(Vec4::ZERO);
-    Vec4::select(obtuse, Vec4::splat(std::f32::consts::PI) - first, first)
 }
 
 #[cfg(test)]
@@ -418,15 +396,6 @@ mod tests {
                 let exact = f64::from(light.projected(point, normal));
                 assert!((mean / exact - 1.0).abs() < 2e-3, "{point}: {mean} {exact}");
             }
-        }
-    }
-
-    #[test]
-    fn angles_are_those_of_atan2() {
-        for step in 0..=1000 {
-            let at = step as f32 / 1000.0 * std::f32::consts::PI;
-            let found = angle_of(Vec4::splat(at.sin().max(0.0)), Vec4::splat(at.cos())).x;
-            assert!((found - at).abs() < 3e-6, "{at}");
         }
     }
 }

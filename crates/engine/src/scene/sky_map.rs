@@ -6,6 +6,7 @@
 //! half a row. Between the centres of texels radiance is bilinear, wrapped in u.
 
 use super::SceneError;
+use crate::angles::angle_of;
 use crate::radiometry::Rgb;
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, TAU};
@@ -97,13 +98,19 @@ impl SkyMap {
 
     /// Radiance at (u, v), both of [0, 1]; u may lie outside.
     pub fn at(&self, [u, v]: [f32; 2]) -> Rgb {
-        let (x, y) = (u * self.width as f32 - 0.5, v * (self.height - 1) as f32);
-        let (left, top) = (x.floor(), y.floor());
-        let (fx, fy) = (x - left, y - top);
-        let columns = [left as i64, left as i64 + 1].map(|x| x.rem_euclid(self.width.into()));
-        let rows = [top as i64, top as i64 + 1].map(|y| y.clamp(0, i64::from(self.height) - 1));
-        let row = |y: i64| {
-            let [a, b] = columns.map(|x| self.texels[(y * i64::from(self.width) + x) as usize]);
+        let (width, height) = (self.width as usize, self.height as usize);
+        // Numbered from the last column, so that nothing is below zero, which truncation rounds up.
+        let u = if (0.0..=1.0).contains(&u) { u } else { u.rem_euclid(1.0) };
+        let (x, y) = (u * width as f32 + 0.5, (v * (height - 1) as f32).max(0.0));
+        let (right, top) = (x as usize, y as usize);
+        let (fx, fy) = (x - right as f32, y - top as f32);
+        let columns = [
+            if right == 0 { width - 1 } else { (right - 1).min(width - 1) },
+            if right >= width { 0 } else { right },
+        ];
+        let rows = [top, top + 1].map(|y| y.min(height - 1));
+        let row = |y: usize| {
+            let [a, b] = columns.map(|x| self.texels[y * width + x]);
             a.lerp(b, fx)
         };
         row(rows[0]).lerp(row(rows[1]), fy)
@@ -135,7 +142,8 @@ impl SkyMap {
 pub fn coordinates_of(direction: Vec3) -> [f32; 2] {
     let Vec3 { x, y, z } = direction;
     // The angle from straight up by its tangent: exact near both poles, unlike by its cosine.
-    [z.atan2(x) / TAU + 0.5, x.hypot(z).atan2(y) * FRAC_1_PI]
+    let across = (x * x + z * z).sqrt();
+    [angle_of(z, x) / TAU + 0.5, angle_of(across, y) * FRAC_1_PI]
 }
 
 /// The unit direction at (u, v).

@@ -28,6 +28,10 @@ pub type Place = [usize; 2];
 pub struct Cells {
     columns: Axis,
     rows: Axis,
+    /// Azimuth where each column begins and the width of it, rad.
+    azimuths: Vec<[f32; 2]>,
+    /// Of each row.
+    bands: Vec<Band>,
     coarse_columns: Parts,
     coarse_rows: Parts,
     /// Row by row: running sums over the columns of the coarse cell that each is in.
@@ -36,6 +40,27 @@ pub struct Cells {
     of_rows: Vec<f32>,
     /// Coarse cells, row by row: importance of their flux, W/m² facing it.
     pub flux: Vec<f32>,
+}
+
+/// The band of the unit sphere between two circles about the poles.
+#[derive(Clone, Copy)]
+struct Band {
+    /// 1 where the nearer pole is the upper one, −1 where it is the lower one.
+    sign: f32,
+    /// Heights of the caps about the nearer pole down to its top and its bottom, exact however small
+    /// they are.
+    caps: [f32; 2],
+}
+
+impl Band {
+    /// Between those row coordinates.
+    fn new([top, bottom]: [f64; 2]) -> Self {
+        let (sign, ends) = match top + bottom < 1.0 {
+            true => (1.0, [top, bottom]),
+            false => (-1.0, [1.0 - top, 1.0 - bottom]),
+        };
+        Self { sign, caps: ends.map(cap) }
+    }
 }
 
 /// Light of many directions together: column k is ∫ L ω_k dω, so that the product with a normal
@@ -94,6 +119,13 @@ impl Cells {
             in_row: flux.concat(),
             of_rows: vec![0.0; COLUMNS * rows.cells],
             flux: vec![0.0; COLUMNS * ROWS],
+            azimuths: (0..columns.cells)
+                .map(|column| columns.edges(column))
+                .map(|[left, right]| {
+                    [(left - 0.5), right - left].map(|x| (f64::consts::TAU * x) as f32)
+                })
+                .collect(),
+            bands: (0..rows.cells).map(|row| Band::new(rows.edges(row))).collect(),
             columns,
             rows,
         };
@@ -168,14 +200,9 @@ impl Cells {
     /// The direction at (x, y), both in [0, 1], of a fine cell; uniform in solid angle for uniform x
     /// and y.
     fn direction(&self, [column, row]: Place, [x, y]: [f32; 2]) -> Vec3 {
-        let [left, right] = self.columns.edges(column).map(|u| u as f32);
-        let azimuth = (left + (right - left) * x - 0.5) * TAU;
-        let [top, bottom] = self.rows.edges(row);
-        // The height of the cap about the nearer pole, exact however small it is.
-        let (sign, [a, b]) = match top + bottom < 1.0 {
-            true => (1.0, [top, bottom].map(cap)),
-            false => (-1.0, [1.0 - top, 1.0 - bottom].map(cap)),
-        };
+        let [left, width] = self.azimuths[column];
+        let azimuth = left + width * x;
+        let Band { sign, caps: [a, b] } = self.bands[row];
         let height = a + (b - a) * y;
         let radius = (height * (2.0 - height)).max(0.0).sqrt();
         let (sin, cos) = azimuth.sin_cos();
@@ -184,9 +211,8 @@ impl Cells {
 
     /// Solid angle of a fine cell, sr.
     pub fn solid_angle(&self, [column, row]: Place) -> f32 {
-        let [left, right] = self.columns.edges(column);
-        let [top, bottom] = self.rows.edges(row).map(|v| (f64::consts::PI * v).cos());
-        (f64::consts::TAU * (right - left) * (top - bottom)) as f32
+        let Band { caps: [a, b], .. } = self.bands[row];
+        self.azimuths[column][1] * (b - a).abs()
     }
 
     /// Edges of a range of parts of the fine cells: (u, v) of its first corner and of its last.
