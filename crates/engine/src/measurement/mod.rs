@@ -3,6 +3,7 @@
 //! textures.
 
 mod camera;
+mod pattern;
 mod pixel_box;
 pub mod reconstruction;
 mod shading;
@@ -16,6 +17,7 @@ use crate::raster::{Target, fill};
 use crate::scene::{Background, Camera, Environment, Projection};
 pub use camera::{Frame, View, ViewTriangle};
 use glam::Vec2;
+pub use pattern::{nth_of_pattern, sample_pattern};
 pub use pixel_box::{BoxOffset, PixelBox};
 use rayon::prelude::*;
 use reconstruction::{Reconstruction, Smoothness};
@@ -190,14 +192,4 @@ impl Measurement {
             each(*offset, &items);
         }
     }
-}
-
-/// `count` well-spread points in [−½, ½)²: the additive recurrence by the plastic number (Roberts
-/// 2018, the sequence R2).
-pub fn sample_pattern(count: u32) -> Vec<Vec2> {
-    if count == 1 {
-        return vec![Vec2::ZERO];
-    }
-    let step = Vec2::new(0.754_877_7, 0.569_840_3);
-    (0..count).map(|i| (step * (i as f32 + 0.5) + 0.5).fract() - 0.5).collect()
 }

@@ -8,7 +8,7 @@ pub mod edges;
 use super::instance_pixels::InstancePixels;
 use super::places::FragmentPlaces;
 use crate::hemicube::item;
-use crate::measurement::{Frame, View};
+use crate::measurement::{Frame, View, nth_of_pattern, sample_pattern};
 use crate::patches::{Cut, FacetIndex, FacetPlace};
 use crate::radiometry::{Rgb, importance};
 use crate::raster::PixelPlane;
@@ -217,7 +217,7 @@ impl VisibleSurfaces {
         };
         let place = |facet| placing.place(&cut, FacetIndex(facet));
         let placed = (0..facets).into_par_iter().with_min_len(1024).map(place).collect();
-        let samples = crate::measurement::sample_pattern(samples.clamp(1, MOST_SAMPLES));
+        let samples = sample_pattern(samples.clamp(1, MOST_SAMPLES));
         let mut visible = Self {
             width,
             height,
@@ -272,14 +272,18 @@ impl VisibleSurfaces {
         visible
     }
 
-    /// A surface point of a fragment, off the surface by the rounding error: that of its n-th sample,
-    /// or near it where all had their turn.
+    /// A surface point of a fragment, off the surface by the rounding error: that of its n-th sample;
+    /// where all had their turn one near it or, where it takes the whole pixel, between all of them.
     pub fn sample_point(&self, fragment: &Fragment, n: u32) -> Vec3 {
         let Some((facet, back)) = item::decode(fragment.code) else { return fragment.point };
         let placed = self.placed(facet);
+        let count = fragment.in_plane.count_ones().max(1);
         let mut offset = self.sample(fragment.in_plane, n);
-        let round = n / fragment.in_plane.count_ones().max(1);
-        if round > 0 {
+        let round = n / count;
+        if round > 0 && count as usize == self.samples.len() {
+            // A shadow's edge needs places that are ever closer to each other.
+            offset = nth_of_pattern(self.samples[0], n);
+        } else if round > 0 {
             // A shadow's edge may be finer than the samples' squares. But not beyond the facet,
             // where a wall may stand.
             let beside = self.beside(offset, round);
