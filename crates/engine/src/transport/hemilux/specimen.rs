@@ -6,6 +6,7 @@ use crate::emitters::DirectLights;
 use crate::patches::Cut;
 use crate::radiometry::Rgb;
 use crate::sampling::Seed;
+use crate::scene::Environment;
 use crate::scene::gltf::{ImportLimits, Resources, import};
 use crate::scene::made;
 use crate::surface::World;
@@ -28,9 +29,14 @@ pub struct Specimen {
 impl Specimen {
     /// Of a file, with about so many patches, whose light has been solved for once.
     pub fn new(glb: &[u8], patches: usize) -> Self {
+        Self::surrounded(glb, Environment::none(), patches)
+    }
+
+    /// The same in its surroundings.
+    pub fn surrounded(glb: &[u8], environment: Environment, patches: usize) -> Self {
         let scene = import(glb, &Resources::new(), &ImportLimits::default()).expect("valid");
         let scene = Arc::new(scene);
-        let world = Arc::new(World::new(scene.clone()));
+        let world = Arc::new(World::surrounded(scene.clone(), Arc::new(environment)));
         let lights = DirectLights::new(&world).expect("something shines");
         let lights = Arc::new(lights);
         let cut = Arc::new(Cut::new(scene, patches, None));

@@ -3,19 +3,24 @@
 
 use super::elements::{ElementIndex, Elements};
 use super::links::Links;
+use super::mesh::CoarseMesh;
 use crate::emitters::{LightBounds, LightTree};
-use crate::patches::{Cut, PatchIndex};
+use crate::patches::PatchIndex;
 use crate::radiometry::Rgb;
 use crate::surface::World;
 use crate::transport::patch_points::PatchPoints;
 use glam::Vec3;
+use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// An element is bright if its radiosity is over so many times the mean.
+/// An element is bright if its radiosity is over so many times the mean that others see.
 const BRIGHT_FACTOR: f32 = 8.0;
-/// Share of all reflected power that others must receive from bright elements for aiming to be
-/// worth its cost; the Cornell box has 3 % (docs/decisions/0013).
+/// Share of all power that elements receive of each other that must come from bright ones for aiming
+/// to be worth its cost; the Cornell box has 3 % (docs/decisions/0013).
 const LEAST_BRIGHT_SHARE: f32 = 0.06;
+/// What an element that shares a corner with a bright one is taken to reflect, of what that does: part
+/// of it may lie in the same patch of sun.
+const EDGE_SHARE: f32 = 0.25;
 /// Least distance, in sides of a bright element, of another one that counts as lit by it: nearer
 /// ones meet it by many rays anyway.
 const LEAST_DISTANCE: f32 = 3.0;
@@ -42,14 +47,9 @@ pub struct Aim {
 impl Guide {
     /// Bright patches by the elements' radiosities, a number each; `None` where aiming does not
     /// pay.
-    pub fn new(
-        world: &World,
-        cut: &Cut,
-        elements: &Elements,
-        links: &Links,
-        radiosity: &[f32],
-    ) -> Option<Self> {
-        let bright = aiming_targets(world, cut, elements, links, radiosity)?;
+    pub fn new(world: &World, mesh: &CoarseMesh, links: &Links, radiosity: &[f32]) -> Option<Self> {
+        let CoarseMesh { cut, elements, .. } = mesh;
+        let bright = aiming_targets(world, mesh, links, radiosity)?;
         let (mut patches, mut powers) = (Vec::new(), Vec::new());
         for (element, power) in bright {
             for patch in elements.members(element) {
@@ -104,37 +104,67 @@ impl Guide {
 /// those receive of it; `None` where that is too little altogether.
 fn aiming_targets(
     world: &World,
-    cut: &Cut,
-    elements: &Elements,
+    mesh: &CoarseMesh,
     links: &Links,
     radiosity: &[f32],
 ) -> Option<Vec<(ElementIndex, f32)>> {
-    let area = &elements.counted;
-    let all: f32 = area.iter().sum();
-    let power: f32 = area.iter().zip(radiosity).map(|(area, own)| area * own).sum();
-    let limit = BRIGHT_FACTOR * power / all;
+    let CoarseMesh { cut, elements, .. } = mesh;
+    let Seen { power, area: seen } = Seen::by_links(elements, links, radiosity);
+    let limit = BRIGHT_FACTOR * power / seen.max(f32::MIN_POSITIVE);
+    if !radiosity.iter().any(|own| *own > limit) {
+        return None;
+    }
+    // Beside a bright element, part of another may be as bright, and none of its few points say so.
+    let around = mesh.ranges_around(radiosity).into_iter();
+    let taken: Vec<f32> =
+        radiosity.iter().zip(around).map(|(own, [_, most])| own.max(EDGE_SHARE * most)).collect();
+    let is_bright = |element: ElementIndex| taken[element.at()] > limit;
+    let received = received(world, mesh, links, |link| {
+        taken.get(link.at()).copied().filter(|own| *own > limit)
+    });
     // Clusters of an instance are no one place to aim at.
     let is_listed = |element: &ElementIndex| {
         !elements.members(*element).iter().any(|patch| cut.is_cluster(*patch))
     };
-    let mut bright: Vec<ElementIndex> = elements
-        .all()
-        .filter(|element| radiosity[element.at()] > limit && is_listed(element))
-        .collect();
-    let own = |element: &ElementIndex| area[element.at()] * radiosity[element.at()];
-    if bright.iter().map(own).sum::<f32>() <= LEAST_BRIGHT_SHARE * power {
-        return None;
+    let useful = |element: ElementIndex| {
+        let own = elements.counted[element.at()] * taken[element.at()];
+        (element, received[element.at()].min(own))
+    };
+    let bright = elements.all().filter(|element| is_bright(*element) && is_listed(element));
+    let bright: Vec<(ElementIndex, f32)> =
+        bright.map(useful).filter(|(_, useful)| *useful > 0.0).collect();
+    let theirs: f32 = bright.iter().map(|(_, useful)| useful).sum();
+    (theirs > LEAST_BRIGHT_SHARE * power).then_some(bright)
+}
+
+/// What elements see of each other. What only the sky and the sun see, as the outer walls of a house,
+/// counts for nothing in it.
+struct Seen {
+    /// Power that they receive.
+    power: f32,
+    /// Their areas, each by the share of its rays that meet something.
+    area: f32,
+}
+
+impl Seen {
+    fn by_links(elements: &Elements, links: &Links, radiosity: &[f32]) -> Self {
+        let of = |index: usize| {
+            let (element, area) = (ElementIndex(index as u32), elements.counted[index]);
+            let (mut sum, mut met, mut count) = (0.0f32, 0.0f32, 0.0f32);
+            for link in links.of(element) {
+                count += 1.0;
+                if let Some(own) = radiosity.get(link.at()) {
+                    (sum, met) = (sum + own, met + 1.0);
+                }
+            }
+            let each = if elements.albedo[index] == Rgb::ZERO { 0.0 } else { area };
+            [sum, met].map(|sum| f64::from(each * sum / count.max(1.0)))
+        };
+        let each: Vec<[f64; 2]> = (0..elements.counted.len()).into_par_iter().map(of).collect();
+        // One after the other: sums in parallel would depend on the number of threads.
+        let all = each.iter().fold([0.0; 2], |all, one| [all[0] + one[0], all[1] + one[1]]);
+        Self { power: all[0] as f32, area: all[1] as f32 }
     }
-    let received = received(world, cut, elements, links, |link| {
-        radiosity.get(link.at()).copied().filter(|own| *own > limit)
-    });
-    bright.retain(|element| received[element.at()] > 0.0);
-    let useful = |element: &ElementIndex| received[element.at()].min(own(element));
-    let theirs: f32 = bright.iter().map(useful).sum();
-    if theirs.is_nan() || theirs <= LEAST_BRIGHT_SHARE * power {
-        return None;
-    }
-    Some(bright.iter().map(|element| (*element, useful(element))).collect())
 }
 
 /// Power that others receive of each element by the links, without those near it: what is near, as
@@ -142,11 +172,11 @@ fn aiming_targets(
 /// radiosity of an element that counts.
 fn received(
     world: &World,
-    cut: &Cut,
-    elements: &Elements,
+    mesh: &CoarseMesh,
     links: &Links,
     bright: impl Fn(ElementIndex) -> Option<f32>,
 ) -> Vec<f32> {
+    let CoarseMesh { cut, elements, .. } = mesh;
     let area = &elements.area;
     let mut received = vec![0.0; area.len()];
     let middle = |element: ElementIndex| elements.points(world, cut, element, 0.5).ball().0;
@@ -194,7 +224,7 @@ mod tests {
         let all = (0..patches.len() as u32).map(PatchIndex);
         let all = all.map(|patch| patches.area[patch.at()] * radiosity(patch));
         let mean = all.sum::<f32>() / patches.area.iter().sum::<f32>();
-        let (mut aimed, mut met) = (0, 0);
+        let (mut aimed, mut bright, mut met) = (0, 0, 0);
         for patch in (0..patches.len() as u32).step_by(37).map(PatchIndex) {
             let (point, normal) =
                 PatchPoints::in_cut(world, &mesh.cut, patch, 0.0).point([0.4, 0.6]);
@@ -204,7 +234,8 @@ mod tests {
                 aimed += 1;
                 assert!((aim.direction.length() - 1.0).abs() < 1e-4);
                 assert!(normal.dot(aim.direction) > 0.0);
-                assert!(radiosity(aim.patch) > mean, "a dim patch is aimed at");
+                // The others lie beside bright ones.
+                bright += usize::from(radiosity(aim.patch) > mean);
                 let Some(hit) = world.rays.closest(Eye::Light, point, aim.direction) else {
                     continue;
                 };
@@ -217,5 +248,30 @@ mod tests {
             }
         }
         assert!(aimed > 100 && met > 10, "{aimed} aimed, {met} met");
+        assert!(10 * bright > 8 * aimed, "{bright} of {aimed} are aimed at what is bright");
+    }
+
+    /// The outer walls are sunlit all over, but nothing in the house sees them.
+    #[test]
+    fn rays_in_a_house_are_aimed_at_what_the_sun_shines_on_in_it() {
+        let house = made::real::window();
+        let sun = house.environment.sun.as_ref().expect("it shines").direction;
+        let specimen = Specimen::surrounded(&house.glb, house.environment, 4000);
+        let guide = specimen.coarse.guide.as_ref().expect("the patch of sun is bright");
+        let world = &specimen.world;
+        let point = world.rays.place(Vec3::new(0.01, 1.2, 1.5));
+        let (mut aimed, mut lit) = (0, 0);
+        for k in 0..200 {
+            let xi = Vec3::new(0.754_877_7, 0.569_840_3, 0.438_579_4) * k as f32;
+            let Some(aim) = guide.aim(point, Vec3::X, xi.fract()) else { continue };
+            let Some(hit) = world.rays.closest(Eye::Light, point, aim.direction) else { continue };
+            aimed += 1;
+            let spot = world.rays.spot(&hit);
+            let normal = if hit.back { -spot.normal } else { spot.normal };
+            let start = spot.point + normal * 1e-3 * world.rays.scale() as f32;
+            let sunny = normal.dot(sun) > 0.0;
+            lit += usize::from(sunny && world.rays.closest(Eye::Light, start, sun).is_none());
+        }
+        assert!(aimed > 150 && 2 * lit > aimed, "{lit} of {aimed}");
     }
 }

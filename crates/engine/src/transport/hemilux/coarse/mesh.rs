@@ -85,6 +85,33 @@ impl CoarseMesh {
         MeshValues { own, vertices }
     }
 
+    /// Of each element the least and the largest value of those that share a corner with it, by the
+    /// value of each; in a crowd its own.
+    pub fn ranges_around(&self, of_elements: &[f32]) -> Vec<[f32; 2]> {
+        let (Some(reconstruction), Cut::Listed(listed)) = (&self.reconstruction, &*self.cut) else {
+            return of_elements.iter().map(|own| [*own; 2]).collect();
+        };
+        let of_patch = |patch: usize| {
+            self.elements.of(PatchIndex(patch as u32)).map_or(0.0, |own| of_elements[own.at()])
+        };
+        let own: Vec<f32> = (0..self.cut.patches()).map(of_patch).collect();
+        let vertices = reconstruction.ranges_about(&own);
+        let around = |patch: &PatchIndex| {
+            let index = listed.patches.facet[patch.at()] as usize;
+            let (facet, back, [a, b, c]) = listed.cell_of(*patch);
+            let middle = (a + b + c) / 3.0;
+            let corners = reconstruction.corners(index, back, facet, middle.x, middle.y);
+            let corners =
+                corners.into_iter().flatten().map(|(vertex, _)| vertices[vertex as usize]);
+            corners.fold([own[patch.at()]; 2], joined)
+        };
+        let of_element = |element: usize| {
+            let members = self.elements.members(ElementIndex(element as u32)).iter();
+            members.map(around).fold([of_elements[element]; 2], joined)
+        };
+        (0..self.elements.len()).into_par_iter().with_min_len(CHUNK).map(of_element).collect()
+    }
+
     /// The value of an element.
     pub fn of_element(&self, values: &MeshValues, element: ElementIndex) -> Rgb {
         match self.reconstruction {
@@ -212,6 +239,11 @@ impl CellSpot {
         let along = |bits: u8| (f32::from(bits) - 8.0) / Self::STEPS;
         Vec2::new(along(self.0 & 15), along(self.0 >> 4))
     }
+}
+
+/// The range that holds both.
+fn joined([least, most]: [f32; 2], [low, high]: [f32; 2]) -> [f32; 2] {
+    [least.min(low), most.max(high)]
 }
 
 /// A slope over a cell, so small that the value changes by no more than itself.

@@ -27,6 +27,12 @@ pub const PATCH_POINTS: u32 = 2;
 /// element is more: it bounds the time of an iteration.
 const MOST_POINTS: usize = 1 << 20;
 
+/// Most points of an element beside those that all of them get.
+const MOST_POINTS_MORE: u32 = 64;
+/// Standard deviation of the light of an element's point, as a share of by how much that differs from an
+/// element's that shares a corner with it.
+const MISSED_SHARE: f32 = 0.25;
+
 /// Share of the near field's further rays that are aimed at bright patches, where there are such.
 const AIMED_BOUNCES: f32 = 0.3;
 
@@ -93,20 +99,47 @@ impl CoarseSolution {
         }
         if this.sampled.is_empty() {
             this.sampled = vec![SampledLight::default(); count];
-            this.sample_direct(seed, PATCH_POINTS.min(most_points(count)));
+            let points = PATCH_POINTS.min(most_points(count));
+            this.sample_direct(seed, |_| points);
+            this.update_direct();
+            let more = this.points_where_disputed(count);
+            this.sample_direct(seed, |element| more[element]);
         }
         this.update_direct();
         this.update_irradiance();
         this
     }
 
-    /// Samples direct light at more points of each element.
-    fn sample_direct(&mut self, seed: Seed, points: u32) {
+    /// Samples direct light at so many more points of each element.
+    fn sample_direct(&mut self, seed: Seed, points: impl Fn(usize) -> u32 + Sync) {
         let CoarseMesh { cut, elements, .. } = &self.mesh;
         let lit = Lighting { world: &self.world, lights: &self.lights, cut, elements };
         self.sampled.par_iter_mut().enumerate().with_max_len(256).for_each(|(element, sampled)| {
-            sampled.add(&lit, ElementIndex(element as u32), points, seed);
+            sampled.add(&lit, ElementIndex(element as u32), points(element), seed);
         });
+    }
+
+    /// How many more points each element gets of about so many altogether: in proportion to the
+    /// standard deviation that one of them adds to the light that is reflected (Neyman allocation).
+    /// Where a patch of sun ends, the light of a whole room depends on few elements.
+    fn points_where_disputed(&self, points: usize) -> Vec<u32> {
+        let elements = &self.mesh.elements;
+        let lit: Vec<f32> =
+            self.direct.iter().map(|direct| importance(direct.irradiance).max(0.0)).collect();
+        let around = self.mesh.ranges_around(&lit);
+        let deviations: Vec<f32> = (0..lit.len())
+            .map(|element| {
+                // More light and less alike: to ask only where some may be missed makes it too bright.
+                let [least, most] = around[element];
+                let missed = MISSED_SHARE * (most - lit[element]).max(lit[element] - least);
+                let own = self.sampled[element].deviation().max(missed);
+                own * elements.counted[element] * elements.albedo[element].max_element()
+            })
+            .collect();
+        let all: f64 = deviations.iter().map(|own| f64::from(*own)).sum();
+        let per_deviation = (points as f64 / all.max(f64::MIN_POSITIVE)) as f32;
+        let count = |own: &f32| ((own * per_deviation).round() as u32).min(MOST_POINTS_MORE);
+        deviations.iter().map(count).collect()
     }
 
     /// Averages the points' direct light.
@@ -118,7 +151,11 @@ impl CoarseSolution {
     /// rays of an ordinary element, solves over all links and updates the irradiance.
     pub fn link(&mut self, seed: Seed, points: u32, rays: u32) {
         if points > 0 {
-            self.sample_direct(seed, points.min(most_points(self.mesh.elements.len())));
+            let count = self.mesh.elements.len();
+            let points = points.min(most_points(count));
+            // Half of them wherever it may be, half where they are worth most.
+            let more = self.points_where_disputed(count * points as usize / 2);
+            self.sample_direct(seed, |element| points.div_ceil(2) + more[element]);
             self.update_direct();
         }
         let linking = Linking {
@@ -229,7 +266,7 @@ impl CoarseSolution {
             bounced(element) + lit.irradiance + by_caustics
         };
         (self.total, self.indirect) = (self.mesh.values(all), self.mesh.values(bounced));
-        let CoarseMesh { cut, elements, .. } = &self.mesh;
+        let elements = &self.mesh.elements;
         let arriving =
             |element: ElementIndex| self.mesh.of_element(&self.total, element).max(Rgb::ZERO);
         let radiosity = elements.all().zip(&elements.albedo).map(|(element, albedo)| {
@@ -237,7 +274,7 @@ impl CoarseSolution {
             importance(*albedo * arriving(element) + passed.unwrap_or_default())
         });
         let radiosity: Vec<f32> = radiosity.collect();
-        self.guide = Guide::new(&self.world, cut, elements, &self.links, &radiosity);
+        self.guide = Guide::new(&self.world, &self.mesh, &self.links, &radiosity);
     }
 
     /// Estimated share of the direct light that arrives at the element at a place.
