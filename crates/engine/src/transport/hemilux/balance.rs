@@ -22,7 +22,7 @@ const LEAST_NEW_RAYS: f64 = 32.0;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Balance {
-    /// Passes of lobe rays.
+    /// Passes of lobe rays; 0 where these are worth their time only now and then.
     pub lobe_passes: u32,
     /// The camera's rays in a pixel at an edge.
     pub edge_rays: u32,
@@ -74,7 +74,7 @@ impl Balance {
         let enough = done.rays_per_record * (noise / bent.max(least)).powi(2) / NOISE_OF_NEW;
         let refills = bent * bent > REFILLED_FROM * all;
         Self {
-            lobe_passes: (lobe_passes.round() as u32).clamp(1, MOST_LOBE_PASSES),
+            lobe_passes: (lobe_passes.round() as u32).min(MOST_LOBE_PASSES),
             edge_rays: (edge_rays.round() as u32).min(MOST_EDGE_RAYS),
             refine_every: (refine_every.round() as u32).clamp(1, MOST_REFINE_EVERY),
             new_rays: if refills { enough.max(LEAST_NEW_RAYS).round() as u32 } else { 0 },
@@ -84,7 +84,7 @@ impl Balance {
     /// The same within the bounds that [`Balance::of`] keeps, whatever a checkpoint says.
     pub fn bounded(self) -> Self {
         Self {
-            lobe_passes: self.lobe_passes.clamp(1, MOST_LOBE_PASSES),
+            lobe_passes: self.lobe_passes.min(MOST_LOBE_PASSES),
             edge_rays: self.edge_rays.min(MOST_EDGE_RAYS),
             refine_every: self.refine_every.clamp(1, MOST_REFINE_EVERY),
             new_rays: self.new_rays,
@@ -112,7 +112,7 @@ mod tests {
     fn work_goes_to_what_is_wrong() {
         // Noise alone: nothing else is worth its time.
         let noise = balance([0.02, 0.0, 0.0, 0.0, 0.0]);
-        assert_eq!(noise, Balance { lobe_passes: 1, edge_rays: 0, refine_every: 1, new_rays: 0 });
+        assert_eq!(noise, Balance { lobe_passes: 0, edge_rays: 0, refine_every: 1, new_rays: 0 });
         // What records lose between them: more of them, with fewer rays where noise is small.
         let bent = balance([0.002, 0.02, 0.0, 0.0, 0.0]);
         assert_eq!((bent.refine_every, bent.new_rays), (25, 32));
@@ -130,7 +130,7 @@ mod tests {
             assert_eq!(found, found.bounded());
         }
         let wild = Balance { lobe_passes: 0, edge_rays: 999, refine_every: 0, new_rays: 7 };
-        let bounded = Balance { lobe_passes: 1, edge_rays: 32, refine_every: 1, new_rays: 7 };
+        let bounded = Balance { lobe_passes: 0, edge_rays: 32, refine_every: 1, new_rays: 7 };
         assert_eq!(wild.bounded(), bounded);
     }
 }

@@ -346,8 +346,12 @@ impl Tiers {
             self.gloss.pass(&self.coarse, &self.visible, self.seed, self.options.adaptive);
             self.gloss.brightness = self.brightness();
         }
-        for _ in 0..self.balance.lobe_passes {
-            if (first && self.hasty) || !self.gloss.may_matter(&self.visible, iterations) {
+        // Whatever those so far say, some more look out for what all of them have missed.
+        let least = u32::from(iterations >= 4 && iterations.is_power_of_two());
+        for _ in 0..self.balance.lobe_passes.max(least) {
+            if (first && self.hasty)
+                || !self.gloss.may_matter(&self.visible, iterations, self.options.lobe_filter)
+            {
                 break;
             }
             self.gloss.pass(&self.coarse, &self.visible, self.seed, self.options.adaptive);

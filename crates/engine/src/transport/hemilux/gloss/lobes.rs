@@ -23,16 +23,18 @@ const RAYS_PER_PIXEL: f32 = 4.0;
 /// rays are worth their time.
 const FIRST_RAYS: u32 = 2;
 /// Batches of directions to an open sky of a lobe that sees any, in the first pass.
-const FIRST_BATCHES: u32 = 2;
+const FIRST_BATCHES: u32 = 1;
 /// Time of such a batch, in that of a ray with its ray to the lights.
 const BATCH_COST: f32 = 1.5;
 /// Rays from which on a lobe may have none in a pass.
 const RAYS_TO_REST: u32 = 8;
 /// Error of the lobes, relative to the mean radiance, that is negligible in the first picture;
 /// after n iterations it is this over √n.
-const NEGLIGIBLE_ERROR: f64 = 0.004;
-/// Factor by which sharing rays with neighbours is taken to lower the variance.
-const NEIGHBOUR_VARIANCE_FACTOR: f64 = 0.5;
+const NEGLIGIBLE_ERROR: f64 = 0.006;
+/// Of more lobes than so many, some are asked for their error.
+const MOST_LOOKED_AT: usize = 4096;
+/// Each so-manieth of them then: no multiple of the pixels in a row of most pictures.
+const LOOKED_AT_EVERY: usize = 13;
 /// Most lobe rays in a pass, as a multiple of the mean, where lobes scatter most.
 const MOST_RAYS_FACTOR: f32 = 16.0;
 /// Pixels in each direction that share rays.
@@ -181,21 +183,22 @@ impl Gloss {
     }
 
     /// Whether the lobes' error may matter in the picture after so many iterations, rather than lie
-    /// far below that of the rest ([`NEGLIGIBLE_ERROR`]).
-    pub fn may_matter(&self, visible: &VisibleSurfaces, iterations: u64) -> bool {
+    /// far below that of the rest ([`NEGLIGIBLE_ERROR`]): by what some of them show, shared with
+    /// their neighbours if `filtered`.
+    pub fn may_matter(&self, visible: &VisibleSurfaces, iterations: u64, filtered: bool) -> bool {
         let of_lobe = |lobe: usize| {
-            let sums = &self.sums[lobe];
-            let variance = sums.variance(self.factor(lobe));
-            f64::from(visible.share(&visible.lobes[lobe]).powi(2) * variance)
+            let [_, variance] = self.shown(visible, lobe, filtered);
+            let lobe = &visible.lobes[lobe];
+            let factor = visible.fragments[lobe.fragment as usize].lobe_factor;
+            let share = visible.share(lobe);
+            f64::from(share * share * (factor * factor * variance).element_sum())
         };
-        let of_chunk = |chunk: usize| {
-            (1024 * chunk..(1024 * (chunk + 1)).min(self.len())).map(of_lobe).sum::<f64>()
-        };
-        let sums: Vec<f64> = (0..self.len().div_ceil(1024)).into_par_iter().map(of_chunk).collect();
-        let square =
-            NEIGHBOUR_VARIANCE_FACTOR * sums.iter().sum::<f64>() / (3 * visible.shine.len()) as f64;
+        let step = if self.len() > MOST_LOOKED_AT { LOOKED_AT_EVERY } else { 1 };
+        let lobes: Vec<usize> = (0..self.len()).step_by(step).collect();
+        let variances: Vec<f64> = lobes.into_par_iter().map(of_lobe).collect();
+        let all = variances.iter().sum::<f64>() * step as f64 / (3 * visible.shine.len()) as f64;
         let enough = NEGLIGIBLE_ERROR * f64::from(self.brightness);
-        square * (iterations + 1) as f64 > enough * enough
+        all * (iterations + 1) as f64 > enough * enough
     }
 
     /// Casts another pass of rays: of all lobes alike at first; later, if `adaptive`, by how much
@@ -318,12 +321,7 @@ impl Gloss {
     /// neighbouring pixels if `filtered`.
     pub fn of_fragments(&self, visible: &VisibleSurfaces, filtered: bool) -> Vec<(Rgb, Rgb)> {
         let own = |lobe| {
-            let sums: &LobeSums = &self.sums[lobe];
-            let (mean, variance) = match filtered {
-                true => self.with_neighbours(visible, lobe),
-                false => self.own(lobe),
-            };
-            let [mean, variance] = sums.reflected(mean, variance);
+            let [mean, variance] = self.shown(visible, lobe, filtered);
             (mean.max(Rgb::ZERO), variance)
         };
         let lobes: Vec<(Rgb, Rgb)> =
@@ -334,6 +332,16 @@ impl Gloss {
             fragments[lobe.fragment as usize] = own;
         }
         fragments
+    }
+
+    /// Radiance that a lobe reflects to the camera, and its variance; shared with those of
+    /// neighbouring pixels if `filtered`.
+    fn shown(&self, visible: &VisibleSurfaces, lobe: usize, filtered: bool) -> [Rgb; 2] {
+        let (mean, variance) = match filtered {
+            true => self.with_neighbours(visible, lobe),
+            false => self.own(lobe),
+        };
+        self.sums[lobe].reflected(mean, variance)
     }
 
     /// Mean and variance, summed over the channels, of radiance over albedo by planes fitted through
