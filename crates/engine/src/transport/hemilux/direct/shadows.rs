@@ -20,7 +20,7 @@ const FIRST_RAYS: u32 = 1;
 const MORE_RAYS: u32 = 6;
 /// Shares of these rays that a fragment gets at least and at most, by how far one ray of it may be
 /// off: the edge of a patch of sun in a room asks for more than all the rest.
-const SHARES_OF_MORE: [f32; 2] = [0.25, 16.0];
+const SHARES_OF_MORE: [f32; 2] = [0.25, 128.0];
 /// The same in the first pass of a hasty job.
 const MORE_RAYS_IN_HASTE: u32 = 2;
 /// Shadow rays of every fragment in each pass where the setting `adaptive` is off.
@@ -51,7 +51,8 @@ pub struct DirectLighting {
     more_rays: [u32; 2],
     /// Whether more rays go where they disagree, by the setting of that name.
     adaptive: bool,
-    passes: u32,
+    /// Passes so far.
+    pub passes: u32,
     /// Shadow rays so far.
     pub rays: u64,
 }
@@ -277,12 +278,16 @@ impl DirectLighting {
                 plane.add(across, down, other.share(exact), weight);
             }
         });
+        let own_share = share;
         let (share, variance) = plane.center();
-        let variance = variance.map_or_else(
-            || sums.own_variance(exact) * NEIGHBOUR_VARIANCE_FACTOR,
-            |variance| factor * factor * variance,
-        );
-        (factor * share, variance)
+        let Some(variance) = variance else {
+            return (factor * share, sums.own_variance(exact) * NEIGHBOUR_VARIANCE_FACTOR);
+        };
+        // In half-shadow a few pixels wide no plane is as good as many rays.
+        if exact && variance.element_sum() > 3.0 * sums.chance() {
+            return (factor * own_share, sums.own_variance(exact));
+        }
+        (factor * share, factor * factor * variance)
     }
 }
 

@@ -17,6 +17,9 @@ const UNLIKE_VARIANCES: f32 = 24.0;
 /// more of light that crosses them at another angle.
 pub const SAME_SHARE: f32 = 0.02;
 
+/// Fragments, this one among them, whose rays are compared to tell whether they agree.
+const RAYS_AROUND: f32 = 25.0;
+
 /// Bound on rays of a fragment read from a checkpoint: more than any run casts, so a larger number
 /// means damage.
 const MOST_RAYS_OF_ALL: u32 = 1 << 30;
@@ -176,10 +179,13 @@ impl ShadowSums {
 
     /// Standard deviation of what one ray says of the irradiance, importance.
     pub fn deviation(&self) -> f32 {
-        let known = importance(self.unoccluded).powi(2) * self.chance();
-        let rays = self.known_rays().max(1) as f32;
+        // Where all rays agree, and those around with them, another one hardly says otherwise.
+        let unknown = if self.is_disputed() { 0.5 } else { 0.5 / RAYS_AROUND };
+        let rays = self.known_rays() as f32;
+        let share = (self.blocked + unknown) / (rays + 2.0 * unknown);
+        let known = importance(self.unoccluded).powi(2) * share * (1.0 - share);
         let apart = self.apart_scatter() / (self.rays.max(2) - 1) as f32;
-        (known * rays + apart).sqrt()
+        (known + apart).sqrt()
     }
 
     /// Whether more rays are worth while.
@@ -224,7 +230,7 @@ impl ShadowSums {
     }
 
     /// Variance of the share of blocked rays; where all agree, as if one half of a ray did not.
-    fn chance(&self) -> f32 {
+    pub fn chance(&self) -> f32 {
         let rays = self.known_rays();
         let share = (self.blocked + 0.5) / (rays + 1) as f32;
         share * (1.0 - share) / rays.max(1) as f32
