@@ -225,7 +225,8 @@ impl Tiers {
         self.clock.lap("seconds_links");
         if self.options.light {
             // Only shadows are new where all else is known.
-            for _ in 0..if scene_is_known { KNOWN_SCENE_SHADOW_PASSES } else { 1 } {
+            let least = if scene_is_known { KNOWN_SCENE_SHADOW_PASSES } else { 1 };
+            for _ in 0..self.balance.shadow_passes.max(least) {
                 self.direct.pass(&self.world, &self.lights, &self.visible, self.seed);
             }
         }
@@ -270,7 +271,9 @@ impl Tiers {
         let Some(errors) = self.draw().errors else { return };
         let done = WorkDone {
             iterations: self.done,
-            lobe_passes: self.gloss.passes,
+            gather_rays: self.cache.rays(),
+            shadows: (self.direct.passes, self.direct.rays),
+            lobes: (self.gloss.passes, self.gloss.cost()),
             rays_per_record: self.cache.rays() as f64 / self.cache.len().max(1) as f64,
         };
         self.balance = Balance::of(&errors, done);
@@ -482,6 +485,7 @@ impl Solver for Tiers {
         figures.insert("first_rays".into(), f64::from(self.first_rays));
         figures.insert("gather_rays".into(), self.cache.rays() as f64);
         figures.insert("shadow_rays".into(), self.direct.rays as f64);
+        figures.insert("lobe_rays".into(), self.gloss.cost());
         let at_edges = self.edges.as_ref().map_or(0, Edges::rays);
         figures.insert("edge_rays".into(), at_edges as f64);
         figures.insert("links".into(), self.coarse.links() as f64);

@@ -18,7 +18,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 /// Lobe rays of a whole pixel in a pass, with as many rays to the lights.
-const RAYS_PER_PIXEL: f32 = 4.0;
+const RAYS_PER_PIXEL: f32 = 2.0;
 /// Rays of each lobe in the first pass: as few as tell scatter, by which the passes after it find where
 /// rays are worth their time.
 const FIRST_RAYS: u32 = 2;
@@ -175,6 +175,13 @@ impl Gloss {
             passes: 0,
             brightness: 0.0,
         }
+    }
+
+    /// Time of all that was done so far, in that of a ray with its ray to the lights.
+    pub fn cost(&self) -> f64 {
+        let of =
+            |sums: &LobeSums| f64::from(sums.rays) + f64::from(BATCH_COST * sums.batches as f32);
+        self.sums.iter().map(of).sum()
     }
 
     /// Number of lobes.
