@@ -67,28 +67,28 @@ impl Balance {
         iterations > 1 && (iterations.is_power_of_two() || is_between)
     }
 
-    /// Shares time out so that it goes where it lowers the error most. Each of gather rays, shadow
-    /// rays and lobe rays gets time in proportion to e√t, e the error that it leaves and t what it has
-    /// taken so far: where errors fall with the root of the time, that makes their squares' sum least.
-    /// There are rays at edges by the error of those over that of all else; more rays for records
-    /// where noise counts, and more records where interpolation does.
+    /// Shares time out so that it goes where it lowers the error most. Until it is found anew, gather
+    /// rays, shadow rays and lobe rays get what brings the time t of each nearest to being in proportion
+    /// to e√t, e the error that it leaves: where errors fall with the root of the time, that makes the
+    /// sum of their squares least. There are rays at edges by the error of those over that of all else;
+    /// more rays for records where noise counts, and more records where interpolation does.
     pub fn of(errors: &Errors, done: WorkDone) -> Self {
         let [noise, bent, shadows, lobes, edges] = errors.by_cause;
         let least = f64::MIN_POSITIVE;
-        let spent = [
-            RAY_COSTS[0] * done.gather_rays as f64,
-            RAY_COSTS[1] * done.shadows.1 as f64,
-            done.lobes.1,
-        ];
-        let worth = [
-            noise.hypot(bent) * spent[0].sqrt(),
-            shadows * spent[1].sqrt(),
-            lobes * spent[2].sqrt(),
-        ];
-        let per_worth = spent.iter().sum::<f64>()
-            / (done.iterations as f64 * worth.iter().sum::<f64>()).max(least);
-        let passes = |(passes, spent): (u32, f64), worth: f64| {
-            (worth * per_worth * f64::from(passes) / spent.max(least)).round() as u32
+        let gather = RAY_COSTS[0] * done.gather_rays as f64;
+        let (shadow_passes, shadow_rays) = done.shadows;
+        let shadow_time = RAY_COSTS[1] * shadow_rays as f64;
+        let (lobe_passes, lobe_time) = done.lobes;
+        let worth = |error: f64, time: f64| error * time.sqrt();
+        let all_worth = worth(noise.hypot(bent), gather)
+            + worth(shadows, shadow_time)
+            + worth(lobes, lobe_time);
+        let until = (done.iterations + 1..).find(|next| Self::is_due(*next)).unwrap_or(u64::MAX);
+        let more = (until - done.iterations) as f64;
+        let time_then = (gather + shadow_time + lobe_time) * until as f64 / done.iterations as f64;
+        let passes = |error: f64, passes: u32, time: f64| {
+            let wanted = time_then * worth(error, time) / all_worth.max(least);
+            ((wanted - time).max(0.0) / more * f64::from(passes) / time.max(least)).round() as u32
         };
         let squares = |causes: &[f64]| causes.iter().map(|cause| cause * cause).sum::<f64>();
         let but_edges = squares(&[noise, bent, shadows, lobes]);
@@ -99,9 +99,8 @@ impl Balance {
         let enough = done.rays_per_record * (noise / bent.max(least)).powi(2) / NOISE_OF_NEW;
         let refills = bent * bent > REFILLED_FROM * all;
         Self {
-            shadow_passes: passes((done.shadows.0, spent[1]), worth[1])
-                .clamp(1, MOST_SHADOW_PASSES),
-            lobe_passes: passes(done.lobes, worth[2]).min(MOST_LOBE_PASSES),
+            shadow_passes: passes(shadows, shadow_passes, shadow_time).clamp(1, MOST_SHADOW_PASSES),
+            lobe_passes: passes(lobes, lobe_passes, lobe_time).min(MOST_LOBE_PASSES),
             edge_rays: (edge_rays.round() as u32).min(MOST_EDGE_RAYS),
             refine_every: (refine_every.round() as u32).clamp(1, MOST_REFINE_EVERY),
             new_rays: if refills { enough.max(LEAST_NEW_RAYS).round() as u32 } else { 0 },

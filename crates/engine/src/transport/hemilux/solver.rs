@@ -252,7 +252,8 @@ impl Tiers {
         tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays + by_light;
         tally.light_shots = self.direct.rays + by_light;
         self.done = tally.iterations;
-        if Balance::is_due(self.done) {
+        // Lobes are worth most of the time, or none of it.
+        if Balance::is_due(self.done) || self.done == 1 && self.gloss.len() > 0 {
             self.share_out();
         }
     }

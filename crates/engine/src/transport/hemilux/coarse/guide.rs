@@ -18,6 +18,11 @@ const BRIGHT_FACTOR: f32 = 8.0;
 /// Share of all power that elements receive of each other that must come from bright ones for aiming
 /// to be worth its cost; the Cornell box has 3 % (docs/decisions/0013).
 const LEAST_BRIGHT_SHARE: f32 = 0.06;
+/// Share of all area from which on bright elements are met without being aimed at, as where things
+/// stand under an open sky and what is bright is all that faces it.
+const MOST_BRIGHT_AREA: f32 = 0.1;
+/// Most patches to aim at: more are no few small ones.
+const MOST_PATCHES: usize = 10_000;
 /// What an element that shares a corner with a bright one is taken to reflect, of what that does: part
 /// of it may lie in the same patch of sun.
 const EDGE_SHARE: f32 = 0.25;
@@ -57,8 +62,11 @@ impl Guide {
                 powers.push(power / elements.area[element.at()] * cut.area(*patch));
             }
         }
+        if patches.len() > MOST_PATCHES {
+            return None;
+        }
         let points: Vec<PatchPoints> =
-            patches.iter().map(|patch| PatchPoints::in_cut(world, cut, *patch, 0.0)).collect();
+            patches.par_iter().map(|patch| PatchPoints::in_cut(world, cut, *patch, 0.0)).collect();
         let bounds_of = |(points, power): (&PatchPoints, &f32)| {
             let (center, radius) = points.ball();
             LightBounds { center, radius, power: *power, normal: points.normal(), two_sided: false }
@@ -134,7 +142,9 @@ fn aiming_targets(
     let bright: Vec<(ElementIndex, f32)> =
         bright.map(useful).filter(|(_, useful)| *useful > 0.0).collect();
     let theirs: f32 = bright.iter().map(|(_, useful)| useful).sum();
-    (theirs > LEAST_BRIGHT_SHARE * power).then_some(bright)
+    let area: f32 = bright.iter().map(|(element, _)| elements.counted[element.at()]).sum();
+    let is_small = area < MOST_BRIGHT_AREA * elements.counted.iter().sum::<f32>();
+    (is_small && theirs > LEAST_BRIGHT_SHARE * power).then_some(bright)
 }
 
 /// What elements see of each other. What only the sky and the sun see, as the outer walls of a house,
@@ -174,27 +184,32 @@ fn received(
     world: &World,
     mesh: &CoarseMesh,
     links: &Links,
-    bright: impl Fn(ElementIndex) -> Option<f32>,
+    bright: impl Fn(ElementIndex) -> Option<f32> + Sync,
 ) -> Vec<f32> {
     let CoarseMesh { cut, elements, .. } = mesh;
     let area = &elements.area;
-    let mut received = vec![0.0; area.len()];
     let middle = |element: ElementIndex| elements.points(world, cut, element, 0.5).ball().0;
-    for element in elements.all() {
+    let of_element = |index: usize| {
+        let element = ElementIndex(index as u32);
         let met = links.of(element).filter_map(|link| Some((link, bright(link)?)));
-        let met: Vec<(ElementIndex, f32)> = met.collect();
-        if met.is_empty() || elements.albedo[element.at()] == Rgb::ZERO {
-            continue;
+        let mut met: Vec<(ElementIndex, f32)> = met.collect();
+        if met.is_empty() || elements.albedo[index] == Rgb::ZERO {
+            return Vec::new();
         }
-        let each = elements.counted[element.at()] / links.of(element).count() as f32;
+        let each = elements.counted[index] / links.of(element).count() as f32;
         let from = middle(element);
-        for (link, radiosity) in met {
-            if from.distance(middle(link))
+        met.retain(|(link, _)| {
+            from.distance(middle(*link))
                 > LEAST_DISTANCE * area[link.at()].sqrt() * world.rays.scale() as f32
-            {
-                received[link.at()] += each * radiosity;
-            }
-        }
+        });
+        met.iter_mut().for_each(|(_, radiosity)| *radiosity *= each);
+        met
+    };
+    let all: Vec<Vec<(ElementIndex, f32)>> =
+        (0..area.len()).into_par_iter().with_min_len(256).map(of_element).collect();
+    let mut received = vec![0.0; area.len()];
+    for (link, power) in all.into_iter().flatten() {
+        received[link.at()] += power;
     }
     received
 }

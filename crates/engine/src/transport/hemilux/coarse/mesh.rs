@@ -86,9 +86,12 @@ impl CoarseMesh {
     }
 
     /// Of each element the least and the largest value of those that share a corner with it, by the
-    /// value of each; in a crowd its own.
+    /// value of each; its own in a crowd, and where most elements have several patches, so that
+    /// there are many more of those.
     pub fn ranges_around(&self, of_elements: &[f32]) -> Vec<[f32; 2]> {
-        let (Some(reconstruction), Cut::Listed(listed)) = (&self.reconstruction, &*self.cut) else {
+        let is_simple = self.cut.patches() < 2 * self.elements.len();
+        let parts = (self.reconstruction.as_ref().filter(|_| is_simple), &*self.cut);
+        let (Some(reconstruction), Cut::Listed(listed)) = parts else {
             return of_elements.iter().map(|own| [*own; 2]).collect();
         };
         let of_patch = |patch: usize| {

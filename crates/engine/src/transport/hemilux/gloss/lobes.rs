@@ -50,6 +50,9 @@ const ALIKE_VARIANCES: f32 = 6.0;
 /// The same from which they do not count: 4.9 standard deviations.
 const UNLIKE_VARIANCES: f32 = 24.0;
 
+/// Its multiples are spread evenly modulo 1.
+const GOLDEN_RATIO: f32 = 0.618_034;
+
 /// Bound on rays of a lobe read from a checkpoint: more than any run traces, so a larger number
 /// means damage.
 const MOST_RAYS_OF_ALL: u32 = 1 << 30;
@@ -312,16 +315,21 @@ impl Gloss {
             (0..self.len()).into_par_iter().with_min_len(1024).map(around).collect();
         let cost = |[ray, batch]: &[f32; 2]| f64::from(ray + BATCH_COST * batch);
         let mean = around.iter().map(cost).sum::<f64>() as f32 / self.len() as f32;
-        let work = |([ray, batch], (lobe, sums)): (&[f32; 2], (&Lobe, &LobeSums))| {
+        let work = |(index, [ray, batch]): (usize, &[f32; 2])| {
+            let (lobe, sums) = (&visible.lobes[index], &self.sums[index]);
             let times = |scatter: &f32| {
                 (scatter / mean.max(f32::MIN_POSITIVE)).min(MOST_RAYS_FACTOR) * RAYS_PER_PIXEL
             };
+            // Rounded up or down in turn, so that what is worth a fourth of a ray gets one in every
+            // fourth pass.
+            let turn = f64::from(GOLDEN_RATIO) * (index as f64 + f64::from(self.passes));
+            let rounded = |times: f32| (times + turn.fract() as f32).floor();
             let least = if sums.rays < RAYS_TO_REST { 1.0 } else { 0.0 };
             let most = MOST_RAYS_FACTOR * mean_rays(visible, lobe) as f32;
-            let rays = times(ray).round().max(least).min(most) as u32;
-            Work { rays, batches: times(batch).round().max(least) as u32 }
+            let rays = rounded(times(ray)).max(least).min(most) as u32;
+            Work { rays, batches: rounded(times(batch)).max(least) as u32 }
         };
-        around.iter().zip(visible.lobes.iter().zip(&self.sums)).map(work).collect()
+        around.iter().enumerate().map(work).collect()
     }
 
     /// Radiance that each fragment's lobes reflect to the camera, with its variance; shared between
