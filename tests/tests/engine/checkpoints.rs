@@ -261,7 +261,7 @@ fn other_camera(scene: &Scene) -> CameraChoice {
 fn a_second_camera_begins_with_the_first_ones_solution() {
     for (scene, method, first, alone) in [
         (made::cornell(), "hemilux", 12, 12),
-        (made::phong_cornell(), "stochastic", 400, 400),
+        (made::phong_cornell(), "stochastic", 800, 800),
         (made::cornell(), "stochastic", 400, 400),
         (made::cornell(), "monte-carlo", 60, 60),
         (made::cornell(), "progressive", 300, 300),

@@ -11,7 +11,8 @@ const CRATES: [&str; 4] =
     ["crates/engine/src", "crates/charts/src", "crates/server/src", "bench/src"];
 
 /// The engine's modules in the order that light takes; each may import from those before it.
-const ORDER: [&str; 18] = [
+const ORDER: [&str; 19] = [
+    "angles",
     "radiometry",
     "random",
     "scene",

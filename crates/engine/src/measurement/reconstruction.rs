@@ -147,16 +147,10 @@ impl Reconstruction {
             .collect()
     }
 
-    /// The least and the largest value of the patches about each vertex, by the value of each patch.
-    pub fn ranges_about(&self, values: &[f32]) -> Vec<[f32; 2]> {
-        let about = |vertex: usize| {
-            let patches = &self.patch[self.start[vertex] as usize..self.start[vertex + 1] as usize];
-            let values = patches.iter().map(|patch| values[*patch as usize]);
-            values.fold([f32::INFINITY, f32::NEG_INFINITY], |[least, most], own| {
-                [least.min(own), most.max(own)]
-            })
-        };
-        (0..self.vertices()).into_par_iter().with_min_len(1024).map(about).collect()
+    /// The patches that the value at a vertex is made of.
+    pub fn patches_about(&self, vertex: u32) -> &[u32] {
+        let vertex = vertex as usize;
+        &self.patch[self.start[vertex] as usize..self.start[vertex + 1] as usize]
     }
 
     /// The vertices around barycentric (u, v) of a facet's side with their interpolation weights;

@@ -43,11 +43,4 @@ impl LightSums {
     pub fn share(&self) -> f32 {
         importance(self.seen) / importance(self.cast).max(f32::MIN_POSITIVE)
     }
-
-    /// Standard deviation of what a ray more says, by the share that those so far see.
-    pub fn deviation(&self) -> f32 {
-        let share = self.share().clamp(0.0, 1.0);
-        let open = importance(self.unoccluded) / self.count.max(1) as f32;
-        open * (share * (1.0 - share)).sqrt()
-    }
 }

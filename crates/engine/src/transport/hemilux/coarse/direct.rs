@@ -83,19 +83,10 @@ impl SampledLight {
         }
     }
 
-    fn sums(&self) -> LightSums {
-        if self.visible.count() > 0 { self.visible } else { self.hidden }
-    }
-
-    /// Standard deviation of the importance of the light that another point says.
-    pub fn deviation(&self) -> f32 {
-        self.sums().deviation()
-    }
-
     /// Direct light of the element by its points outside crevices, or by all others if there are
     /// none.
     pub fn mean(&self) -> DirectLight {
-        let sums = self.sums();
+        let sums = if self.visible.count() > 0 { self.visible } else { self.hidden };
         let open = self.open as f32 / self.points.max(1) as f32;
         DirectLight { irradiance: sums.irradiance(), share: sums.share(), open }
     }

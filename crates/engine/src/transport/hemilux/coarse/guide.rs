@@ -123,9 +123,9 @@ fn aiming_targets(
         return None;
     }
     // Beside a bright element, part of another may be as bright, and none of its few points say so.
-    let around = mesh.ranges_around(radiosity).into_iter();
-    let taken: Vec<f32> =
-        radiosity.iter().zip(around).map(|(own, [_, most])| own.max(EDGE_SHARE * most)).collect();
+    let beside = mesh.ranges_beside(radiosity).into_iter();
+    let most = beside.map(|range| range.map_or(0.0, |[_, most]| EDGE_SHARE * most));
+    let taken: Vec<f32> = radiosity.iter().zip(most).map(|(own, most)| own.max(most)).collect();
     let is_bright = |element: ElementIndex| taken[element.at()] > limit;
     let received = received(world, mesh, links, |link| {
         taken.get(link.at()).copied().filter(|own| *own > limit)

@@ -85,34 +85,34 @@ impl CoarseMesh {
         MeshValues { own, vertices }
     }
 
-    /// Of each element the least and the largest value of those that share a corner with it, by the
-    /// value of each; its own in a crowd, and where most elements have several patches, so that
-    /// there are many more of those.
-    pub fn ranges_around(&self, of_elements: &[f32]) -> Vec<[f32; 2]> {
+    /// Of each element the least and the largest value of the others that share a corner with it, by
+    /// the value of each; `None` where there are none, in a crowd, and where most elements have several
+    /// patches, so that there are many more of those.
+    pub fn ranges_beside(&self, of_elements: &[f32]) -> Vec<Option<[f32; 2]>> {
         let is_simple = self.cut.patches() < 2 * self.elements.len();
         let parts = (self.reconstruction.as_ref().filter(|_| is_simple), &*self.cut);
         let (Some(reconstruction), Cut::Listed(listed)) = parts else {
-            return of_elements.iter().map(|own| [*own; 2]).collect();
+            return vec![None; of_elements.len()];
         };
-        let of_patch = |patch: usize| {
-            self.elements.of(PatchIndex(patch as u32)).map_or(0.0, |own| of_elements[own.at()])
-        };
-        let own: Vec<f32> = (0..self.cut.patches()).map(of_patch).collect();
-        let vertices = reconstruction.ranges_about(&own);
-        let around = |patch: &PatchIndex| {
+        let corners = |patch: &PatchIndex| {
             let index = listed.patches.facet[patch.at()] as usize;
             let (facet, back, [a, b, c]) = listed.cell_of(*patch);
             let middle = (a + b + c) / 3.0;
             let corners = reconstruction.corners(index, back, facet, middle.x, middle.y);
-            let corners =
-                corners.into_iter().flatten().map(|(vertex, _)| vertices[vertex as usize]);
-            corners.fold([own[patch.at()]; 2], joined)
+            corners.into_iter().flatten().map(|(vertex, _)| vertex)
         };
-        let of_element = |element: usize| {
-            let members = self.elements.members(ElementIndex(element as u32)).iter();
-            members.map(around).fold([of_elements[element]; 2], joined)
+        let beside = |own: usize| {
+            let own = ElementIndex(own as u32);
+            let vertices = self.elements.members(own).iter().flat_map(corners);
+            let patches = vertices.flat_map(|vertex| reconstruction.patches_about(vertex));
+            let others = patches.filter_map(|patch| self.elements.of(PatchIndex(*patch)));
+            let values = others.filter(|other| *other != own).map(|other| of_elements[other.at()]);
+            values.fold(None, |range: Option<[f32; 2]>, value| {
+                let [least, most] = range.unwrap_or([value; 2]);
+                Some([least.min(value), most.max(value)])
+            })
         };
-        (0..self.elements.len()).into_par_iter().with_min_len(CHUNK).map(of_element).collect()
+        (0..self.elements.len()).into_par_iter().with_min_len(CHUNK).map(beside).collect()
     }
 
     /// The value of an element.
@@ -242,11 +242,6 @@ impl CellSpot {
         let along = |bits: u8| (f32::from(bits) - 8.0) / Self::STEPS;
         Vec2::new(along(self.0 & 15), along(self.0 >> 4))
     }
-}
-
-/// The range that holds both.
-fn joined([least, most]: [f32; 2], [low, high]: [f32; 2]) -> [f32; 2] {
-    [least.min(low), most.max(high)]
 }
 
 /// A slope over a cell, so small that the value changes by no more than itself.

@@ -29,9 +29,6 @@ const MOST_POINTS: usize = 1 << 20;
 
 /// Most points of an element beside those that all of them get.
 const MOST_POINTS_MORE: u32 = 64;
-/// Standard deviation of the light of an element's point, as a share of by how much that differs from an
-/// element's that shares a corner with it.
-const MISSED_SHARE: f32 = 0.25;
 
 /// Share of the near field's further rays that are aimed at bright patches, where there are such.
 const AIMED_BOUNCES: f32 = 0.3;
@@ -119,27 +116,27 @@ impl CoarseSolution {
         });
     }
 
-    /// How many more points each element gets of about so many altogether: in proportion to the
-    /// standard deviation that one of them adds to the light that is reflected (Neyman allocation).
-    /// Where a patch of sun ends, the light of a whole room depends on few elements.
+    /// How many more points each element gets of about so many altogether: in proportion to how much
+    /// the reflected light of those beside it differs (about Neyman's allocation). Where a patch of sun
+    /// ends, the light of a whole room depends on few elements. What an element's own points say must
+    /// have no part in it: two that agree by chance would get no more, and chance would stay.
     fn points_where_disputed(&self, points: usize) -> Vec<u32> {
         let elements = &self.mesh.elements;
         let lit: Vec<f32> =
             self.direct.iter().map(|direct| importance(direct.irradiance).max(0.0)).collect();
-        let around = self.mesh.ranges_around(&lit);
-        let deviations: Vec<f32> = (0..lit.len())
-            .map(|element| {
-                // More light and less alike: to ask only where some may be missed makes it too bright.
-                let [least, most] = around[element];
-                let missed = MISSED_SHARE * (most - lit[element]).max(lit[element] - least);
-                let own = self.sampled[element].deviation().max(missed);
-                own * elements.counted[element] * elements.albedo[element].max_element()
-            })
-            .collect();
-        let all: f64 = deviations.iter().map(|own| f64::from(*own)).sum();
-        let per_deviation = (points as f64 / all.max(f64::MIN_POSITIVE)) as f32;
-        let count = |own: &f32| ((own * per_deviation).round() as u32).min(MOST_POINTS_MORE);
-        deviations.iter().map(count).collect()
+        let worth = |(element, range): (usize, Option<[f32; 2]>)| {
+            let difference = range.map_or(0.0, |[least, most]| most - least);
+            difference * elements.counted[element] * elements.albedo[element].max_element()
+        };
+        let ranges = self.mesh.ranges_beside(&lit);
+        let worths: Vec<f32> = ranges.into_iter().enumerate().map(worth).collect();
+        let all: f64 = worths.iter().map(|own| f64::from(*own)).sum();
+        if all <= 0.0 {
+            return vec![(points / lit.len().max(1)) as u32; lit.len()];
+        }
+        let per_worth = (points as f64 / all) as f32;
+        let count = |own: &f32| ((own * per_worth).round() as u32).min(MOST_POINTS_MORE);
+        worths.iter().map(count).collect()
     }
 
     /// Averages the points' direct light.
