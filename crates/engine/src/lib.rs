@@ -1,7 +1,7 @@
 //! Light transport: a scene becomes a picture.
 //!
-//! The modules follow the light: [`radiometry`] names the quantities, `angles` measures, [`scene`] says what is
-//! there, [`rays`] says what a ray meets, [`sampling`] draws directions and points, `surface` says
+//! The modules follow the light: `angles` measures, [`radiometry`] names the quantities, [`scene`]
+//! says what is there, [`rays`] says what a ray meets, [`sampling`] draws directions and points, `surface` says
 //! what a point reflects and lets through, [`patches`] cuts the scene into finite elements,
 //! `emitters` asks what shines, `filter` lets neighbours say together what one says badly,
 //! [`hemicube`] turns a shot into pixels, [`device`] runs shots, [`form_factors`] knows the classic

@@ -252,7 +252,7 @@ impl Tiers {
         tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays + by_light;
         tally.light_shots = self.direct.rays + by_light;
         self.done = tally.iterations;
-        // Lobes are worth most of the time, or none of it.
+        // With lobes the first picture says already whether they need most of the time or hardly any.
         if Balance::is_due(self.done) || self.done == 1 && self.gloss.len() > 0 {
             self.share_out();
         }
@@ -486,7 +486,7 @@ impl Solver for Tiers {
         figures.insert("first_rays".into(), f64::from(self.first_rays));
         figures.insert("gather_rays".into(), self.cache.rays() as f64);
         figures.insert("shadow_rays".into(), self.direct.rays as f64);
-        figures.insert("lobe_rays".into(), self.gloss.cost());
+        figures.insert("lobe_rays".into(), self.gloss.rays() as f64);
         let at_edges = self.edges.as_ref().map_or(0, Edges::rays);
         figures.insert("edge_rays".into(), at_edges as f64);
         figures.insert("links".into(), self.coarse.links() as f64);

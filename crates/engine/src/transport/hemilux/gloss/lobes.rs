@@ -187,6 +187,11 @@ impl Gloss {
         self.sums.iter().map(of).sum()
     }
 
+    /// Rays so far, each with one to the lights.
+    pub fn rays(&self) -> u64 {
+        self.sums.iter().map(|sums| u64::from(sums.rays)).sum()
+    }
+
     /// Number of lobes.
     pub fn len(&self) -> usize {
         self.sums.len()
