@@ -284,8 +284,9 @@ impl DirectLighting {
             return (factor * share, sums.own_variance(exact) * NEIGHBOUR_VARIANCE_FACTOR);
         };
         // In half-shadow a few pixels wide no plane is as good as many rays.
-        if exact && variance.element_sum() > 3.0 * sums.chance() {
-            return (factor * own_share, sums.own_variance(exact));
+        let chance = sums.chance();
+        if exact && variance.element_sum() > 3.0 * chance {
+            return (factor * own_share, factor * factor * chance);
         }
         (factor * share, factor * factor * variance)
     }
