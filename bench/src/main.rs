@@ -4,7 +4,7 @@
 //! triangles do; `pixels` measures
 //! ways to sample the pixels of a ray-traced picture, `views` what a solved scene saves its next
 //! picture, `limits` how far the processor device is from what the machine can do; `real-light`
-//! judges scenes with real light on real materials, and `export` writes them out for others.
+//! judges scenes with real light on real materials, `rooms` predictions in rooms made by chance, and `export` writes them out for others.
 //!
 //! Errors, statistics, tables, charts and contact sheets are those of [`hemilux_charts`]; what
 //! benchmarks share beyond that: [`views`] (scenes), [`cell`] (errors over seeds), [`page`] (how
@@ -24,7 +24,9 @@ mod page;
 mod paper;
 mod pixels;
 mod real_light;
+mod real_view;
 mod results;
+mod rooms;
 mod second_views;
 mod shots;
 mod tiers;
@@ -71,6 +73,8 @@ enum Benchmark {
     Tiers(tiers::Arguments),
     /// Scenes with skies, mirrors, glass, leaves and screens against path tracing, with pictures.
     RealLight(real_light::Arguments),
+    /// Predicted against actual error in furnished rooms made by chance.
+    Rooms(rooms::Arguments),
     /// One of these scenes with its sky and sun, as files for other renderers.
     Export(export::Arguments),
 }
@@ -91,6 +95,7 @@ fn main() -> Result<(), results::Failure> {
         Benchmark::Pixels(arguments) => pixels::run(&arguments),
         Benchmark::Tiers(arguments) => tiers::run(&arguments),
         Benchmark::RealLight(arguments) => real_light::run(&arguments),
+        Benchmark::Rooms(arguments) => rooms::run(&arguments),
         Benchmark::Export(arguments) => export::run(&arguments),
     }
 }

@@ -3,29 +3,20 @@
 //! their references.
 
 use crate::page::percent;
+use crate::real_view::RealView;
 use crate::results::{self, Failure};
-use crate::views::imported;
-use hemilux_charts::accuracy::{Reference, error};
+use hemilux_charts::accuracy::error;
 use hemilux_charts::regions::without_emitters;
 use hemilux_charts::sheet;
 use hemilux_charts::table::Table;
 use hemilux_engine::device::{self, Device};
 use hemilux_engine::image::{Exposure, Picture};
-use hemilux_engine::render::{
-    Begin, CameraChoice, Limits, RenderRequest, Rendered, Unobserved, choose_camera,
-};
+use hemilux_engine::render::Limits;
 use hemilux_engine::scene::made::real::{self, RealScene};
-use hemilux_engine::scene::{Environment, Scene};
-use hemilux_engine::transport::render;
 use hemilux_tests::blocks::{block_means, largest_deviation};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
-use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-/// Seeds of a reference's halves; judged runs count from 1.
-const REFERENCE_SEEDS: [u64; 2] = [1_000_001, 1_000_002];
 /// Pixels along a side of a block.
 const BLOCK: u32 = 16;
 /// What differences are multiplied by in pictures.
@@ -117,75 +108,22 @@ fn kept(path: &Path) -> Vec<Row> {
     read.and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default()
 }
 
-/// A view of a scene, and what its pictures are judged by.
-struct View<'a> {
-    arguments: &'a Arguments,
-    scene: Arc<Scene>,
-    environment: Arc<Environment>,
-}
-
-impl View<'_> {
-    fn render(
-        &self,
-        device: &mut dyn Device,
-        (method, seconds): (&str, f64),
-        seed: u64,
-    ) -> Result<Rendered, Failure> {
-        let request = RenderRequest {
-            scene: self.scene.clone(),
-            environment: Some(self.environment.clone()),
-            background: Default::default(),
-            camera: CameraChoice::First,
-            width: self.arguments.side,
-            height: self.arguments.side,
-            method: method.into(),
-            limits: Limits { seconds: Some(seconds), ..Limits::default() },
-            seed,
-            options: BTreeMap::default(),
-            begin: Begin::Afresh,
-        };
-        Ok(render(device, &request, &mut Unobserved)?)
-    }
-
-    /// The reference: from the folder, or traced and put there. `key` tells scenes apart.
-    fn reference(&self, device: &mut dyn Device, key: &str) -> Result<Reference, Failure> {
-        let mut half = |seed, name| -> Result<Picture, Failure> {
-            let path = self.arguments.references.join(format!("{key}-{name}.exr"));
-            if let Ok(bytes) = std::fs::read(&path) {
-                return Ok(Picture::from_exr(&bytes)?);
-            }
-            let run = ("ray-traced", self.arguments.reference_seconds);
-            let rendered = self.render(device, run, seed)?;
-            eprintln!("{key}: half {name}, {} passes", rendered.stats.figures.iterations);
-            std::fs::write(&path, rendered.picture.to_exr()?)?;
-            Ok(rendered.picture)
-        };
-        let [first, second] = REFERENCE_SEEDS;
-        Ok(Reference::new(half(first, "a")?, half(second, "b")?))
-    }
-}
-
 fn measure(
     made: &RealScene,
     arguments: &Arguments,
     device: &mut dyn Device,
 ) -> Result<Vec<Row>, Failure> {
-    let view = View {
-        arguments,
-        scene: Arc::new(imported(&made.glb)),
-        environment: Arc::new(made.environment.clone()),
-    };
     let side = arguments.side;
-    let key = format!("{}-{side}-{:016x}", made.name, content(made));
-    let reference = view.reference(device, &key)?;
-    let (camera, _) = choose_camera(&view.scene, &CameraChoice::First, [view.arguments.side; 2])?;
-    let counted = without_emitters(&view.scene, &camera, (side, side), 16);
+    let view = RealView::new(made, side);
+    let reference = view.reference(device, &arguments.references, arguments.reference_seconds)?;
+    let counted = without_emitters(&view.scene, &view.camera()?, (side, side), 16);
     let [truth, first, second] =
         [&reference.picture(), reference.halves()[0], reference.halves()[1]]
             .map(|picture| block_means(picture, BLOCK));
     let mut rows = Vec::new();
     for seconds in &arguments.seconds {
-        let rendered = view.render(device, ("auto", *seconds), 1)?;
+        let limits = Limits { seconds: Some(*seconds), ..Limits::default() };
+        let rendered = view.render(device, ("auto", limits), 1)?;
         let (stats, figures) = (&rendered.stats, &rendered.stats.figures);
         for warning in &stats.warnings {
             eprintln!("{}: {}: {}", made.name, warning.at, warning.what);
@@ -216,14 +154,6 @@ fn measure(
         }
     }
     Ok(rows)
-}
-
-/// A number that differs where the scene or what surrounds it does.
-fn content(made: &RealScene) -> u64 {
-    let mut hasher = DefaultHasher::new();
-    hasher.write(&made.glb);
-    made.environment.digest_into(&mut |piece| hasher.write(piece));
-    hasher.finish()
 }
 
 /// The picture, its reference and what they differ by, at one exposure.

@@ -49,6 +49,8 @@ pub enum Stream {
     OpenLobe = 21,
     /// Places of the camera's rays in pixels at edges.
     Edge = 22,
+    /// Places of the picture and paths from there that the picture is held against.
+    Audit = 23,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

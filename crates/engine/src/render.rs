@@ -144,6 +144,31 @@ pub struct Figures {
     /// Estimated rRMSE of the picture; `None` until there is enough to tell, or where the method
     /// can't.
     pub estimated_error: Option<f64>,
+    /// What the true error most likely lies between; `None` where the method holds no audit, or that
+    /// can't tell yet.
+    #[serde(default)]
+    pub error_bounds: Option<ErrorBounds>,
+}
+
+/// What a picture's true error most likely lies between: in nine pictures of ten.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ErrorBounds {
+    /// Lower bound of the rRMSE.
+    pub low: f64,
+    /// Upper bound of it: where an audit could have missed more than scatter shows, that counts.
+    pub high: f64,
+    /// What says so.
+    pub by: ErrorSource,
+}
+
+/// What an error is estimated by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ErrorSource {
+    /// By the scatter within the picture's own samples; unbiased paths find nothing beyond it.
+    Scatter,
+    /// By unbiased paths, from which wide areas of the picture differ by more than scatter explains.
+    Audit,
 }
 
 /// Where a job stands.

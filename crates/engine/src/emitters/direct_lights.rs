@@ -12,6 +12,7 @@ use crate::radiometry::{Rgb, importance};
 use crate::rays::Hit;
 use crate::surface::World;
 use glam::Vec3;
+use std::sync::Arc;
 
 /// Number of groups: polygons, sky, sun, and lights without extent.
 const GROUPS: usize = 4;
@@ -31,7 +32,7 @@ pub struct DirectLights {
     sun: Option<SunLight>,
     punctual: Option<PunctualLights>,
     /// Through which dark places see the sky, if there are any.
-    openings: Option<Openings>,
+    openings: Option<Arc<Openings>>,
     /// Length of rays to what is infinitely far away, ray units.
     beyond: f32,
 }
@@ -103,7 +104,7 @@ impl DirectLights {
         let sky = SkyLight::new(&world.environment);
         let this = Self {
             polygons,
-            openings: sky.as_ref().and_then(|_| Openings::find(world)),
+            openings: sky.as_ref().and_then(|_| Openings::find(world)).map(Arc::new),
             sky,
             sun: SunLight::new(&world.environment),
             punctual: PunctualLights::new(scene, &world.environment, rays),
@@ -117,6 +118,11 @@ impl DirectLights {
     #[cfg(test)]
     pub fn without_openings(self) -> Self {
         Self { openings: None, ..self }
+    }
+
+    /// Where the sky is seen through openings, if it is.
+    pub fn openings(&self) -> Option<Arc<Openings>> {
+        self.openings.clone()
     }
 
     /// Whether light comes from infinitely far away.

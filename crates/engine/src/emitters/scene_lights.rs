@@ -2,6 +2,7 @@
 //! lights without extent. Each is sampled by itself, and what a path meets by chance is weighed
 //! against that.
 
+use super::direct_lights::DirectLights;
 use super::openings::{Lookout, Openings, sample_sky, sky_pdf};
 use super::punctual::{PunctualLights, PunctualSample};
 use super::sky::SkyLight;
@@ -11,6 +12,7 @@ use crate::radiometry::Rgb;
 use crate::random::Numbers;
 use crate::surface::{Surface, World};
 use glam::Vec3;
+use std::sync::Arc;
 
 /// The lights of a scene and its surroundings.
 pub struct SceneLights {
@@ -20,7 +22,7 @@ pub struct SceneLights {
     sun: Option<SunLight>,
     punctual: Option<PunctualLights>,
     /// Through which dark places see the sky, if there are any.
-    openings: Option<Openings>,
+    openings: Option<Arc<Openings>>,
     /// Length of rays to what is infinitely far away, ray units.
     beyond: f32,
 }
@@ -28,10 +30,19 @@ pub struct SceneLights {
 impl SceneLights {
     /// The lights of a world; `None` where nothing shines, and nothing shows itself without light.
     pub fn new(world: &World) -> Option<Self> {
+        Self::with(world, || Openings::find(world).map(Arc::new))
+    }
+
+    /// The same, with the openings that other lights know of.
+    pub fn beside(world: &World, lights: &DirectLights) -> Option<Self> {
+        Self::with(world, || lights.openings())
+    }
+
+    fn with(world: &World, openings: impl FnOnce() -> Option<Arc<Openings>>) -> Option<Self> {
         let sky = SkyLight::new(&world.environment);
         let this = Self {
             triangles: TriangleLights::new(world),
-            openings: sky.as_ref().and_then(|_| Openings::find(world)),
+            openings: sky.as_ref().and_then(|_| openings()),
             sky,
             sun: SunLight::new(&world.environment),
             punctual: PunctualLights::new(&world.scene, &world.environment, &world.rays),

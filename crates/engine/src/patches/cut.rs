@@ -24,9 +24,13 @@ pub enum Cut {
 
 /// Where a patch lies.
 pub struct PatchCell {
-    /// World positions of the corners of a triangle.
+    /// The scene's triangle that it lies on.
+    pub triangle: u32,
+    /// World positions of the corners of a facet of it.
     pub corners: [Vec3; 3],
-    /// Barycentric corners of the patch in it.
+    /// Barycentric coordinates of these corners in the scene's triangle.
+    pub source: [Vec2; 3],
+    /// Barycentric corners of the patch in the facet.
     pub at: [Vec2; 3],
     /// Whether it is on the back.
     pub back: bool,
@@ -192,7 +196,8 @@ impl Cut {
             Self::Listed(listed) => {
                 let (facet, back, at) = listed.cell_of(patch);
                 let corners = facet.corners.map(|corner| listed.positions[corner as usize]);
-                PatchCell { corners, at, back }
+                let (triangle, source) = (facet.source, facet.source_uv);
+                PatchCell { triangle, corners, source, at, back }
             }
             Self::Crowd(crowd) => {
                 let whole = [Vec2::ZERO, Vec2::X, Vec2::Y];
@@ -210,7 +215,7 @@ impl Cut {
                     }
                 };
                 let corners = crowd.scene.corners(&crowd.scene.triangle(triangle));
-                PatchCell { corners, at, back }
+                PatchCell { triangle, corners, source: whole, at, back }
             }
         }
     }

@@ -1,7 +1,7 @@
 //! What a job may spend: what was asked for, and apart from that what whoever runs it allows.
 
 use crate::device::Tally;
-use crate::render::{Figures, Limits, Progress, StopReason};
+use crate::render::{ErrorBounds, Figures, Limits, Progress, StopReason};
 
 /// What a job may spend.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +27,8 @@ pub struct Standing {
     pub picture_seconds: f64,
     /// Estimated rRMSE of the present picture.
     pub estimated_error: Option<f64>,
+    /// What the true one most likely lies between.
+    pub error_bounds: Option<ErrorBounds>,
     /// Whether there is nothing to estimate the error from: the method can't, or every pixel sees
     /// an emitter or darkness. Then a target error alone does not end the job, the default time
     /// budget does.
@@ -112,6 +114,7 @@ impl Budget {
                 shots,
                 light_source_selection_ratio: light_shots as f64 / shots.max(1) as f64,
                 estimated_error: at.estimated_error,
+                error_bounds: at.error_bounds,
             },
             seconds,
             seconds_remaining,

@@ -115,4 +115,5 @@ fn estimate(solver: &mut dyn Solver, run: &mut Run<'_>) {
         Estimate::Error(error) => Some(error),
         Estimate::NotYet | Estimate::Never => None,
     };
+    run.standing.error_bounds = solver.error_bounds();
 }

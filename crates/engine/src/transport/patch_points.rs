@@ -7,6 +7,9 @@ use glam::{Vec2, Vec3};
 
 /// A patch to pick points of, in ray units.
 pub struct PatchPoints {
+    /// The scene's triangle, and where in it the corners lie.
+    triangle: u32,
+    source: [Vec2; 3],
     corners: [Vec3; 3],
     /// Of the front.
     normal: Vec3,
@@ -15,12 +18,25 @@ pub struct PatchPoints {
     back: bool,
 }
 
+/// A point of a patch that light comes to.
+#[derive(Clone, Copy)]
+pub struct LitPoint {
+    /// The point, off the surface by the rounding error.
+    pub start: Vec3,
+    /// Unit geometric normal of its side.
+    pub normal: Vec3,
+    /// Unit normal that it is lit by: that between the vertices' normals, as wherever the camera or a
+    /// ray sees it. Light from below the geometric plane does not arrive.
+    pub lit_normal: Vec3,
+}
+
 impl PatchPoints {
     /// The points of a patch.
     pub fn new(world: &World, scene: &PatchedScene, patch: PatchIndex) -> Self {
         let (facet, back, at) = scene.cell_of(patch);
         let corners = facet.corners.map(|c| scene.positions[c as usize]);
-        Self::of(world, PatchCell { corners, at, back })
+        let (triangle, source) = (facet.source, facet.source_uv);
+        Self::of(world, PatchCell { triangle, corners, source, at, back })
     }
 
     /// The points of a patch of a scene that may be a crowd; of one of several triangles, those of the
@@ -29,9 +45,11 @@ impl PatchPoints {
         Self::of(world, cut.cell(patch, x))
     }
 
-    fn of(world: &World, PatchCell { corners, at: cell, back }: PatchCell) -> Self {
+    fn of(world: &World, patch: PatchCell) -> Self {
+        let PatchCell { triangle, corners, source, at: cell, back } = patch;
         let corners = corners.map(|corner| world.rays.place(corner));
-        Self { corners, normal: unit_normal(corners), cell, inset: inset(corners), back }
+        let (normal, inset) = (unit_normal(corners), inset(corners));
+        Self { triangle, source, corners, normal, cell, inset, back }
     }
 
     fn corner(&self, at: Vec2) -> Vec3 {
@@ -58,14 +76,34 @@ impl PatchPoints {
     }
 
     /// The point for two uniform numbers, off the surface by the rounding error, and the normal.
-    pub fn point(&self, [x, y]: [f32; 2]) -> (Vec3, Vec3) {
+    pub fn point(&self, xi: [f32; 2]) -> (Vec3, Vec3) {
+        let (spot, normal) = self.spot(self.place(xi));
+        (spot.off_surface(normal), normal)
+    }
+
+    /// The same with the normal that it is lit by.
+    pub fn lit_point(&self, world: &World, xi: [f32; 2]) -> LitPoint {
+        let at = self.place(xi);
+        let (spot, normal) = self.spot(at);
+        let [a, b, c] = self.source;
+        let source = a * (1.0 - at.x - at.y) + b * at.x + c * at.y;
+        let side = if self.back { -1.0 } else { 1.0 };
+        let lit_normal = world.smooth_normal(self.triangle, source, normal, side);
+        LitPoint { start: spot.off_surface(normal), normal, lit_normal }
+    }
+
+    /// Barycentric coordinates in the facet for two uniform numbers.
+    fn place(&self, [x, y]: [f32; 2]) -> Vec2 {
         let [a, b, c] = self.cell;
         let root = x.sqrt();
         let at = a * (1.0 - root) + b * (root * (1.0 - y)) + c * (root * y);
-        let at = at.lerp(Vec2::splat(1.0 / 3.0), self.inset);
+        at.lerp(Vec2::splat(1.0 / 3.0), self.inset)
+    }
+
+    /// Where that is, and the unit normal of the side.
+    fn spot(&self, at: Vec2) -> (Spot, Vec3) {
         let spot = Spot::new(self.corners, self.normal, at.x, at.y);
-        let normal = if self.back { -spot.normal } else { spot.normal };
-        (spot.off_surface(normal), normal)
+        (spot, if self.back { -spot.normal } else { spot.normal })
     }
 }
 

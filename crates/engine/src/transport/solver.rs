@@ -8,7 +8,7 @@ use crate::device::{Device, DeviceError};
 use crate::image::Picture;
 use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
-use crate::render::{RenderError, StopReason};
+use crate::render::{ErrorBounds, RenderError, StopReason};
 use crate::scene::Scene;
 use crate::surface::World;
 use std::collections::BTreeMap;
@@ -208,6 +208,12 @@ pub trait Solver {
 
     /// Estimates the error of the present picture.
     fn estimate(&mut self) -> Estimate;
+
+    /// What the true error of the picture that was estimated last most likely lies between; `None` where
+    /// the method holds no audit, or that can't tell yet.
+    fn error_bounds(&self) -> Option<ErrorBounds> {
+        None
+    }
 
     /// The present picture.
     fn picture(&mut self) -> Picture;

@@ -301,6 +301,34 @@ pub struct Figures {
     /// Estimated rRMSE of the present picture; `null` until there is enough to tell.
     #[schema(required)]
     pub estimated_error: Option<f64>,
+    /// What the true error lies between in nine pictures of ten; `null` where the method holds no audit,
+    /// or that can't tell yet.
+    #[schema(required)]
+    #[serde(default)]
+    pub error_bounds: Option<ErrorBounds>,
+}
+
+/// What a picture's true error most likely lies between.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ErrorBounds {
+    /// Lower bound of the rRMSE.
+    pub low: f64,
+    /// Upper bound of the rRMSE: it covers what an audit by unbiased paths may have missed so far.
+    pub high: f64,
+    /// What says so.
+    pub by: ErrorSource,
+}
+
+/// What an error is estimated by: `scatter` within the picture's own samples, beyond which unbiased
+/// paths find nothing; or an `audit` by such paths, from which wide areas of the picture differ by more
+/// than scatter explains.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ErrorSource {
+    /// The scatter within the picture's own samples.
+    Scatter,
+    /// Unbiased paths.
+    Audit,
 }
 
 /// Where a running job stands.

@@ -12,7 +12,8 @@ use clap::Args;
 use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::image::{Exposure, Picture, Units};
 use hemilux_engine::render::{
-    Begin, Limits, Observer, Plan, Progress, RenderError, RenderRequest, Rendered,
+    Begin, ErrorBounds, Figures, Limits, Observer, Plan, Progress, RenderError, RenderRequest,
+    Rendered,
 };
 use hemilux_engine::scene::gltf::ImportOptions;
 use hemilux_engine::scene::{Background, Scene, Warning};
@@ -333,10 +334,12 @@ impl Observer for Console {
     }
 
     fn progress(&mut self, progress: &Progress) {
-        let error = progress
-            .figures
-            .estimated_error
-            .map_or_else(String::new, |error| format!(", error {:.2}%", 100.0 * error));
+        let Figures { estimated_error, error_bounds, .. } = progress.figures;
+        let between = error_bounds.map_or_else(String::new, |ErrorBounds { low, high, .. }| {
+            format!(" ({:.2} to {:.2})", 100.0 * low, 100.0 * high)
+        });
+        let error = estimated_error
+            .map_or_else(String::new, |error| format!(", error {:.2}%{between}", 100.0 * error));
         let remaining = progress
             .seconds_remaining
             .map_or_else(String::new, |seconds| format!(", {seconds:.1} s left"));

@@ -19,6 +19,12 @@ export function percent(share) {
   return `${value.toFixed(value >= 99.95 ? 0 : value >= 9.995 ? 1 : 2)}${NBSP}%`;
 }
 
+/** An estimated error with what it lies between, where that is known. */
+export function errorText({ estimated_error: error, error_bounds: bounds }) {
+  if (missing(error) || !bounds) return percent(error);
+  return `${percent(error)} (${percent(bounds.low)} to ${percent(bounds.high)})`;
+}
+
 /** A count; beyond ten millions in short form. */
 export function count(n) {
   if (missing(n)) return NONE;

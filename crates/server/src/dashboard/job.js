@@ -4,7 +4,7 @@ import * as api from "./api.js";
 import { ErrorChart } from "./chart.js";
 import { announce, copyButton, h, icon, setAttribute, setText, setVariable } from "./dom.js";
 import { Follower } from "./follow.js";
-import { bytes, count, fullTime, isTerminal, NONE, percent, pixels, seconds, shortId, stateName, stopReason, words } from "./format.js";
+import { bytes, count, errorText, fullTime, isTerminal, NONE, percent, pixels, seconds, shortId, stateName, stopReason, words } from "./format.js";
 import { PictureView } from "./picture.js";
 
 /** How often the record itself is read while the job runs: device, attempts, timings. */
@@ -12,7 +12,7 @@ const REREAD_MS = 3000;
 const MAX_LOG_LINES = 300;
 
 const FIGURES = [
-  ["error", "Estimated error", "Relative error (rRMSE) of the present picture, estimated without a reference"],
+  ["error", "Estimated error", "Relative error (rRMSE) of the present picture, estimated without a reference, and what it most likely lies between"],
   ["iterations", "Iterations", "Whole iterations of the method"],
   ["shots", "Shots", "Hemicubes shot"],
   ["ratio", "Light-source selection ratio", "Share of shots whose shooter is a light source; of rays, the share cast at one"],
@@ -223,7 +223,7 @@ export class JobView {
 
   showProgress(progress) {
     this.progress = progress;
-    setText(this.figures.get("error"), percent(progress.estimated_error));
+    setText(this.figures.get("error"), errorText(progress));
     setText(this.figures.get("iterations"), count(progress.iterations));
     setText(this.figures.get("shots"), count(progress.shots));
     setText(this.figures.get("ratio"), percent(progress.light_source_selection_ratio));

@@ -5,7 +5,7 @@ use super::documented;
 use super::jobs::find;
 use super::problem::Problem;
 use super::read::{JobId, is_held, prefers};
-use crate::api::jobs::{Figures, Job, Progress, Trace, TracePoint};
+use crate::api::jobs::{ErrorBounds, ErrorSource, Figures, Job, Progress, Trace, TracePoint};
 use crate::hash::sha256_hex;
 use crate::job_state::JobState;
 use axum::extract::State;
@@ -118,13 +118,18 @@ pub async fn trace_csv(
 
 /// A trace for the API's description.
 fn example() -> Trace {
-    let point = |seconds, iterations, ratio, error| TracePoint {
+    let point = |seconds, iterations, ratio, error: Option<f64>| TracePoint {
         seconds,
         figures: Figures {
             iterations,
             shots: 8 * iterations,
             light_source_selection_ratio: ratio,
             estimated_error: error,
+            error_bounds: error.map(|error| ErrorBounds {
+                low: 0.67 * error,
+                high: 1.5 * error,
+                by: ErrorSource::Scatter,
+            }),
         },
     };
     Trace {
@@ -145,14 +150,21 @@ fn as_json(trace: &Trace) -> Result<Vec<u8>, Problem> {
 }
 
 fn as_csv(trace: &Trace) -> String {
-    let mut text =
-        String::from("seconds,iterations,shots,light_source_selection_ratio,estimated_error\n");
+    let mut text = String::from(
+        "seconds,iterations,shots,light_source_selection_ratio,estimated_error,error_low,error_high\n",
+    );
     for point in &trace.points {
         let TracePoint { seconds, figures } = point;
-        let Figures { iterations, shots, light_source_selection_ratio, estimated_error } = figures;
-        let error = estimated_error.map(|error| error.to_string()).unwrap_or_default();
-        let _ =
-            writeln!(text, "{seconds},{iterations},{shots},{light_source_selection_ratio},{error}");
+        let Figures { iterations, shots, light_source_selection_ratio: ratio, .. } = figures;
+        let bounds = figures.error_bounds;
+        let errors = [
+            figures.estimated_error,
+            bounds.map(|bounds| bounds.low),
+            bounds.map(|bounds| bounds.high),
+        ];
+        let [error, low, high] =
+            errors.map(|error| error.map(|error| error.to_string()).unwrap_or_default());
+        let _ = writeln!(text, "{seconds},{iterations},{shots},{ratio},{error},{low},{high}");
     }
     text
 }

@@ -9,7 +9,8 @@ use hemilux_engine::checkpoint::Header;
 use hemilux_engine::image::Units;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
-    Begin, CameraChoice, ExplicitCamera, Figures, Limits, Plan, Progress, RenderRequest, Stats,
+    Begin, CameraChoice, ErrorBounds, ErrorSource, ExplicitCamera, Figures, Limits, Plan, Progress,
+    RenderRequest, Stats,
 };
 use hemilux_engine::scene::daylight::PlaceAndTime;
 use hemilux_engine::scene::environment::{Environment, PlacedMap, Sky, Sun};
@@ -144,7 +145,18 @@ fn to_figures(figures: &Figures) -> api::Figures {
         shots: figures.shots,
         light_source_selection_ratio: finite(figures.light_source_selection_ratio),
         estimated_error: figures.estimated_error.filter(|error| error.is_finite()),
+        error_bounds: figures.error_bounds.and_then(to_bounds),
     }
+}
+
+/// Bounds of an error that JSON can say.
+fn to_bounds(bounds: ErrorBounds) -> Option<api::ErrorBounds> {
+    let ErrorBounds { low, high, by } = bounds;
+    let by = match by {
+        ErrorSource::Scatter => api::ErrorSource::Scatter,
+        ErrorSource::Audit => api::ErrorSource::Audit,
+    };
+    (low.is_finite() && high.is_finite()).then_some(api::ErrorBounds { low, high, by })
 }
 
 /// Where a job stands, in the API's words.

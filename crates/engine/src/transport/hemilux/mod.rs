@@ -9,6 +9,7 @@
 //! Each iteration makes all three better. What an iteration does depends on its number alone, so
 //! the same iterations give the same bits, whatever the number of threads.
 
+mod audit;
 mod balance;
 mod clock;
 mod coarse;
@@ -65,7 +66,7 @@ impl Method for Hemilux {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        7
+        8
     }
 
     fn summary(&self) -> &'static str {

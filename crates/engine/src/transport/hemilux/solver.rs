@@ -1,5 +1,6 @@
 //! The three tiers at work: what an iteration does, and the picture after it.
 
+use super::audit::{Audit, Audited};
 use super::balance::{Balance, WorkDone};
 use super::clock::Clock;
 use super::coarse::{CoarseSolution, PATCH_POINTS};
@@ -17,10 +18,11 @@ use crate::emitters::DirectLights;
 use crate::image::Picture;
 use crate::patches::{MAX_PATCHES, PatchedScene};
 use crate::radiometry::Rgb;
-use crate::render::{RenderError, StopReason};
+use crate::render::{ErrorBounds, RenderError, StopReason};
 use crate::sampling::Seed;
 use crate::surface::World;
 use crate::transport::checkpoints;
+use crate::transport::ray_traced::Caustics;
 use crate::transport::run::Run;
 use crate::transport::solver::{Estimate, Solver};
 use rayon::prelude::*;
@@ -80,6 +82,7 @@ pub struct Tiers {
     gloss: Gloss,
     /// Found when they are first asked for.
     edges: Option<Edges>,
+    audit: Audit,
     balance: Balance,
     options: HemiluxSettings,
     /// Whether the first picture had better come soon than be good.
@@ -136,6 +139,7 @@ impl Tiers {
             direct,
             gloss: Gloss::new(&world, &visible),
             edges: None,
+            audit: Audit::default(),
             balance: Balance::default(),
             link_variance: 0.0,
             world,
@@ -200,6 +204,7 @@ impl Tiers {
         let mut edges = Edges::default();
         edges.restore(&mut self.visible, &mut from)?;
         self.edges = (edges.rays() > 0).then_some(edges);
+        self.audit = Audit::restore(&mut from)?;
         from.end()
     }
 
@@ -246,10 +251,13 @@ impl Tiers {
             self.look_at_edges();
         }
         self.clock.lap("seconds_edges");
+        let by_light = self.coarse.caustics().map_or(0, |caustics| caustics.rays());
+        let rays = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays + by_light;
+        self.hold_paths_against(rays);
+        self.clock.lap("seconds_audit");
         let tally = &mut run.standing.tally;
         tally.iterations += 1;
-        let by_light = self.coarse.caustics().map_or(0, |caustics| caustics.rays());
-        tally.shots = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays + by_light;
+        tally.shots = rays;
         tally.light_shots = self.direct.rays + by_light;
         self.done = tally.iterations;
         // With lobes the first picture says already whether they need most of the time or hardly any.
@@ -265,6 +273,14 @@ impl Tiers {
         edges.pass(visible, *seed, balance.edge_rays, &|hit, [origin, direction], numbers| {
             of_camera(coarse, hit, [origin, direction], numbers)
         });
+    }
+
+    /// Traces the audit's share of paths, by the number of all other rays.
+    fn hold_paths_against(&mut self, rays: u64) {
+        let caustics = self.coarse.caustics().map(|caustics| caustics.map() as &dyn Caustics);
+        let (world, known) = (&*self.world, &*self.lights);
+        let (visible, seed) = (&self.visible, self.seed);
+        self.audit.follow(&Audited { world, known, visible, caustics, seed }, rays);
     }
 
     /// Finds how later iterations share out their time, by what is wrong with the present picture.
@@ -397,7 +413,7 @@ impl Tiers {
             vec![None; self.visible.fragments.len()]
         };
         self.clock.lap("seconds_smooth");
-        let (picture, errors) = estimate::measure(&PictureInputs {
+        let (picture, mut errors) = estimate::measure(&PictureInputs {
             visible: &self.visible,
             lights: &self.lights,
             coarse: &self.coarse,
@@ -407,6 +423,9 @@ impl Tiers {
             options: &self.options,
             link_variance: self.link_variance,
         });
+        if let Some(errors) = &mut errors {
+            errors.audited(self.audit.judge(&self.visible, self.seed, &picture));
+        }
         self.clock.lap("seconds_picture");
         self.picture_seconds = Some(began.elapsed().as_secs_f64());
         self.drawn = DrawnPicture { iterations: Some(iterations), picture, errors };
@@ -442,6 +461,11 @@ impl Solver for Tiers {
         errors.map_or(Estimate::Never, |errors| Estimate::Error(errors.total))
     }
 
+    fn error_bounds(&self) -> Option<ErrorBounds> {
+        let drawn = self.drawn.errors.filter(|_| self.drawn.iterations == Some(self.done));
+        drawn.and_then(|errors| errors.bounds)
+    }
+
     fn picture(&mut self) -> Picture {
         self.draw().picture.clone()
     }
@@ -461,6 +485,7 @@ impl Solver for Tiers {
         parts.bound.value(self.balance);
         parts.bound.value(self.link_variance);
         self.edges.as_ref().unwrap_or(&Edges::default()).save(&mut parts.bound);
+        self.audit.save(&mut parts.bound);
         Ok(())
     }
 
@@ -481,6 +506,8 @@ impl Solver for Tiers {
         }
         let errors = self.drawn.errors.unwrap_or_default();
         figures.insert("error_links".into(), errors.by_links);
+        figures.insert("error_audit".into(), errors.by_audit);
+        figures.insert("audit_paths".into(), self.audit.paths() as f64);
         figures.insert("records".into(), self.cache.len() as f64);
         figures.insert("records_reused".into(), self.cache.reused as f64);
         figures.insert("first_rays".into(), f64::from(self.first_rays));

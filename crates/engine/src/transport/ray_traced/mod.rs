@@ -29,7 +29,7 @@ use std::collections::BTreeMap;
 
 // What illumination maps share.
 pub(super) use film::Film;
-pub(super) use path::{Caustics, Mapped};
+pub(super) use path::{Caustics, Mapped, Tracer, Walk};
 pub(super) use settings::{PRESETS, RayTracedSettings, SETTINGS};
 pub(super) use steps::Steps;
 pub(super) use view::View;

@@ -67,3 +67,26 @@ fn courtyards_differ() {
     }
     assert!(bulbs > 3 && points > 3 && suns > 3, "{bulbs} {points} {suns}");
 }
+
+/// Random rooms of many seeds load without a warning, each with a light, and all kinds of things
+/// are among them; the same seed makes the same room.
+#[test]
+fn random_rooms_differ() {
+    let (mut windows, mut mirrors, mut points, mut textures) = (0, 0, 0, 0);
+    for seed in 0..40 {
+        let made = random_room(seed);
+        assert!(made.glb == random_room(seed).glb, "{seed}");
+        let loaded = imported(&made);
+        let is_windowed = !made.environment.is_dark();
+        let has_lamps = loaded.emissive_triangles() > 0 || !loaded.lights.is_empty();
+        assert!(is_windowed || has_lamps, "{seed}");
+        let has_mirror = loaded.materials.iter().any(|material| material.name == "mirror");
+        assert!(!has_mirror || loaded.lights.is_empty(), "{seed}");
+        windows += u32::from(is_windowed);
+        mirrors += u32::from(has_mirror);
+        points += u32::from(!loaded.lights.is_empty());
+        textures += u32::from(!loaded.textures.is_empty());
+    }
+    let counts = [windows, mirrors, points, textures];
+    assert!(counts.iter().all(|count| (3..38).contains(count)), "{counts:?}");
+}

@@ -9,6 +9,7 @@ use crate::rays::Eye;
 use crate::sampling::{Seed, Shifted, cosine_direction};
 use crate::surface::World;
 use crate::transport::light_sums::LightSums;
+use crate::transport::patch_points::LitPoint;
 use bytemuck::{Pod, Zeroable};
 
 /// A point of an element lies in a crevice if its random ray ends within this share of the
@@ -67,7 +68,7 @@ impl SampledLight {
         for _ in 0..points {
             let xi = sequence.next_pair();
             let from = elements.points(world, cut, element, sequence.afresh().bounce[0]);
-            let (start, normal) = from.point(xi);
+            let LitPoint { start, normal, lit_normal } = from.lit_point(world, xi);
             let direction = cosine_direction(normal, sequence.second_pair());
             let mut hidden = false;
             match world.rays.closest(Eye::Light, start, direction) {
@@ -79,7 +80,7 @@ impl SampledLight {
             }
             self.open += 1;
             let sums = if hidden { &mut self.hidden } else { &mut self.visible };
-            sums.add(lights.sample_by_shadow_ray(world, start, normal, sequence.triple()));
+            sums.add(lights.sample_by_shadow_ray(world, start, lit_normal, sequence.triple()));
         }
     }
 

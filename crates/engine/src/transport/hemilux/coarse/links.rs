@@ -159,14 +159,14 @@ impl Links {
             let done = self.rounds.iter().map(|round| round.of(element).len() as u32).sum();
             let sequence = Shifted::new(seed, Stream::PatchLight, index as u64).at(done);
             let count = start[index + 1] - start[index];
-            let batch = link_rays(world, mesh, element, count, sequence);
+            let (batch, arrives) = link_rays(world, mesh, element, count, sequence);
             let mut hits = Vec::with_capacity(batch.len());
             world.rays.closest_many(Eye::Light, &batch, &mut hits);
             let mut way = OnTheWay::default();
-            let links = hits.into_iter().zip(&batch);
-            let links = links.map(|(hit, ray)| {
+            let links = hits.into_iter().zip(&batch).zip(arrives);
+            let links = links.map(|((hit, ray), arrives)| {
                 let ray = LinkRay { from: element.0, direction: ray.direction, has_tint };
-                linking.link(hit, &ray, &mut way)
+                linking.link(hit.filter(|_| arrives), &ray, &mut way)
             });
             (links.collect::<Vec<(u32, CellSpot)>>(), way)
         };
@@ -420,14 +420,15 @@ fn tint(left: Rgb, has_tint: bool) -> (f32, Rgb) {
     (share, Rgb::ONE - whole)
 }
 
-/// So many rays from points of an element over its hemisphere.
+/// So many rays from points of an element over the hemisphere about the normal that each is lit by, and
+/// whether light from there arrives: none does from below the geometric plane.
 fn link_rays(
     world: &World,
     mesh: &CoarseMesh,
     element: ElementIndex,
     count: u32,
     mut sequence: Shifted,
-) -> Vec<Ray> {
+) -> (Vec<Ray>, Vec<bool>) {
     let members = mesh.elements.members(element);
     let alone = members.len() == 1 && !mesh.cut.is_cluster(members[0]);
     let points = mesh.elements.points(world, &mesh.cut, element, 0.0);
@@ -441,10 +442,11 @@ fn link_rays(
             others = mesh.elements.points(world, &mesh.cut, element, x);
             &others
         };
-        let (origin, normal) = points.point(sequence.second_pair());
-        Ray { origin, direction: cosine_direction(normal, xi) }
+        let lit = points.lit_point(world, sequence.second_pair());
+        let direction = cosine_direction(lit.lit_normal, xi);
+        (Ray { origin: lit.start, direction }, lit.normal.dot(direction) > 0.0)
     };
-    (0..count).map(ray).collect()
+    (0..count).map(ray).unzip()
 }
 
 /// Whether two bytes a link suffice for the elements' numbers and the two marks.

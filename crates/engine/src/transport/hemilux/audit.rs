@@ -1,0 +1,353 @@
+//! An audit of the picture: a small sample of unbiased paths beside what the three tiers say.
+//!
+//! The predicted error ([`super::estimate`]) adds up scatter, and knows nothing of what all rays have
+//! wrong together: a leak along a wall, a coarse mesh that is too coarse. Paths from the camera through
+//! well-spread places of the picture have the right mean whatever the tiers do. They are few and noisy,
+//! so single pixels say nothing, but the mean difference over wide areas does: what lies beyond the
+//! noise of the paths is error that no cause has, and what lies below it bounds what may have been
+//! missed. The paths do not become part of the picture.
+
+use super::fragments::VisibleSurfaces;
+use crate::checkpoint::{CheckpointError, Reader, Writer};
+use crate::emitters::{DirectLights, SceneLights};
+use crate::image::Picture;
+use crate::radiometry::Rgb;
+use crate::random::{Numbers, Stream};
+use crate::sampling::{Seed, Shifted};
+use crate::surface::World;
+use crate::transport::ray_traced::{Caustics, Tracer, Walk};
+use glam::Vec2;
+use rayon::prelude::*;
+
+/// Rays of the audit, as a share of all other rays.
+const SHARE: f64 = 0.06;
+/// Paths that are traced at once: the audit has a multiple of it.
+const BATCH: usize = 1024;
+/// Most paths of a job, 12 bytes each.
+const MOST_PATHS: usize = 1 << 20;
+/// Fewest paths of a square that is judged.
+const LEAST_PATHS: f64 = 16.0;
+/// Squares along a side of the finest grid that differences are averaged over; each other has half as
+/// many.
+const FINEST: usize = 8;
+/// Grid by which is said what may have been missed, squares along its side.
+const WIDE: usize = 4;
+/// Standard deviations beyond which a difference is no chance: one grid of one in a thousand audits.
+const SURE: f64 = 3.5;
+/// Standard deviations that bound what chance may hide.
+const LIKELY: f64 = 2.0;
+
+/// The paths so far.
+#[derive(Default)]
+pub struct Audit {
+    /// Found when the first path is traced.
+    lights: Option<SceneLights>,
+    /// What each path has brought, in their order.
+    brought: Vec<Rgb>,
+    /// Rays that they took.
+    rays: u64,
+}
+
+/// What an audit says of a picture.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Verdict {
+    /// Squared difference of the radiance over wide areas that is no chance, the mean over channels; 0
+    /// where there is none.
+    pub found: f64,
+    /// Squared difference over wide areas that chance may have hidden; `None` before there are paths
+    /// enough to tell.
+    pub hidden: Option<f64>,
+}
+
+/// What is audited.
+pub struct Audited<'a> {
+    /// The scene.
+    pub world: &'a World,
+    /// Its lights as the tiers know them.
+    pub known: &'a DirectLights,
+    /// What the camera sees of it.
+    pub visible: &'a VisibleSurfaces,
+    /// The map of the caustics, where there is one: paths can't find those.
+    pub caustics: Option<&'a dyn Caustics>,
+    /// Random numbers.
+    pub seed: Seed,
+}
+
+impl Audit {
+    /// Number of paths.
+    pub fn paths(&self) -> usize {
+        self.brought.len()
+    }
+
+    /// Traces paths until they have their share of `rays`, those of everything else.
+    pub fn follow(&mut self, audited: &Audited<'_>, rays: u64) {
+        while (self.rays as f64) < SHARE * rays as f64 && self.paths() < MOST_PATHS {
+            if self.lights.is_none() {
+                self.lights = SceneLights::beside(audited.world, audited.known);
+            }
+            let Some(lights) = &self.lights else { return };
+            let first = self.paths();
+            let traced: Vec<(Rgb, u64)> = (first..first + BATCH)
+                .into_par_iter()
+                .with_min_len(64)
+                .map(|number| audited.trace(lights, number))
+                .collect();
+            for (brought, rays) in traced {
+                self.brought.push(brought);
+                self.rays += rays;
+            }
+        }
+    }
+
+    /// Holds the paths against a picture. Pixels that see an emitter are left out, as in all errors.
+    pub fn judge(&self, visible: &VisibleSurfaces, seed: Seed, picture: &Picture) -> Verdict {
+        let mut grid = Grid::new(FINEST);
+        for (number, brought) in self.brought.iter().enumerate() {
+            let at = place(seed, number);
+            let (x, y) = pixel_at(at, visible);
+            let pixel = (y * visible.width + x) as usize;
+            if visible.shine[pixel] == Rgb::ZERO {
+                grid.add(at, picture.pixels[pixel] - *brought);
+            }
+        }
+        let mut verdict = Verdict::default();
+        loop {
+            if let Some((square, deviation)) = grid.beyond_noise() {
+                if square > SURE * deviation {
+                    verdict.found = verdict.found.max(square);
+                }
+                if grid.side == WIDE {
+                    verdict.hidden = Some(square.max(0.0) + LIKELY * deviation);
+                }
+            }
+            if grid.side == 1 {
+                return verdict;
+            }
+            grid = grid.coarser();
+        }
+    }
+
+    /// Writes what the paths have brought.
+    pub fn save(&self, to: &mut Writer) {
+        to.value([self.rays, self.paths() as u64]);
+        to.slice(&self.brought);
+    }
+
+    /// Reads what [`Audit::save`] wrote.
+    pub fn restore(from: &mut Reader<'_>) -> Result<Self, CheckpointError> {
+        let rays = from.value()?;
+        let paths = from.count((MOST_PATHS + BATCH) as u64)? as usize;
+        let brought: Vec<Rgb> = from.exactly(paths)?;
+        match brought.iter().all(|brought| brought.is_finite()) {
+            true => Ok(Self { lights: None, brought, rays }),
+            false => Err(CheckpointError::damaged("there can't be such a path")),
+        }
+    }
+}
+
+/// Where in the picture a path begins, from 0 to 1 in columns and rows.
+fn place(seed: Seed, number: usize) -> Vec2 {
+    Vec2::from_array(Shifted::new(seed, Stream::Audit, 0).at(number as u32).pair())
+}
+
+/// Column and row of a place.
+fn pixel_at(at: Vec2, visible: &VisibleSurfaces) -> (u32, u32) {
+    let column = ((at.x * visible.width as f32) as u32).min(visible.width - 1);
+    (column, ((at.y * visible.height as f32) as u32).min(visible.height - 1))
+}
+
+impl Audited<'_> {
+    /// What a path brings, and its rays.
+    fn trace(&self, lights: &SceneLights, number: usize) -> (Rgb, u64) {
+        let Self { world, visible, caustics, seed, .. } = *self;
+        let tracer = Tracer {
+            world,
+            lights,
+            disks: None,
+            reflections: u32::MAX,
+            rays_per_pixel: 1,
+            caustics,
+        };
+        let mut walk = Walk::new(Numbers::new(seed.number, Stream::Audit, 1 + number as u64));
+        let at = 2.0 * place(seed, number) - 1.0;
+        let (origin, direction) = visible.frame.ray(Vec2::new(at.x, -at.y));
+        let brought = tracer.radiance(origin, direction, &mut walk);
+        (if brought.is_finite() { brought } else { Rgb::ZERO }, walk.rays)
+    }
+}
+
+/// Differences of a picture from the paths, by square.
+struct Grid {
+    side: usize,
+    squares: Vec<Differences>,
+}
+
+/// Sums over the paths of a square.
+#[derive(Clone, Copy, Default)]
+struct Differences {
+    count: f64,
+    sum: [f64; 3],
+    squares: [f64; 3],
+}
+
+impl Grid {
+    fn new(side: usize) -> Self {
+        Self { side, squares: vec![Differences::default(); side * side] }
+    }
+
+    fn add(&mut self, at: Vec2, difference: Rgb) {
+        let along = |at: f32| ((at * self.side as f32) as usize).min(self.side - 1);
+        let own = &mut self.squares[along(at.y) * self.side + along(at.x)];
+        own.count += 1.0;
+        for (channel, difference) in difference.to_array().into_iter().enumerate() {
+            let difference = f64::from(difference);
+            own.sum[channel] += difference;
+            own.squares[channel] += difference * difference;
+        }
+    }
+
+    /// The same by squares of twice the side.
+    fn coarser(&self) -> Self {
+        let mut coarser = Self::new(self.side / 2);
+        for (index, own) in self.squares.iter().enumerate() {
+            let (x, y) = (index % self.side / 2, index / self.side / 2);
+            let sum = &mut coarser.squares[y * (self.side / 2) + x];
+            sum.count += own.count;
+            for channel in 0..3 {
+                sum.sum[channel] += own.sum[channel];
+                sum.squares[channel] += own.squares[channel];
+            }
+        }
+        coarser
+    }
+
+    /// Mean over squares and channels of the squared mean difference, free of the paths' noise, and its
+    /// standard deviation where there is nothing but noise. `None` where too few paths meet most squares.
+    fn beyond_noise(&self) -> Option<(f64, f64)> {
+        let all: f64 = self.squares.iter().map(|own| own.count).sum();
+        let enough = self.squares.iter().filter(|own| own.count >= LEAST_PATHS);
+        let (mut judged, mut square, mut variance) = (0.0, 0.0, 0.0);
+        for own in enough {
+            let (mean, noise) = own.mean_and_noise();
+            judged += own.count;
+            square += own.count * (mean - noise) / 3.0;
+            // As if all channels had the same noise, which is nearly so.
+            variance += 2.0 * (own.count * noise / 3.0).powi(2);
+        }
+        (judged > 0.5 * all).then(|| (square / judged, variance.sqrt() / judged))
+    }
+}
+
+impl Differences {
+    /// Σ over channels of the squared mean, and of the variance of the mean.
+    fn mean_and_noise(&self) -> (f64, f64) {
+        let n = self.count;
+        let (mut square, mut noise) = (0.0, 0.0);
+        for channel in 0..3 {
+            let mean = self.sum[channel] / n;
+            square += mean * mean;
+            noise += (self.squares[channel] / n - mean * mean).max(0.0) / (n - 1.0);
+        }
+        (square, noise)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::hemilux::specimen::{ALBEDO, EMISSION, SEED, Specimen};
+
+    /// An audit of so many rays in a furnace, and a picture of its one radiance times a factor for each
+    /// half.
+    fn furnace(rays: u64, [left, right]: [f32; 2]) -> (Audit, VisibleSurfaces, Picture) {
+        let specimen = Specimen::furnace();
+        let mut visible = specimen.visible();
+        // All of a furnace shines; here it counts.
+        visible.shine.iter_mut().for_each(|shine| *shine = Rgb::ZERO);
+        let audited = Audited {
+            world: &specimen.world,
+            known: &specimen.lights,
+            visible: &visible,
+            caustics: None,
+            seed: SEED,
+        };
+        let mut audit = Audit::default();
+        audit.follow(&audited, rays);
+        let radiance = EMISSION / (1.0 - ALBEDO);
+        let (width, height) = (visible.width, visible.height);
+        let pixel = |at: u32| if at % width < width / 2 { left } else { right };
+        let pixels = (0..width * height).map(|at| Rgb::splat(radiance * pixel(at))).collect();
+        let picture = Picture::new(width, height, pixels);
+        (audit, visible, picture)
+    }
+
+    #[test]
+    fn paths_get_their_share_of_rays() {
+        let (audit, ..) = furnace(10_000_000, [1.0; 2]);
+        let share = audit.rays as f64 / 10_000_000.0;
+        assert!((share / SHARE - 1.0).abs() < 0.2, "{share}");
+        assert_eq!(audit.paths() % BATCH, 0);
+    }
+
+    /// A right picture passes, and what is said to be hidden falls with the number of paths; one that is
+    /// too bright by a tenth, all over or on one side, does not.
+    #[test]
+    fn a_planted_error_is_found() {
+        let radiance = f64::from(EMISSION / (1.0 - ALBEDO));
+        let judged = |rays, halves| {
+            let (audit, visible, picture) = furnace(rays, halves);
+            audit.judge(&visible, SEED, &picture)
+        };
+        let (few, many) = (judged(1_000_000, [1.0; 2]), judged(20_000_000, [1.0; 2]));
+        assert_eq!((few.found, many.found), (0.0, 0.0));
+        let hidden = [few, many].map(|verdict| verdict.hidden.unwrap().sqrt() / radiance);
+        assert!(hidden[1] < 0.7 * hidden[0] && hidden[1] < 0.03, "{hidden:?}");
+        for halves in [[1.1, 1.1], [1.1, 0.9], [0.8, 1.0]] {
+            let expected =
+                (0.5 * halves.map(|f: f32| f64::from(f - 1.0).powi(2)).iter().sum::<f64>()).sqrt();
+            let found = judged(20_000_000, halves).found.sqrt() / radiance;
+            assert!((found / expected - 1.0).abs() < 0.2, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn too_few_paths_say_nothing() {
+        let (audit, visible, picture) = furnace(0, [2.0; 2]);
+        let verdict = audit.judge(&visible, SEED, &picture);
+        assert_eq!((verdict.found, verdict.hidden), (0.0, None));
+    }
+
+    /// What noise alone looks like: of many grids of it few are taken for a difference, and the mean of
+    /// what is beyond noise is 0.
+    #[test]
+    fn chance_is_no_difference() {
+        let (mut surely, mut sum) = (0, 0.0);
+        const GRIDS: u64 = 400;
+        for number in 0..GRIDS {
+            let mut numbers = Numbers::new(number, Stream::Audit, 7);
+            let mut grid = Grid::new(WIDE);
+            for _ in 0..16 * 64 {
+                let at = Vec2::new(numbers.uniform(), numbers.uniform());
+                // Skewed, as what paths bring.
+                let value = 1.0 / (numbers.uniform() + 0.1) - 11f32.ln();
+                grid.add(at, Rgb::splat(value));
+            }
+            let (square, deviation) = grid.beyond_noise().unwrap();
+            surely += u32::from(square > SURE * deviation);
+            sum += square / deviation / GRIDS as f64;
+        }
+        assert!(surely <= 8, "{surely}");
+        assert!(sum.abs() < 0.3, "{sum}");
+    }
+
+    #[test]
+    fn it_is_kept_in_checkpoints() {
+        let (audit, visible, picture) = furnace(2_000_000, [1.1; 2]);
+        let mut writer = Writer::new(u64::MAX);
+        audit.save(&mut writer);
+        let bytes = writer.finish().unwrap();
+        let again = Audit::restore(&mut Reader::new(&bytes)).unwrap();
+        let [one, two] = [&audit, &again].map(|audit| audit.judge(&visible, SEED, &picture).found);
+        assert_eq!((one, audit.rays), (two, again.rays));
+    }
+}
