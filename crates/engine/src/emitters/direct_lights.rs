@@ -20,6 +20,9 @@ const GROUPS: usize = 4;
 /// none is left out.
 const LEAST_LOBE_SHARE: f32 = 0.02;
 
+/// Share of the rays that go to the sky from dark places that know no opening.
+const BLIND_SKY_SHARE: f32 = 0.2;
+
 /// A lobe of exponent n, which fills about 2π/(n + 1) sr, is sampled by directions to the sky with a
 /// probability of this over n + 1 at most: skies are seldom as narrow as .3 sr in brightness, and
 /// then a sample of theirs says little that the lobe's own do not.
@@ -53,17 +56,21 @@ pub struct AllUnoccluded {
 }
 
 impl AllUnoccluded {
-    /// Whether the sky is seen through openings: its light is no part of `irradiance` then.
+    /// Whether it is dark, so that the sky is seen through openings if at all: its light is no part of
+    /// `irradiance` then.
     pub fn looks_out(&self) -> bool {
         self.lookout.is_some()
     }
 
-    /// Gives the sky half of the rays where it is seen through openings: what it shines without
-    /// occlusion, and what the sun does, say nothing of how much of either arrives.
+    /// Gives the sky half of the rays where it is seen through openings, and a few where none is known:
+    /// what it shines without occlusion, and what the sun does, say nothing of how much of either
+    /// arrives.
     fn with_half_for_sky(mut self) -> Self {
-        if self.lookout.is_some() && self.shares[1] > 0.0 {
+        if let Some(lookout) = self.lookout.filter(|_| self.shares[1] > 0.0) {
             let others: f32 = self.shares.iter().sum::<f32>() - self.shares[1];
-            let (sky, factor) = if others > 0.0 { (0.5, 0.5 / others) } else { (1.0, 0.0) };
+            let wanted = if lookout.sees_any() { 0.5 } else { BLIND_SKY_SHARE };
+            let (sky, factor) =
+                if others > 0.0 { (wanted, (1.0 - wanted) / others) } else { (1.0, 0.0) };
             self.shares = self.shares.map(|share| share * factor);
             self.shares[1] = sky;
         }

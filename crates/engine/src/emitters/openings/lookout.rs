@@ -25,10 +25,12 @@ pub struct Opening {
 pub struct Lookout {
     cones: [Cone; MOST_SEEN],
     count: usize,
+    /// Whether any opening is known to be seen, with a cone or without.
+    sees_any: bool,
 }
 
 /// The directions towards an opening.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Cone {
     axis: Vec3,
     /// 1 less the cosine of half its opening angle.
@@ -43,7 +45,7 @@ impl Lookout {
     /// The cones from a place towards openings; `None` where all are below the horizon, or one is
     /// so near that it fills much of the view.
     pub fn new(seen: impl Iterator<Item = Opening>, point: Vec3, normal: Vec3) -> Option<Self> {
-        let mut this = Self { cones: [Cone::default(); MOST_SEEN], count: 0 };
+        let mut this = Self::without_cones(true);
         let mut all = 0.0;
         for opening in seen.take(MOST_SEEN) {
             let between = opening.center - point;
@@ -70,6 +72,22 @@ impl Lookout {
         (this.count > 0).then_some(this)
     }
 
+    /// Of a dark place where no cones help: the sky's own directions have to do. Whether any opening is
+    /// seen from there.
+    pub fn without_cones(sees_any: bool) -> Self {
+        Self { cones: [Cone::NONE; MOST_SEEN], count: 0, sees_any }
+    }
+
+    /// Whether there are cones.
+    pub fn has_cones(&self) -> bool {
+        self.count > 0
+    }
+
+    /// Whether any opening is seen.
+    pub fn sees_any(&self) -> bool {
+        self.sees_any
+    }
+
     /// A unit direction through one of the openings, by three uniform numbers.
     pub fn sample(&self, xi: Vec3) -> Vec3 {
         let cones = &self.cones[..self.count];
@@ -88,6 +106,8 @@ impl Lookout {
 }
 
 impl Cone {
+    const NONE: Self = Self { axis: Vec3::ZERO, height: 0.0, worth: 0.0, probability: 0.0 };
+
     /// A direction in it, uniform in solid angle.
     fn sample(&self, [x, y]: [f32; 2]) -> Vec3 {
         let below = self.height * x;

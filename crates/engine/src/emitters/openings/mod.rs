@@ -14,7 +14,7 @@ use crate::surface::World;
 use glam::Vec3;
 pub use lookout::Lookout;
 use lookout::Opening;
-use places::{Places, THROUGH_OPENINGS};
+use places::{Places, Seen, THROUGH_OPENINGS};
 
 /// The openings of a scene.
 pub struct Openings {
@@ -35,11 +35,13 @@ impl Openings {
         Some(Self { openings, places })
     }
 
-    /// The directions through openings from a surface at `point` with unit `normal`; `None` where
-    /// the sky had better be found without them.
+    /// The directions through openings from a surface at `point` with unit `normal` that sees hardly
+    /// anything of the sky; `None` of others.
     pub fn seen_from(&self, point: Vec3, normal: Vec3) -> Option<Lookout> {
-        let seen = self.places.openings_at(point, normal)?;
-        Lookout::new(seen.map(|index| self.openings[index]), point, normal)
+        let Seen { openings, helps } = self.places.seen_at(point, normal)?;
+        let balls = openings.iter().map(|index| self.openings[usize::from(*index)]);
+        let cones = if helps { Lookout::new(balls, point, normal) } else { None };
+        Some(cones.unwrap_or_else(|| Lookout::without_cones(!openings.is_empty())))
     }
 
     /// Number of openings.
@@ -57,7 +59,9 @@ pub fn sample_sky(
     normal: Vec3,
     xi: Vec3,
 ) -> (Vec3, f32) {
-    let Some(lookout) = lookout else { return sky.sample(normal, [xi.y, xi.z]) };
+    let Some(lookout) = lookout.filter(|lookout| lookout.has_cones()) else {
+        return sky.sample(normal, [xi.y, xi.z]);
+    };
     let direction = match xi.x < THROUGH_OPENINGS {
         true => lookout.sample(Vec3::new(xi.x / THROUGH_OPENINGS, xi.y, xi.z)),
         false => sky.sample(normal, [xi.y, xi.z]).0,
@@ -68,7 +72,7 @@ pub fn sample_sky(
 /// Density of [`sample_sky`], 1/sr, for a unit direction.
 pub fn sky_pdf(sky: &SkyLight, lookout: Option<&Lookout>, normal: Vec3, direction: Vec3) -> f32 {
     let by_light = sky.pdf(normal, direction);
-    lookout.map_or(by_light, |lookout| {
+    lookout.filter(|lookout| lookout.has_cones()).map_or(by_light, |lookout| {
         THROUGH_OPENINGS * lookout.pdf(direction) + (1.0 - THROUGH_OPENINGS) * by_light
     })
 }

@@ -18,7 +18,7 @@ const ENOUGH_VIEWS: usize = 4;
 /// Directions by which a leaf's sites try whether openings help.
 const TRIALS: u32 = 32;
 /// Openings help where the variance of the sky's light falls at least by this factor.
-const LEAST_GAIN: f32 = 3.0;
+const LEAST_GAIN: f32 = 1.5;
 /// Share of directions that go through openings; the others are drawn by the sky's light.
 pub const THROUGH_OPENINGS: f32 = 0.8;
 
@@ -26,8 +26,18 @@ pub const THROUGH_OPENINGS: f32 = 0.8;
 enum Node {
     /// Places below `at` along `axis` are in node `below`, others in the one behind it.
     Halved { axis: usize, at: f32, below: u32 },
-    /// Openings that are seen from there; none where they do not help.
-    Leaf { seen: [u8; MOST_SEEN], count: u8 },
+    /// Not dark there.
+    Open,
+    /// Openings that are seen from there, and whether directions through them help.
+    Dark { seen: [u8; MOST_SEEN], count: u8, helps: bool },
+}
+
+/// What a dark place sees.
+pub struct Seen<'a> {
+    /// Indices of openings.
+    pub openings: &'a [u8],
+    /// Whether directions through them find the sky better than its own light does.
+    pub helps: bool,
 }
 
 /// Which openings are seen from where.
@@ -48,7 +58,7 @@ struct Maker<'a> {
 }
 
 impl Places {
-    /// Finds out what each place sees; `None` where openings help nowhere.
+    /// Finds out what each place sees; `None` where none is dark.
     pub fn new(
         world: &World,
         sites: &[Site],
@@ -64,26 +74,27 @@ impl Places {
             let is_in = |site: &usize| group_of(sites[*site].normal) == group;
             let mut own: Vec<usize> = (0..sites.len()).filter(is_in).collect();
             let root = maker.nodes.len() as u32;
-            maker.nodes.push(Node::Leaf { seen: [0; MOST_SEEN], count: 0 });
+            maker.nodes.push(Node::Open);
             maker.grow(root as usize, &mut own, &[]);
             (!own.is_empty()).then_some(root)
         });
         let nodes = maker.nodes;
-        let helps = |node: &Node| matches!(node, Node::Leaf { count, .. } if *count > 0);
-        nodes.iter().any(helps).then_some(Self { nodes, roots })
+        let is_dark = |node: &Node| matches!(node, Node::Dark { .. });
+        nodes.iter().any(is_dark).then_some(Self { nodes, roots })
     }
 
-    /// Indices of the openings that a surface sees; `None` where they do not help.
-    pub fn openings_at(&self, point: Vec3, normal: Vec3) -> Option<impl Iterator<Item = usize>> {
+    /// What a dark surface sees; `None` of one that is not dark.
+    pub fn seen_at(&self, point: Vec3, normal: Vec3) -> Option<Seen<'_>> {
         let mut node = self.roots[group_of(normal)]?;
         loop {
             match &self.nodes[node as usize] {
                 Node::Halved { axis, at, below } => {
                     node = below + u32::from(point[*axis] >= *at);
                 }
-                Node::Leaf { seen, count } => {
-                    let seen = seen[..usize::from(*count)].iter();
-                    return (*count > 0).then_some(seen.map(|index| usize::from(*index)));
+                Node::Open => return None,
+                Node::Dark { seen, count, helps } => {
+                    let openings = &seen[..usize::from(*count)];
+                    return Some(Seen { openings, helps: *helps });
                 }
             }
         }
@@ -121,9 +132,7 @@ impl Maker<'_> {
         let at = self.sites[sites[middle]].start[axis];
         let below = self.nodes.len() as u32;
         self.nodes[node] = Node::Halved { axis, at, below };
-        for _ in 0..2 {
-            self.nodes.push(Node::Leaf { seen: [0; MOST_SEEN], count: 0 });
-        }
+        self.nodes.extend([Node::Open, Node::Open]);
         let (lower, upper) = sites.split_at_mut(middle);
         self.grow(below as usize, lower, &seen);
         self.grow(below as usize + 1, upper, &seen);
@@ -150,13 +159,15 @@ impl Maker<'_> {
         seen
     }
 
-    /// A leaf that sees these openings, if it is dark and they help there.
+    /// A leaf that sees these openings.
     fn leaf(&self, sites: &[usize], openings: &[u8]) -> Node {
+        if !sites.first().is_some_and(|site| self.sites[*site].is_dark()) {
+            return Node::Open;
+        }
         let mut seen = [0; MOST_SEEN];
         seen[..openings.len()].copy_from_slice(openings);
-        let is_dark = sites.first().is_some_and(|site| self.sites[*site].is_dark());
-        let helps = is_dark && !openings.is_empty() && self.gain(sites, openings) >= LEAST_GAIN;
-        Node::Leaf { seen, count: if helps { openings.len() as u8 } else { 0 } }
+        let helps = !openings.is_empty() && self.gain(sites, openings) >= LEAST_GAIN;
+        Node::Dark { seen, count: openings.len() as u8, helps }
     }
 
     /// By which factor the variance of a uniform sky's light falls at sites, about, where most

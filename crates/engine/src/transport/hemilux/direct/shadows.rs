@@ -284,7 +284,7 @@ impl DirectLighting {
             return (factor * share, sums.own_variance(exact) * NEIGHBOUR_VARIANCE_FACTOR);
         };
         // In half-shadow a few pixels wide no plane is as good as many rays.
-        let chance = sums.chance();
+        let chance = sums.chance_around(importance(share));
         if exact && variance.element_sum() > 3.0 * chance {
             return (factor * own_share, factor * factor * chance);
         }

@@ -236,6 +236,12 @@ impl ShadowSums {
         share * (1.0 - share) / rays.max(1) as f32
     }
 
+    /// The same where the rays around say which share arrives: a few rays may agree by chance.
+    pub fn chance_around(&self, arrives: f32) -> f32 {
+        let share = arrives.clamp(0.0, 1.0);
+        self.chance().max(share * (1.0 - share) / self.known_rays().max(1) as f32)
+    }
+
     /// Adds what a shadow ray found; `irradiance` is what its light point stands for.
     pub fn add_ray(&mut self, irradiance: Rgb, visibility: Rgb, exact: bool) {
         let blocked = 1.0 - importance(visibility);
