@@ -20,7 +20,7 @@ use glam::Vec2;
 use rayon::prelude::*;
 
 /// Rays of the audit, as a share of all other rays.
-const SHARE: f64 = 0.06;
+const SHARE: f64 = 0.03;
 /// Paths that are traced at once: the audit has a multiple of it.
 const BATCH: usize = 1024;
 /// Most paths of a job, 12 bytes each.
