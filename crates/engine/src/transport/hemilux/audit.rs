@@ -26,14 +26,14 @@ const BATCH: usize = 1024;
 /// Most paths of a job, 12 bytes each.
 const MOST_PATHS: usize = 1 << 20;
 /// Fewest paths of a square that is judged.
-const LEAST_PATHS: f64 = 16.0;
+const LEAST_PATHS: f64 = 64.0;
 /// Squares along a side of the finest grid that differences are averaged over; each other has half as
 /// many.
 const FINEST: usize = 8;
 /// Grid by which is said what may have been missed, squares along its side.
 const WIDE: usize = 4;
-/// Standard deviations beyond which a difference is no chance: one grid of one in a thousand audits.
-const SURE: f64 = 3.5;
+/// Standard deviations beyond which a difference is no chance, although what paths bring is skewed.
+const SURE: f64 = 4.0;
 /// Standard deviations that bound what chance may hide.
 const LIKELY: f64 = 2.0;
 
