@@ -31,7 +31,7 @@ let expected = [];
 
 const scene = (name) => join(ROOT, "scenes", `${name}.glb`);
 const text = (selector) => page.locator(selector).innerText();
-const figure = (key) => text(`.figure-${key} dd`);
+const figure = (key) => text(`.figure-${key} dd:not(.figure-note)`);
 const shot = (name, options = {}) => page.screenshot({ path: join(OUT, `${name}.png`), ...options });
 
 async function go(route) {
@@ -195,6 +195,7 @@ test("a posted job is followed live and its picture gets better", async () => {
   await page.evaluate(watchLayout);
   assert.match(await figure("ratio"), /^\d+(\.\d+)?\s%$/);
   assert.match(await figure("error"), /^\d+(\.\d+)?\s%$/);
+  assert.match(await text(".figure-error .figure-note"), /^\d+(\.\d+)?\s% to \d+(\.\d+)?\s%$/);
   assert.ok((await page.locator(".chart-line").getAttribute("points")).split(" ").length >= 3);
   assert.ok((await page.locator(".row .bar").getAttribute("aria-valuenow")) > 0);
 

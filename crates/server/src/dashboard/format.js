@@ -19,10 +19,9 @@ export function percent(share) {
   return `${value.toFixed(value >= 99.95 ? 0 : value >= 9.995 ? 1 : 2)}${NBSP}%`;
 }
 
-/** An estimated error with what it lies between, where that is known. */
-export function errorText({ estimated_error: error, error_bounds: bounds }) {
-  if (missing(error) || !bounds) return percent(error);
-  return `${percent(error)} (${percent(bounds.low)} to ${percent(bounds.high)})`;
+/** What an error most likely lies between; a line of its own height where that is not known. */
+export function boundsText(bounds) {
+  return bounds ? `${percent(bounds.low)} to ${percent(bounds.high)}` : NBSP;
 }
 
 /** A count; beyond ten millions in short form. */

@@ -4,7 +4,7 @@ import * as api from "./api.js";
 import { ErrorChart } from "./chart.js";
 import { announce, copyButton, h, icon, setAttribute, setText, setVariable } from "./dom.js";
 import { Follower } from "./follow.js";
-import { bytes, count, errorText, fullTime, isTerminal, NONE, percent, pixels, seconds, shortId, stateName, stopReason, words } from "./format.js";
+import { boundsText, bytes, count, fullTime, isTerminal, NONE, percent, pixels, seconds, shortId, stateName, stopReason, words } from "./format.js";
 import { PictureView } from "./picture.js";
 
 /** How often the record itself is read while the job runs: device, attempts, timings. */
@@ -52,11 +52,13 @@ export class JobView {
     this.notice = h("div", { class: "notice bad", hidden: true });
     this.picture = new PictureView(request.width, request.height, (url) => this.hears.onPicture(this.id, url));
     this.figures = new Map();
+    this.bounds = h("dd", { class: "figure-note" }, boundsText(null));
     const figures = h("dl", { class: "figures-grid" });
     for (const [key, name, meaning] of FIGURES) {
       const value = h("dd");
       this.figures.set(key, value);
-      figures.append(h("div", { class: `figure figure-${key}`, title: meaning }, h("dt", {}, name), value));
+      const note = key === "error" ? [this.bounds] : [];
+      figures.append(h("div", { class: `figure figure-${key}`, title: meaning }, h("dt", {}, name), value, note));
     }
     this.bar = h("div", { class: "bar thick", role: "progressbar", "aria-label": "Progress of the job", "aria-valuemin": 0, "aria-valuemax": 100 }, h("div", { class: "bar-fill" }));
     this.progressText = h("p", { class: "progress-text" });
@@ -223,7 +225,8 @@ export class JobView {
 
   showProgress(progress) {
     this.progress = progress;
-    setText(this.figures.get("error"), errorText(progress));
+    setText(this.figures.get("error"), percent(progress.estimated_error));
+    setText(this.bounds, boundsText(progress.error_bounds));
     setText(this.figures.get("iterations"), count(progress.iterations));
     setText(this.figures.get("shots"), count(progress.shots));
     setText(this.figures.get("ratio"), percent(progress.light_source_selection_ratio));

@@ -326,7 +326,7 @@ mod tests {
         for number in 0..GRIDS {
             let mut numbers = Numbers::new(number, Stream::Audit, 7);
             let mut grid = Grid::new(WIDE);
-            for _ in 0..16 * 64 {
+            for _ in 0..16 * 128 {
                 let at = Vec2::new(numbers.uniform(), numbers.uniform());
                 // Skewed, as what paths bring.
                 let value = 1.0 / (numbers.uniform() + 0.1) - 11f32.ln();
