@@ -5,6 +5,7 @@
 use crate::page::percent;
 use crate::real_view::RealView;
 use crate::results::{self, Failure};
+use crate::tiers::GOOD;
 use hemilux_charts::accuracy::error;
 use hemilux_charts::regions::Regions;
 use hemilux_charts::statistics::median;
@@ -16,8 +17,6 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// Ratios of predicted to actual error that are good.
-const GOOD: std::ops::RangeInclusive<f64> = 0.7..=1.5;
 /// Ratio below which a prediction is wrong.
 const WRONG: f64 = 0.5;
 /// Rooms that are named for the lowest and for the highest ratio.

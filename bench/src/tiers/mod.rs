@@ -11,6 +11,7 @@ mod study;
 mod views;
 
 use crate::results::{self, Failure};
+pub use calibration::GOOD;
 use hemilux_engine::device;
 use std::path::PathBuf;
 use study::Study;

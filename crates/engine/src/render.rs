@@ -150,7 +150,7 @@ pub struct Figures {
     pub error_bounds: Option<ErrorBounds>,
 }
 
-/// What a picture's true error most likely lies between: in nine pictures of ten.
+/// What a picture's true error most likely lies between.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ErrorBounds {
     /// Lower bound of the rRMSE.

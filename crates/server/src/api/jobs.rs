@@ -301,7 +301,7 @@ pub struct Figures {
     /// Estimated rRMSE of the present picture; `null` until there is enough to tell.
     #[schema(required)]
     pub estimated_error: Option<f64>,
-    /// What the true error lies between in nine pictures of ten; `null` where the method holds no audit,
+    /// What the true error most likely lies between; `null` where the method holds no audit,
     /// or that can't tell yet.
     #[schema(required)]
     #[serde(default)]

@@ -23,7 +23,7 @@ use rayon::prelude::*;
 const SHARE: f64 = 0.03;
 /// Paths that are traced at once: the audit has a multiple of it.
 const BATCH: usize = 1024;
-/// Most paths of a job, 12 bytes each.
+/// Most paths of a job, 12 bytes each; a multiple of [`BATCH`].
 const MOST_PATHS: usize = 1 << 20;
 /// Fewest paths of a square that is judged.
 const LEAST_PATHS: f64 = 64.0;
@@ -136,7 +136,7 @@ impl Audit {
     /// Reads what [`Audit::save`] wrote.
     pub fn restore(from: &mut Reader<'_>) -> Result<Self, CheckpointError> {
         let rays = from.value()?;
-        let paths = from.count((MOST_PATHS + BATCH) as u64)? as usize;
+        let paths = from.count(MOST_PATHS as u64)? as usize;
         let brought: Vec<Rgb> = from.exactly(paths)?;
         match brought.iter().all(|brought| brought.is_finite()) {
             true => Ok(Self { lights: None, brought, rays }),

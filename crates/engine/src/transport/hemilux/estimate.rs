@@ -41,8 +41,8 @@ pub const CAUSES: [&str; 5] = ["noise", "bent", "shadows", "lobes", "edges"];
 /// error is no scatter.
 const CAUSE_FACTORS: [f64; 5] = [0.45, 0.9, 1.8, 1.5, 7.5];
 
-/// What the true error lies between in nine pictures of ten, over what the causes say, where no wide
-/// area is off beyond what they know: measured in rooms made by chance (docs/tiers.md).
+/// What the true error is taken to lie between, over what the causes say, where no wide area is off
+/// beyond what they know: about the ratios that predictions are judged by (docs/tiers.md).
 const CAUSES_BETWEEN: [f64; 2] = [0.67, 1.5];
 
 /// A pixel's radiance with its estimated variance.
