@@ -73,6 +73,12 @@ impl Budget {
         }
     }
 
+    /// Seconds until it is out of time, the last picture's not left out; `None` where no time ends it.
+    pub fn seconds_left(&self, at: &Standing) -> Option<f64> {
+        let limits = [self.seconds_asked(at), self.allowed_seconds].into_iter().flatten();
+        limits.reduce(f64::min).map(|limit| limit - at.seconds)
+    }
+
     /// Whether the job may end by its estimated error.
     pub fn wants_estimate(&self) -> bool {
         self.target_error.is_some()
@@ -94,8 +100,7 @@ impl Budget {
     pub fn progress(&self, at: &Standing) -> Progress {
         let seconds = at.seconds;
         let Tally { iterations: done, shots, light_shots } = at.tally;
-        let by_time = [self.seconds_asked(at), self.allowed_seconds].into_iter().flatten();
-        let by_time = by_time.reduce(f64::min).map(|limit| (limit - seconds).max(0.0));
+        let by_time = self.seconds_left(at).map(|left| left.max(0.0));
         let by_iterations = (self.iterations)
             .filter(|_| done > 0)
             .map(|limit| seconds / done as f64 * limit.saturating_sub(done) as f64);

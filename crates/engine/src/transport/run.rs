@@ -84,6 +84,12 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// Seconds until the job is out of time, the last picture's not left out; `None` where no time ends
+    /// it.
+    pub fn seconds_left(&self) -> Option<f64> {
+        self.budget.seconds_left(&self.now())
+    }
+
     /// Whether the job may end by the estimated error.
     pub fn wants_estimate(&self) -> bool {
         self.budget.wants_estimate()

@@ -22,6 +22,7 @@ mod gather;
 mod gloss;
 mod instance_pixels;
 mod link_noise;
+mod pace;
 mod places;
 mod plan;
 mod settings;

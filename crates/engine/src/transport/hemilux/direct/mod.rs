@@ -3,4 +3,4 @@
 mod shadows;
 mod sums;
 
-pub use shadows::DirectLighting;
+pub use shadows::{Caster, DirectLighting};

@@ -30,7 +30,7 @@ const MANY_RAYS: u32 = 4;
 /// Pixels of a picture of ordinary size, 500 × 500: smaller pictures get up to four times
 /// [`MORE_RAYS`].
 const ORDINARY_PIXELS: u32 = 250_000;
-/// A fragment where rays agree gets another one every so many passes.
+/// A fragment where rays agree gets another one once in so many passes.
 const RECHECK_PASSES: u32 = 4;
 /// Pixels in each direction whose rays are compared, and shared.
 const NEIGHBOUR_REACH: i32 = 2;
@@ -38,6 +38,8 @@ const NEIGHBOUR_REACH: i32 = 2;
 const ENOUGH_RAYS: u32 = 2048;
 /// A fragment with at least so many rays takes those of adjacent pixels only.
 const FEW_RAYS: u32 = 32;
+/// Its multiples are spread evenly modulo 1.
+const GOLDEN_RATIO: f64 = 0.618_033_988_75;
 /// Fragments of a parallel task.
 const CHUNK: usize = 1024;
 /// Shadow rays that are traced together, at least.
@@ -93,37 +95,57 @@ impl DirectLighting {
         pairs.try_for_each(|(sums, stored)| stored.restore(sums))
     }
 
-    /// Casts another pass of rays.
-    pub fn pass(
-        &mut self,
-        world: &World,
-        lights: &DirectLights,
-        visible: &VisibleSurfaces,
-        seed: Seed,
-    ) {
-        let caster = Caster { world, lights, visible, seed };
+    /// Casts another pass of rays, about `most` of them at most but for the first pass.
+    pub fn pass(&mut self, caster: &Caster<'_>, most: f64) {
+        let Caster { lights, visible, .. } = *caster;
         if !self.adaptive || !lights.is_exact() {
             let rays = if lights.is_exact() { EVEN_RAYS } else { MANY_RAYS };
             self.sums.iter_mut().for_each(|sums| sums.disputed = true);
-            self.cast(&caster, |_, _| rays);
+            self.cast(caster, |_, _| rays);
         } else if self.passes == 0 {
-            self.cast(&caster, |_, _| FIRST_RAYS);
+            self.cast(caster, |_, _| FIRST_RAYS);
             self.mark_disputed(visible);
             let more = self.more_rays[0];
-            self.cast(&caster, |_, sums| if sums.is_uneven() { more } else { 0 });
+            self.cast(caster, |_, sums| if sums.is_uneven() { more } else { 0 });
         } else {
             self.mark_disputed(visible);
-            let (passes, more) = (self.passes, self.more_rays[1] as f32);
             let mean = self.mean_deviation(visible);
-            self.cast(&caster, |fragment, sums| {
+            let more = self.more_rays[1] as f32;
+            let wanted = |fragment: &Fragment, sums: &ShadowSums| {
                 if !sums.is_uneven() {
-                    return u32::from((fragment.pixel + passes).is_multiple_of(RECHECK_PASSES));
+                    return 1.0 / RECHECK_PASSES as f32;
                 }
                 let worth = sums.deviation() * fragment.weight() / mean;
-                (more * worth.clamp(SHARES_OF_MORE[0], SHARES_OF_MORE[1])).round() as u32
+                more * worth.clamp(SHARES_OF_MORE[0], SHARES_OF_MORE[1])
+            };
+            let scale = self.scale_to(most, visible, &wanted);
+            let passes = self.passes;
+            self.cast(caster, |fragment, sums| {
+                let wanted = scale * wanted(fragment, sums);
+                if scale == 1.0 && sums.is_uneven() {
+                    return wanted.round() as u32;
+                }
+                // Rounded up or down in turn.
+                let turn = GOLDEN_RATIO * f64::from(fragment.pixel + passes);
+                (wanted + turn.fract() as f32).floor() as u32
             });
         }
         self.passes += 1;
+    }
+
+    /// Factor by which the wanted rays of all fragments become no more than `most`, at most 1.
+    fn scale_to(
+        &self,
+        most: f64,
+        visible: &VisibleSurfaces,
+        wanted: &(impl Fn(&Fragment, &ShadowSums) -> f32 + Sync),
+    ) -> f32 {
+        if most.is_infinite() {
+            return 1.0;
+        }
+        let pairs = visible.fragments.iter().zip(&self.sums);
+        let all: f64 = pairs.map(|(fragment, sums)| f64::from(wanted(fragment, sums))).sum();
+        (most / all.max(1.0)).min(1.0) as f32
     }
 
     /// Mean over the fragments where rays disagree of what one more ray of each may be off in the
@@ -293,11 +315,16 @@ impl DirectLighting {
 }
 
 /// What shadow rays are cast with.
-struct Caster<'a> {
-    world: &'a World,
-    lights: &'a DirectLights,
-    visible: &'a VisibleSurfaces,
-    seed: Seed,
+#[derive(Clone, Copy)]
+pub struct Caster<'a> {
+    /// The scene.
+    pub world: &'a World,
+    /// Its lights.
+    pub lights: &'a DirectLights,
+    /// From where.
+    pub visible: &'a VisibleSurfaces,
+    /// By which numbers.
+    pub seed: Seed,
 }
 
 /// A batch of shadow rays that are traced together.
@@ -415,6 +442,11 @@ mod tests {
     use crate::transport::hemilux::specimen::{EMISSION, SEED, Specimen, is_near};
     use std::f32::consts::PI;
 
+    fn caster<'a>(specimen: &'a Specimen, visible: &'a VisibleSurfaces) -> Caster<'a> {
+        let Specimen { world, lights, .. } = specimen;
+        Caster { world, lights, visible, seed: SEED }
+    }
+
     /// In a furnace nothing is in between: E = π L^e without noise, by any number of rays. (In its
     /// edges rounding may hide one wall from a ray along the other.)
     #[test]
@@ -423,7 +455,7 @@ mod tests {
         let visible = specimen.visible();
         let mut direct = DirectLighting::new(&specimen.lights, &visible, true, false);
         for _ in 0..2 {
-            direct.pass(&specimen.world, &specimen.lights, &visible, SEED);
+            direct.pass(&caster(&specimen, &visible), f64::INFINITY);
             let light = |index| direct.irradiance(&specimen.lights, &visible, index, false);
             let all = (0..visible.fragments.len()).map(light);
             let off = all.filter(|(light, variance)| {
@@ -440,7 +472,7 @@ mod tests {
         let specimen = Specimen::new(&crate::scene::made::cornell(), 300);
         let visible = specimen.visible();
         let mut direct = DirectLighting::new(&specimen.lights, &visible, true, false);
-        direct.pass(&specimen.world, &specimen.lights, &visible, SEED);
+        direct.pass(&caster(&specimen, &visible), f64::INFINITY);
         let mut to = Writer::new(u64::MAX);
         direct.save(&mut to);
         let bytes = to.finish().expect("there is room");

@@ -156,19 +156,23 @@ impl IrradianceCache {
     }
 
     /// Traces more rays: for every record that has not `enough` of them, or for every n-th in turn
-    /// where there are many.
+    /// where there are many, or their rays more than `most`.
     pub fn refine(
         &mut self,
-        visible: &VisibleSurfaces,
-        coarse: &CoarseSolution,
+        (visible, coarse): (&VisibleSurfaces, &CoarseSolution),
         gathering: Gathering,
         enough: u32,
         turn: usize,
+        most: f64,
     ) {
         let known = gathering.surroundings(visible, coarse);
         let mut wanted: Vec<&mut Record> =
             self.records.iter_mut().filter(|record| record.rays < enough).collect();
-        let every = wanted.len().div_ceil(MOST_REFINED).max(1);
+        let allowed = (most / f64::from(gathering.rays.max(1))) as usize;
+        if allowed == 0 {
+            return;
+        }
+        let every = wanted.len().div_ceil(MOST_REFINED.min(allowed)).max(1);
         let records = wanted.par_iter_mut().enumerate().with_max_len(16);
         records
             .filter(|(index, _)| (index + turn).is_multiple_of(every))

@@ -217,15 +217,18 @@ impl Gloss {
     }
 
     /// Casts another pass of rays: of all lobes alike at first; later, if `adaptive`, by how much
-    /// they scatter.
+    /// they scatter, and then, about, no more than `most` of [`Gloss::cost`] altogether.
     pub fn pass(
         &mut self,
         coarse: &CoarseSolution,
         visible: &VisibleSurfaces,
-        seed: Seed,
-        adaptive: bool,
+        (seed, adaptive): (Seed, bool),
+        most: f64,
     ) {
-        let work_by_scatter = (adaptive && self.passes > 0).then(|| self.work_by_scatter(visible));
+        let share = most / (f64::from(RAYS_PER_PIXEL) * self.len() as f64).max(1.0);
+        let share = share.min(1.0) as f32;
+        let work_by_scatter =
+            (adaptive && self.passes > 0).then(|| self.work_by_scatter(visible, share));
         let all = self.sums.par_iter_mut().zip(&visible.lobes).enumerate().with_max_len(256);
         all.for_each(|(index, (sums, lobe))| {
             let work = work_by_scatter.as_ref().map_or_else(
@@ -288,10 +291,10 @@ impl Gloss {
         (rest + factor * open, rest_variance + factor * factor * open_variance)
     }
 
-    /// Work at each lobe in the next pass: about as much altogether in each, in
+    /// Work at each lobe in the next pass: about as much altogether in each, or this share of it, in
     /// proportion to the standard deviation that each adds to the picture, which minimises variance
     /// (Neyman allocation).
-    fn work_by_scatter(&self, visible: &VisibleSurfaces) -> Vec<Work> {
+    fn work_by_scatter(&self, visible: &VisibleSurfaces, share: f32) -> Vec<Work> {
         // Of a ray, and of a batch of directions to an open sky.
         let scatter = |lobe: usize| {
             let sums = &self.sums[lobe];
@@ -323,13 +326,14 @@ impl Gloss {
         let work = |(index, [ray, batch]): (usize, &[f32; 2])| {
             let (lobe, sums) = (&visible.lobes[index], &self.sums[index]);
             let times = |scatter: &f32| {
-                (scatter / mean.max(f32::MIN_POSITIVE)).min(MOST_RAYS_FACTOR) * RAYS_PER_PIXEL
+                let times = (scatter / mean.max(f32::MIN_POSITIVE)).min(MOST_RAYS_FACTOR);
+                share * RAYS_PER_PIXEL * times
             };
             // Rounded up or down in turn, so that what is worth a fourth of a ray gets one in every
             // fourth pass.
             let turn = f64::from(GOLDEN_RATIO) * (index as f64 + f64::from(self.passes));
             let rounded = |times: f32| (times + turn.fract() as f32).floor();
-            let least = if sums.rays < RAYS_TO_REST { 1.0 } else { 0.0 };
+            let least = if sums.rays < RAYS_TO_REST && share == 1.0 { 1.0 } else { 0.0 };
             let most = MOST_RAYS_FACTOR * mean_rays(visible, lobe) as f32;
             let rays = rounded(times(ray)).max(least).min(most) as u32;
             Work { rays, batches: rounded(times(batch)).max(least) as u32 }

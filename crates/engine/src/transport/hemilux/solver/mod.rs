@@ -1,5 +1,7 @@
 //! The three tiers at work: what an iteration does, and the picture after it.
 
+mod passes;
+
 use super::audit::{Audit, Audited};
 use super::balance::{Balance, WorkDone};
 use super::clock::Clock;
@@ -11,6 +13,7 @@ use super::fragments::{Fragment, VisibleSurfaces};
 use super::gather::{Gathering, IrradianceCache, PilotSampling, Spacing, least_scale};
 use super::gloss::{Gloss, of_camera};
 use super::link_noise::LinkNoise;
+use super::pace::{Kind, Pace};
 use super::settings::HemiluxSettings;
 use crate::checkpoint::{CheckpointError, Reader};
 use crate::device::DeviceError;
@@ -49,8 +52,12 @@ const KNOWN_SCENE_SHADOW_PASSES: u32 = 2;
 /// Time that drawing a picture is assumed to take, as a share of the first iteration, until one has
 /// been drawn and timed.
 const PICTURE_SHARE: f64 = 0.25;
-/// Share of an iteration that must fit into the time budget for it to begin.
-const LEAST_FITTING_SHARE: f64 = 0.7;
+/// The same of the time that there is, before the first iteration.
+const LEAST_PICTURE_SHARE: f64 = 0.1;
+/// Share of an iteration that must be left of the time for work to go on.
+const LEAST_REST: f64 = 0.04;
+/// Time of an iteration with more links or more records, in that of the one before.
+const LONGER: f64 = 1.6;
 
 /// Factor of the radii of all records in an iteration: they shrink at each of
 /// [`REFILL_ITERATIONS`].
@@ -96,6 +103,9 @@ pub struct Tiers {
     drawn: DrawnPicture,
     /// What the last picture took.
     picture_seconds: Option<f64>,
+    /// What the last iteration took.
+    iteration_seconds: Option<f64>,
+    pace: Pace,
     /// After how many iterations a job with a target error estimates it next.
     next_check: u64,
     /// Iterations done.
@@ -155,6 +165,8 @@ impl Tiers {
             clock,
             drawn: DrawnPicture::default(),
             picture_seconds: None,
+            iteration_seconds: None,
+            pace: Pace::default(),
             next_check: 1,
             done,
         }
@@ -216,7 +228,7 @@ impl Tiers {
 
     /// One iteration, which improves every tier; what it does depends on its number alone.
     fn iterate(&mut self, run: &mut Run<'_>) {
-        let number = run.standing.tally.iterations;
+        let (began, number) = (Instant::now(), run.standing.tally.iterations);
         // Another camera's iterations have done links and records up to that number.
         let scene_is_known = number < self.reused_iterations;
         self.clock.start();
@@ -232,7 +244,7 @@ impl Tiers {
             // Only shadows are new where all else is known.
             let least = if scene_is_known { KNOWN_SCENE_SHADOW_PASSES } else { 1 };
             for _ in 0..self.balance.shadow_passes.max(least) {
-                self.direct.pass(&self.world, &self.lights, &self.visible, self.seed);
+                self.cast_shadows(self.pace.rays_left(Kind::Shadow));
             }
         }
         self.clock.lap("seconds_light");
@@ -261,7 +273,9 @@ impl Tiers {
         tally.light_shots = self.direct.rays + by_light;
         self.done = tally.iterations;
         // With lobes the first picture says already whether they need most of the time or hardly any.
-        if Balance::is_due(self.done) || self.done == 1 && self.gloss.len() > 0 {
+        let is_due = Balance::is_due(self.done) || self.done == 1 && self.gloss.len() > 0;
+        let picture = PICTURE_SHARE * began.elapsed().as_secs_f64();
+        if is_due && self.pace.left() > picture {
             self.share_out();
         }
     }
@@ -332,18 +346,12 @@ impl Tiers {
             (false, true) => enough.min(asked),
             (false, false) => enough,
         };
-        let gathering = Gathering {
-            seed: self.seed,
-            rays: self.gather_rays(so_far),
-            new_rays,
-            afresh: options.gather_direct,
-            spacing: self.spacing(so_far),
-        };
+        let gathering = self.gathering(so_far, new_rays);
         let every = if scene_is_known { 1 } else { u64::from(self.balance.refine_every) };
         if !first && number.is_multiple_of(every) {
             let enough = if scene_is_known { enough } else { u32::MAX };
-            let turn = (number / every) as usize;
-            self.cache.refine(&self.visible, &self.coarse, gathering, enough, turn);
+            let most = self.pace.rays_left(Kind::Gather);
+            self.refine(gathering, enough, (number / every) as usize, most);
         }
         let fills = first || is_asked || REFILL_ITERATIONS.contains(&number);
         if !fills || scene_is_known && !first {
@@ -354,27 +362,20 @@ impl Tiers {
         let direct = |index| self.direct.irradiance(lights, visible, index, true).0;
         let follows = first && !scene_is_known && options.adaptive;
         let pilot = follows.then_some(PilotSampling { hasty: self.hasty, direct: &direct });
+        let (began, before) = (Instant::now(), self.cache.rays());
         let rays = self.cache.fill(&self.coarse, visible, gathering, pilot);
+        self.pace.measure(Kind::Gather, began, (self.cache.rays() - before) as f64);
         follows.then_some(rays)
     }
 
-    /// Traces another pass of lobe rays, unless their error is far below that of the rest. The
-    /// first iteration makes two: the second one sends rays where the first has found scatter.
-    fn trace_lobes(&mut self, iterations: u64) {
-        let first = self.gloss.passes == 0;
-        if first {
-            self.gloss.pass(&self.coarse, &self.visible, self.seed, self.options.adaptive);
-            self.gloss.brightness = self.brightness();
-        }
-        // Whatever those so far say, some more look out for what all of them have missed.
-        let least = u32::from(iterations >= 4 && iterations.is_power_of_two());
-        for _ in 0..self.balance.lobe_passes.max(least) {
-            if (first && self.hasty)
-                || !self.gloss.may_matter(&self.visible, iterations, self.options.lobe_filter)
-            {
-                break;
-            }
-            self.gloss.pass(&self.coarse, &self.visible, self.seed, self.options.adaptive);
+    /// How records are made and refined after so many iterations.
+    fn gathering(&self, iterations: u64, new_rays: u32) -> Gathering {
+        Gathering {
+            seed: self.seed,
+            rays: self.gather_rays(iterations),
+            new_rays,
+            afresh: self.options.gather_direct,
+            spacing: self.spacing(iterations),
         }
     }
 
@@ -436,11 +437,27 @@ impl Tiers {
 impl Solver for Tiers {
     fn advance(&mut self, run: &mut Run<'_>) -> Result<Option<StopReason>, RenderError> {
         let began = Instant::now();
+        let number = run.standing.tally.iterations;
+        let picture = run.standing.picture_seconds;
+        self.pace.ends_in(run.seconds_left().map(|left| match self.iteration_seconds {
+            Some(_) => left - picture,
+            None => left * (1.0 - LEAST_PICTURE_SHARE),
+        }));
+        if let Some(last) = self.iteration_seconds {
+            let longer = if self.is_longer(number) { LONGER } else { 1.0 };
+            if self.pace.left() < longer * last {
+                self.use_rest(number.max(self.reused_iterations));
+                // Nothing more fits.
+                run.standing.picture_seconds = run.seconds_left().unwrap_or(picture).max(picture);
+                return Ok(None);
+            }
+        }
         self.iterate(run);
         let iteration = began.elapsed().as_secs_f64();
-        // The last picture, and most of another iteration that would come too late.
+        self.iteration_seconds = Some(iteration);
+        // The last picture, and the least that is worth while before it.
         let picture = self.picture_seconds.unwrap_or(PICTURE_SHARE * iteration);
-        run.standing.picture_seconds = picture + LEAST_FITTING_SHARE * iteration;
+        run.standing.picture_seconds = picture + LEAST_REST * iteration;
         Ok(None)
     }
 

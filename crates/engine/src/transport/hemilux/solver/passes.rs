@@ -1,0 +1,119 @@
+//! Passes of rays, and how the time is used up that is left after the last iteration.
+
+use super::super::direct::Caster;
+use super::super::gather::Gathering;
+use super::super::pace::{Kind, shared_out};
+use super::{LEAST_REST, REFILL_ITERATIONS, Tiers};
+use std::time::{Duration, Instant};
+
+/// Most passes of a kind of ray after the last iteration.
+const MOST_PASSES: u32 = 16;
+
+impl Tiers {
+    /// Traces more gather rays, `most` at most, for records that have not `enough`, or for some of them
+    /// in turn.
+    pub(super) fn refine(&mut self, gathering: Gathering, enough: u32, turn: usize, most: f64) {
+        let (began, before) = (Instant::now(), self.cache.rays());
+        self.cache.refine((&self.visible, &self.coarse), gathering, enough, turn, most);
+        self.pace.measure(Kind::Gather, began, (self.cache.rays() - before) as f64);
+    }
+
+    /// Casts another pass of shadow rays, about `most` at most but for the first pass.
+    pub(super) fn cast_shadows(&mut self, most: f64) {
+        if self.direct.passes > 0 && most < 1.0 {
+            return;
+        }
+        let Self { world, lights, visible, seed, .. } = self;
+        let (began, before) = (Instant::now(), self.direct.rays);
+        self.direct.pass(&Caster { world, lights, visible, seed: *seed }, most);
+        self.pace.measure(Kind::Shadow, began, (self.direct.rays - before) as f64);
+    }
+
+    /// Traces another pass of lobe rays, about `most` at most but for the first pass.
+    fn follow_lobes(&mut self, most: f64) {
+        if self.gloss.passes > 0 && most < 1.0 {
+            return;
+        }
+        let (began, before) = (Instant::now(), self.gloss.cost());
+        let how = (self.seed, self.options.adaptive);
+        self.gloss.pass(&self.coarse, &self.visible, how, most);
+        self.pace.measure(Kind::Lobe, began, self.gloss.cost() - before);
+    }
+
+    /// Traces another pass of lobe rays, unless their error is far below that of the rest. The
+    /// first iteration makes two: the second one sends rays where the first has found scatter.
+    pub(super) fn trace_lobes(&mut self, iterations: u64) {
+        let first = self.gloss.passes == 0;
+        if first {
+            self.follow_lobes(f64::INFINITY);
+            self.gloss.brightness = self.brightness();
+        }
+        // Whatever those so far say, some more look out for what all of them have missed.
+        let least = u32::from(iterations >= 4 && iterations.is_power_of_two());
+        for _ in 0..self.balance.lobe_passes.max(least) {
+            if (first && self.hasty)
+                || !self.gloss.may_matter(&self.visible, iterations, self.options.lobe_filter)
+            {
+                break;
+            }
+            self.follow_lobes(self.pace.rays_left(Kind::Lobe));
+        }
+    }
+
+    /// Whether an iteration has more to do than most: more links, or more records.
+    pub(super) fn is_longer(&self, number: u64) -> bool {
+        (number + 1).is_power_of_two()
+            || REFILL_ITERATIONS.contains(&number)
+            || self.balance.new_rays > 0
+    }
+
+    /// Spends what is left of the time, too little for an iteration, where it lowers the error most.
+    pub(super) fn use_rest(&mut self, iterations: u64) {
+        let errors = match self.drawn.errors {
+            Some(errors) => {
+                let [noise, _, shadows, lobes, _] = errors.by_cause;
+                [noise, shadows, lobes]
+            }
+            None => [1.0; 3],
+        };
+        let spent = ["seconds_gather", "seconds_light", "seconds_gloss"]
+            .map(|part| self.clock.spent.get(part).copied().unwrap_or_default());
+        let [gather, shadow, lobe] = shared_out(self.pace.left(), errors, spent);
+        self.clock.start();
+        if self.options.light {
+            self.spend(Kind::Shadow, shadow, iterations);
+        }
+        self.clock.lap("seconds_light");
+        if self.gloss.len() > 0 {
+            self.spend(Kind::Lobe, lobe, iterations);
+        }
+        self.clock.lap("seconds_gloss");
+        if self.options.gather {
+            self.spend(Kind::Gather, gather, iterations);
+        }
+        self.clock.lap("seconds_gather");
+        // It shows none of this yet.
+        self.drawn.iterations = None;
+    }
+
+    /// Traces rays of a kind for so many seconds.
+    fn spend(&mut self, kind: Kind, seconds: f64, iterations: u64) {
+        let end = Instant::now() + Duration::from_secs_f64(seconds);
+        for pass in 0..MOST_PASSES {
+            let left = end.saturating_duration_since(Instant::now()).as_secs_f64();
+            let left = left.min(self.pace.left());
+            if left <= LEAST_REST * seconds {
+                return;
+            }
+            let most = self.pace.rays_in(kind, left);
+            match kind {
+                Kind::Gather => {
+                    let turn = (iterations + u64::from(pass)) as usize;
+                    self.refine(self.gathering(iterations, 0), u32::MAX, turn, most);
+                }
+                Kind::Shadow => self.cast_shadows(most),
+                Kind::Lobe => self.follow_lobes(most),
+            }
+        }
+    }
+}
