@@ -476,18 +476,19 @@ mod tests {
         let axis = LobeAxis { direction: Vec3::new(0.0, 0.8, 0.6), exponent: 5.0 };
         let all = lights.for_lobe(point, normal, axis);
         let mut numbers = Numbers::new(4, Stream::Light, 0);
-        // The densities' integral over the hemisphere is the probability of either group.
+        // The densities' integral over all directions, of which an opening may have some below the
+        // horizon, is the probability of either group.
         const SAMPLES: u32 = 200_000;
         let mut sums = [0.0f64; 2];
         for _ in 0..SAMPLES {
             let xi = [numbers.uniform(), numbers.uniform()];
-            let height = xi[0];
+            let height = 2.0 * xi[0] - 1.0;
             let (sin, cos) = (std::f32::consts::TAU * xi[1]).sin_cos();
             let across = (1.0 - height * height).sqrt();
             let direction = Vec3::new(across * cos, height, across * sin);
             for (sum, (_, density)) in sums.iter_mut().zip(lights.escaping(&all, normal, direction))
             {
-                *sum += f64::from(density) * std::f64::consts::TAU / f64::from(SAMPLES);
+                *sum += f64::from(density) * 2.0 * std::f64::consts::TAU / f64::from(SAMPLES);
             }
         }
         for (group, sum) in sums.into_iter().enumerate() {
