@@ -40,6 +40,11 @@ const ENOUGH_RAYS: u32 = 2048;
 const FEW_RAYS: u32 = 32;
 /// Its multiples are spread evenly modulo 1.
 const GOLDEN_RATIO: f64 = 0.618_033_988_75;
+/// Where the light without occlusion of adjacent pixels differs by more than this share, it is the mean over
+/// so many places.
+const PLACES: [(f32, u32); 2] = [(0.1, 16), (0.5, 64)];
+/// Cosine between normals of fragments in one plane, at least.
+const IN_PLANE: f32 = 0.98;
 /// Fragments of a parallel task.
 const CHUNK: usize = 1024;
 /// Shadow rays that are traced together, at least.
@@ -71,7 +76,9 @@ impl DirectLighting {
             let all = lights.unoccluded(fragment.point, fragment.shading_normal);
             ShadowSums::new(all.irradiance, all.looks_out())
         };
-        let sums = visible.fragments.par_iter().with_min_len(CHUNK).map(unoccluded).collect();
+        let fragments = visible.fragments.par_iter().with_min_len(CHUNK);
+        let mut sums: Vec<ShadowSums> = fragments.map(unoccluded).collect();
+        average_where_uneven(&mut sums, lights, visible);
         // In small pictures neighbours are far apart, and rays are cheap.
         let generous = (ORDINARY_PIXELS / (visible.width * visible.height)).clamp(1, 4);
         let more_rays = MORE_RAYS * generous;
@@ -314,6 +321,42 @@ impl DirectLighting {
     }
 }
 
+/// Takes the mean over a fragment's places as its light without occlusion where that differs much from
+/// pixel to pixel, as on a ceiling above a lamp: its middle does not stand for all of it there.
+fn average_where_uneven(sums: &mut [ShadowSums], lights: &DirectLights, visible: &VisibleSurfaces) {
+    let light: Vec<f32> = sums.iter().map(|sums| importance(sums.unoccluded)).collect();
+    let one = |(index, sums): (usize, &mut ShadowSums)| {
+        let mut most = 0.0f32;
+        beside(visible, index, |other| most = most.max((light[other] - light[index]).abs()));
+        let places = PLACES.iter().rev().find(|(from, _)| most > from * light[index]);
+        let Some((_, places)) = places else { return };
+        let fragment = &visible.fragments[index];
+        let at = |n| lights.unoccluded(visible.sample_point(fragment, n), fragment.shading_normal);
+        sums.unoccluded = (0..*places).map(|n| at(n).irradiance).sum::<Rgb>() / *places as f32;
+    };
+    sums.par_iter_mut().enumerate().with_min_len(CHUNK).for_each(one);
+}
+
+/// Calls `each` with the fragments of the four adjacent pixels that lie in the plane of fragment
+/// `index`.
+fn beside(visible: &VisibleSurfaces, index: usize, mut each: impl FnMut(usize)) {
+    let mine = &visible.fragments[index];
+    let (pixel, width) = (mine.pixel as usize, visible.width as usize);
+    let near = [
+        (pixel % width > 0).then(|| pixel - 1),
+        (pixel % width + 1 < width).then_some(pixel + 1),
+        pixel.checked_sub(width),
+        Some(pixel + width).filter(|below| below + 1 < visible.start.len()),
+    ];
+    for near in near.into_iter().flatten() {
+        for other in visible.start[near] as usize..visible.start[near + 1] as usize {
+            if visible.fragments[other].normal.dot(mine.normal) > IN_PLANE {
+                each(other);
+            }
+        }
+    }
+}
+
 /// What shadow rays are cast with.
 #[derive(Clone, Copy)]
 pub struct Caster<'a> {
@@ -426,7 +469,7 @@ fn around(
             }
             for other in visible.start[pixel] as usize..visible.start[pixel + 1] as usize {
                 let theirs = &visible.fragments[other];
-                if theirs.normal.dot(mine.normal) > 0.98
+                if theirs.normal.dot(mine.normal) > IN_PLANE
                     && mine.normal.dot(theirs.point - mine.point).abs() < flat
                 {
                     each(other, column - x, row - y);
@@ -465,6 +508,29 @@ mod tests {
             assert!(50 * off <= visible.fragments.len(), "{off} of {}", visible.fragments.len());
         }
         assert!(direct.rays > 0);
+    }
+
+    /// Near a lamp, where the light differs from one end of a pixel to the other.
+    #[test]
+    fn light_without_occlusion_is_that_of_all_of_a_pixel() {
+        let specimen = Specimen::new(&crate::scene::made::cornell(), 300);
+        let (visible, lights) = (specimen.visible(), &specimen.lights);
+        let direct = DirectLighting::new(lights, &visible, true, false);
+        let (mut uneven, mut squares) = (0, [0.0f32; 2]);
+        for (sums, fragment) in direct.sums.iter().zip(&visible.fragments) {
+            let light = |point| lights.unoccluded(point, fragment.shading_normal).irradiance;
+            const PLACES: u32 = 256;
+            let all = (0..PLACES).map(|n| light(visible.sample_point(fragment, n)));
+            let mean = importance(all.sum::<Rgb>() / PLACES as f32);
+            let off =
+                [light(fragment.point), sums.unoccluded].map(|own| importance(own) / mean - 1.0);
+            if off[0].abs() > 0.05 {
+                uneven += 1;
+                (0..2).for_each(|k| squares[k] += off[k] * off[k]);
+            }
+        }
+        assert!(uneven >= 5, "{uneven}");
+        assert!(squares[1] < 0.1 * squares[0], "{squares:?}");
     }
 
     #[test]
