@@ -128,13 +128,17 @@ impl DirectLighting {
             let scale = self.scale_to(most, visible, &wanted);
             let passes = self.passes;
             self.cast(caster, |fragment, sums| {
-                let wanted = scale * wanted(fragment, sums);
-                if scale == 1.0 && sums.is_uneven() {
-                    return wanted.round() as u32;
+                if scale == 1.0 {
+                    return match sums.is_uneven() {
+                        true => wanted(fragment, sums).round() as u32,
+                        false => {
+                            u32::from((fragment.pixel + passes).is_multiple_of(RECHECK_PASSES))
+                        }
+                    };
                 }
                 // Rounded up or down in turn.
                 let turn = GOLDEN_RATIO * f64::from(fragment.pixel + passes);
-                (wanted + turn.fract() as f32).floor() as u32
+                (scale * wanted(fragment, sums) + turn.fract() as f32).floor() as u32
             });
         }
         self.passes += 1;
