@@ -32,11 +32,9 @@ const LOOK_AROUND: [f32; 4] = [2.0, 2.0, 1.5, 1.2];
 const STRIPS: usize = 24;
 /// A strip belongs to the opening where this share of the rays gets through that does within it.
 const PASSING: f32 = 0.05;
-/// Width of the strip along each side, in sides, whose outermost open place is looked for in the end.
-const NEAR_SIDE: f32 = 0.06;
-/// What is added beyond that place, in widths of that strip: a direction through what is left out stands for a
-/// hundred others.
-const MARGIN: f32 = 0.3;
+/// Strips that are added at either end in the end: a direction through what is left out stands for
+/// a hundred others.
+const MARGIN: f32 = 1.0;
 
 /// The openings, and by view the one that it goes through.
 pub struct Fitted {
@@ -181,10 +179,15 @@ impl Fitting<'_> {
             let (middle, half) = (0.5 * (low + high), 0.5 * factor * (high - low));
             let mut tried = Tried::default();
             for _ in 0..PROBES {
-                let at = Vec2::new(numbers.uniform(), numbers.uniform());
+                let mut next = || numbers.uniform();
+                let pick = (next() * group.views.len() as f32) as usize;
+                let view = group.views[pick.min(group.views.len() - 1)];
+                let site = &self.sites[self.views[view].site];
+                let at = Vec2::new(next(), next());
                 let to = plane.at(middle + half * (2.0 * at - 1.0));
-                if let Some(passes) = self.passes(group, numbers.uniform(), to) {
-                    tried.add(at, passes);
+                let Some(direction) = (to - site.start).try_normalize() else { continue };
+                if site.normal.dot(direction) > 0.0 {
+                    tried.add(at, leaves(self.world, site.start, direction));
                 }
             }
             let strip = |bound: [f32; 2]| middle + half * (2.0 * Vec2::from(bound) - 1.0);
@@ -192,47 +195,11 @@ impl Fitting<'_> {
                 group.opening = plane.rectangle(strip(low), strip(high));
             }
         }
-        self.trim(group, &mut numbers);
-    }
-
-    /// Moves each side to a little beyond the outermost of many rays that get through near it.
-    fn trim(&self, group: &mut Group, numbers: &mut Numbers) {
         let plane = group.opening.plane();
-        let (mut low, mut high) = group.opening.bounds(&plane);
-        let width = (high - low) * NEAR_SIDE;
-        for axis in 0..2 {
-            for side in [-1.0, 1.0] {
-                let at = if side > 0.0 { high[axis] } else { low[axis] };
-                let mut through: Option<f32> = None;
-                for _ in 0..PROBES {
-                    let mut place =
-                        low + (high - low) * Vec2::new(numbers.uniform(), numbers.uniform());
-                    let beyond = width[axis] * (2.0 * numbers.uniform() - 1.0);
-                    place[axis] = at + side * beyond;
-                    if self.passes(group, numbers.uniform(), plane.at(place)) == Some(true) {
-                        through = Some(through.map_or(beyond, |most| most.max(beyond)));
-                    }
-                }
-                // All that is nearer to the middle is known to be open.
-                let moved = side * (through.unwrap_or(-width[axis]) + MARGIN * width[axis]);
-                match side > 0.0 {
-                    true => high[axis] = at + moved,
-                    false => low[axis] = at + moved,
-                }
-            }
-        }
-        group.opening = plane.rectangle(low, high);
-    }
-
-    /// Whether a ray from one of the places that see an opening, picked by a number, gets through it
-    /// at a place; `None` where it does not start upwards.
-    fn passes(&self, group: &Group, pick: f32, to: Vec3) -> Option<bool> {
-        let pick = (pick * group.views.len() as f32) as usize;
-        let view = group.views[pick.min(group.views.len() - 1)];
-        let site = &self.sites[self.views[view].site];
-        let direction = (to - site.start).try_normalize()?;
-        let starts = site.normal.dot(direction) > 0.0;
-        starts.then(|| leaves(self.world, site.start, direction))
+        let (low, high) = group.opening.bounds(&plane);
+        let last = LOOK_AROUND[LOOK_AROUND.len() - 1];
+        let margin = (high - low) * (MARGIN * last / STRIPS as f32);
+        group.opening = plane.rectangle(low - margin, high + margin);
     }
 }
 
