@@ -26,7 +26,7 @@ impl Openings {
     /// Finds the openings of a world; `None` where no place is dark, or where directions through
     /// openings would find the sky little better than others.
     ///
-    /// It takes 33 to 200 thousand rays in a scene without dark places and some 300 thousand in others.
+    /// It takes 33 thousand rays in a scene without dark places and some 300 thousand in others.
     pub fn find(world: &World) -> Option<Self> {
         let sites = search::look_around(world)?;
         let views = search::views_of_dark(world, &sites);

@@ -102,7 +102,8 @@ impl DirectLighting {
         pairs.try_for_each(|(sums, stored)| stored.restore(sums))
     }
 
-    /// Casts another pass of rays, about `most` of them at most but for the first pass.
+    /// Casts another pass of rays; about `most` of them at most where they go by need and it is not the
+    /// first.
     pub fn pass(&mut self, caster: &Caster<'_>, most: f64) {
         let Caster { lights, visible, .. } = *caster;
         if !self.adaptive || !lights.is_exact() {
