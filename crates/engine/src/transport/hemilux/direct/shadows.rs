@@ -329,15 +329,28 @@ impl DirectLighting {
 /// Takes the mean over a fragment's places as its light without occlusion where that differs much from
 /// pixel to pixel, as on a ceiling above a lamp: its middle does not stand for all of it there.
 fn average_where_uneven(sums: &mut [ShadowSums], lights: &DirectLights, visible: &VisibleSurfaces) {
-    let light: Vec<f32> = sums.iter().map(|sums| importance(sums.unoccluded)).collect();
+    // Light of which the sky is no part is no measure of light of which it is.
+    let of = |sums: &ShadowSums| (importance(sums.unoccluded), sums.apart.is_any);
+    let light: Vec<(f32, bool)> = sums.iter().map(of).collect();
     let one = |(index, sums): (usize, &mut ShadowSums)| {
+        let (own, is_apart) = light[index];
         let mut most = 0.0f32;
-        beside(visible, index, |other| most = most.max((light[other] - light[index]).abs()));
-        let places = PLACES.iter().rev().find(|(from, _)| most > from * light[index]);
+        beside(visible, index, |other| {
+            let (theirs, other_is_apart) = light[other];
+            if is_apart == other_is_apart {
+                most = most.max((theirs - own).abs());
+            }
+        });
+        let places = PLACES.iter().rev().find(|(from, _)| most > from * own);
         let Some((_, places)) = places else { return };
         let fragment = &visible.fragments[index];
         let at = |n| lights.unoccluded(visible.sample_point(fragment, n), fragment.shading_normal);
-        sums.unoccluded = (0..*places).map(|n| at(n).irradiance).sum::<Rgb>() / *places as f32;
+        let alike = (0..*places).map(at).filter(|all| all.looks_out() == is_apart);
+        let (sum, count) =
+            alike.fold((Rgb::ZERO, 0u32), |(sum, count), all| (sum + all.irradiance, count + 1));
+        if count > 0 {
+            sums.unoccluded = sum / count as f32;
+        }
     };
     sums.par_iter_mut().enumerate().with_min_len(CHUNK).for_each(one);
 }
