@@ -359,13 +359,15 @@ impl DirectLights {
             };
             let visibility = world.visibility(point, end);
             let (unoccluded, cast, apart) = (irradiance, irradiance, Rgb::ZERO);
-            return ShadowSample { unoccluded, cast, visibility, apart };
+            let cosine = normal.dot((end - point).normalize_or_zero());
+            return ShadowSample { unoccluded, cast, visibility, apart, cosine };
         }
         let all = self.unoccluded(point, normal);
         let mut sample = ShadowSample { unoccluded: all.irradiance, ..ShadowSample::default() };
         let any = all.irradiance != Rgb::ZERO || all.looks_out();
         if let Some(light) = any.then(|| self.sample(&all, point, normal, xi)).flatten() {
             let visibility = world.visibility(point, light.end);
+            sample.cosine = normal.dot((light.end - point).normalize_or_zero());
             match light.is_apart {
                 true => sample.apart = light.irradiance * visibility,
                 false => (sample.cast, sample.visibility) = (light.irradiance, visibility),

@@ -59,9 +59,16 @@ pub struct ShadowSample {
     pub visibility: Rgb,
     /// Irradiance that arrives beside it, of light that [`LightPoint::is_apart`].
     pub apart: Rgb,
+    /// Cosine at the surface of the direction that the ray went in; 0 where there was none.
+    pub cosine: f32,
 }
 
 impl ShadowSample {
+    /// Irradiance that the ray saw arrive.
+    pub fn arrived(&self) -> Rgb {
+        self.cast * self.visibility + self.apart
+    }
+
     /// Unbiased irradiance with a control variate: `share` is a guess of the share of the light
     /// that arrives. Where the guess is right and all or nothing is occluded, there is no noise
     /// (docs/decisions/0017).

@@ -1,8 +1,10 @@
 //! Which openings the places of a scene see: trees over the sites that looked around, one for each
 //! of six groups of normals, since a wall is dark on one side and not on the other.
 
-use super::lookout::{Lookout, MOST_SEEN, Opening};
-use super::search::{Site, View, leaves, nearest};
+use super::fitting::Fitted;
+use super::lookout::{Lookout, MOST_SEEN};
+use super::rectangle::Rectangle;
+use super::search::{Site, View, leaves};
 use crate::random::{Numbers, Stream};
 use crate::sampling::cosine_direction;
 use crate::surface::World;
@@ -19,6 +21,9 @@ const ENOUGH_VIEWS: usize = 4;
 const TRIALS: u32 = 32;
 /// Openings help where the variance of the sky's light falls at least by this factor.
 const LEAST_GAIN: f32 = 1.5;
+/// Share of the sky that a place sees which its openings must hold, where it sees more than a little: a
+/// direction beside them stands for several others.
+const COVERED: f32 = 0.98;
 /// Share of directions that go through openings; the others are drawn by the sky's light.
 pub const THROUGH_OPENINGS: f32 = 0.8;
 
@@ -51,7 +56,7 @@ pub struct Places {
 struct Maker<'a> {
     world: &'a World,
     sites: &'a [Site],
-    openings: &'a [Opening],
+    openings: &'a [Rectangle],
     /// By site, the openings that its views went through.
     seen: Vec<Vec<u8>>,
     nodes: Vec<Node>,
@@ -59,16 +64,12 @@ struct Maker<'a> {
 
 impl Places {
     /// Finds out what each place sees; `None` where none is dark.
-    pub fn new(
-        world: &World,
-        sites: &[Site],
-        views: &[View],
-        openings: &[Opening],
-    ) -> Option<Self> {
+    pub fn new(world: &World, sites: &[Site], views: &[View], fitted: &Fitted) -> Option<Self> {
         let mut seen = vec![Vec::new(); sites.len()];
-        for view in views {
-            seen[view.site].extend(nearest(openings, view.place).map(|index| index as u8));
+        for (view, opening) in views.iter().zip(&fitted.of_view) {
+            seen[view.site].extend(*opening);
         }
+        let openings = &fitted.openings[..];
         let mut maker = Maker { world, sites, openings, seen, nodes: Vec::new() };
         let roots = std::array::from_fn(|group| {
             let is_in = |site: &usize| group_of(sites[*site].normal) == group;
@@ -108,14 +109,14 @@ fn group_of(normal: Vec3) -> usize {
 }
 
 impl Maker<'_> {
-    /// Makes a node of sites, halving the box along its longest side until none is dark, or they are
-    /// few and all are. `around`
+    /// Makes a node of sites, halving the box along its longest side until none is shaded, or they
+    /// are few and all are. `around`
     /// are the openings that the box is known to see which it is a half of.
     fn grow(&mut self, node: usize, sites: &mut [usize], around: &[u8]) {
         let seen = self.seen_from(sites, around);
-        let dark = sites.iter().filter(|site| self.sites[**site].is_dark()).count();
-        let is_pure = dark == 0 || dark == sites.len();
-        if is_pure && (dark == 0 || sites.len() <= LEAF_SITES) {
+        let shaded = sites.iter().filter(|site| self.sites[**site].is_shaded()).count();
+        let is_pure = shaded == 0 || shaded == sites.len();
+        if is_pure && (shaded == 0 || sites.len() <= LEAF_SITES) {
             self.nodes[node] = self.leaf(sites, &seen);
             return;
         }
@@ -161,26 +162,50 @@ impl Maker<'_> {
 
     /// A leaf that sees these openings.
     fn leaf(&self, sites: &[usize], openings: &[u8]) -> Node {
-        if !sites.first().is_some_and(|site| self.sites[*site].is_dark()) {
+        if !sites.first().is_some_and(|site| self.sites[*site].is_shaded()) {
             return Node::Open;
         }
         let mut seen = [0; MOST_SEEN];
         seen[..openings.len()].copy_from_slice(openings);
-        let helps = !openings.is_empty() && self.gain(sites, openings) >= LEAST_GAIN;
-        Node::Dark { seen, count: openings.len() as u8, helps }
+        let dark = sites.iter().filter(|site| self.sites[**site].is_dark()).count();
+        let is_dark = 2 * dark >= sites.len();
+        let helps = !openings.is_empty()
+            && self.gain(sites, openings) >= LEAST_GAIN
+            && (is_dark || self.covered(sites, openings) >= COVERED);
+        match helps || is_dark {
+            true => Node::Dark { seen, count: openings.len() as u8, helps },
+            false => Node::Open,
+        }
+    }
+
+    /// Share of the directions in which sites see the sky that go through those openings.
+    fn covered(&self, sites: &[usize], seen: &[u8]) -> f32 {
+        let (mut all, mut through) = (0, 0);
+        for site in sites.iter().map(|site| &self.sites[*site]) {
+            let openings = seen.iter().map(|index| self.openings[usize::from(*index)]);
+            let lookout = Lookout::new(openings, site.start, site.normal);
+            let holds = |direction: &&Vec3| lookout.is_some_and(|own| own.pdf(**direction) > 0.0);
+            all += site.escaped.len();
+            through += site.escaped.iter().filter(holds).count();
+        }
+        through as f32 / all.max(1) as f32
     }
 
     /// By which factor the variance of a uniform sky's light falls at sites, about, where most
     /// directions go through those openings.
     fn gain(&self, sites: &[usize], seen: &[u8]) -> f32 {
-        let squares = |site: &usize| {
+        let variances = |site: &usize| {
             let trial = Trial { world: self.world, site: &self.sites[*site] };
             let openings = seen.iter().map(|index| self.openings[usize::from(*index)]);
-            let lookout = Lookout::new(openings, trial.site.start, trial.site.normal);
-            [trial.square(None, *site), trial.square(lookout, *site)]
+            let Site { start, normal, .. } = *trial.site;
+            // By cosine a direction stands for π or nothing.
+            let share = trial.site.share();
+            let plain = PI * PI * share * (1.0 - share);
+            let through = Lookout::new(openings, start, normal);
+            [plain, through.map_or(plain, |lookout| trial.variance(&lookout, *site))]
         };
-        let squares: Vec<[f32; 2]> = sites.par_iter().map(squares).collect();
-        let [plain, through] = [0, 1].map(|k| squares.iter().map(|pair| pair[k]).sum::<f32>());
+        let variances: Vec<[f32; 2]> = sites.par_iter().map(variances).collect();
+        let [plain, through] = [0, 1].map(|k| variances.iter().map(|pair| pair[k]).sum::<f32>());
         match (plain > 0.0, through > 0.0) {
             (_, false) => 0.0,
             (false, true) => f32::INFINITY,
@@ -196,15 +221,12 @@ struct Trial<'a> {
 }
 
 impl Trial<'_> {
-    /// Mean square of what a direction stands for of the irradiance by a uniform sky of radiance 1,
-    /// where most go through openings; where none do, that is π² times the share that leaves.
-    fn square(&self, lookout: Option<Lookout>, number: usize) -> f32 {
+    /// Variance of what a direction stands for of the irradiance by a uniform sky of radiance 1,
+    /// where most go through openings.
+    fn variance(&self, lookout: &Lookout, number: usize) -> f32 {
         let Site { start, normal, .. } = self.site;
-        let Some(lookout) = lookout else {
-            return PI * PI * self.site.share();
-        };
         let mut numbers = Numbers::new(0, Stream::Opening, u64::MAX - number as u64);
-        let mut sum = 0.0;
+        let (mut sum, mut squares) = (0.0, 0.0);
         for _ in 0..TRIALS {
             let mut next = || numbers.uniform();
             let (pick, xi) = (next(), Vec3::new(next(), next(), next()));
@@ -216,9 +238,12 @@ impl Trial<'_> {
             if cosine > 0.0 && leaves(self.world, *start, direction) {
                 let density = THROUGH_OPENINGS * lookout.pdf(direction)
                     + (1.0 - THROUGH_OPENINGS) * cosine / PI;
-                sum += (cosine / density).powi(2) / TRIALS as f32;
+                let light = cosine / density;
+                sum += light;
+                squares += light * light;
             }
         }
-        sum
+        let mean = sum / TRIALS as f32;
+        (squares / TRIALS as f32 - mean * mean).max(0.0)
     }
 }

@@ -1,7 +1,6 @@
 //! Looks for openings by rays: from sites all over the scene's surfaces, and along those rays of
-//! dark sites that leave the scene, to where they come into the open.
+//! shaded sites that leave the scene, to where they come into the open.
 
-use super::lookout::Opening;
 use crate::radiometry::importance;
 use crate::random::{Numbers, Stream};
 use crate::rays::{Spot, inset, unit_normal};
@@ -14,15 +13,16 @@ use std::f32::consts::TAU;
 
 /// Sites that look around.
 const SITES: u64 = 2048;
-/// Rays of each, and of those that may be dark.
+/// Rays of each, and of those that may be shaded.
 const RAYS: [u32; 2] = [16, 96];
-/// A site may be dark where so many of its first rays left the scene at most.
-const FEW: u32 = 1;
-/// A site is dark where this share of its rays left the scene at most.
+/// A site may be shaded where so many of its first rays left the scene at most.
+const FEW: u32 = 5;
+/// A site is shaded where this share of its rays left the scene at most, and dark where this.
+const SHADED: f32 = 0.3;
 const DARK: f32 = 0.06;
 /// With a smaller share of dark sites than this there is nothing to gain.
 const LEAST_DARK: f32 = 0.05;
-/// Rays that left the scene from dark sites that are followed at most.
+/// Rays that left the scene from shaded sites that are followed at most.
 const MOST_VIEWS: usize = 512;
 /// A place is in the open where this share of all directions leave the scene.
 const OPEN: f32 = 0.2;
@@ -54,7 +54,23 @@ pub struct Site {
     pub escaped: Vec<Vec3>,
 }
 
-/// A ray from a dark site that left the scene.
+/// A ball around places where rays from shaded places come into the open, ray units.
+#[derive(Clone, Copy, Debug)]
+pub struct Ball {
+    /// Its centre.
+    pub center: Vec3,
+    /// Its radius.
+    pub radius: f32,
+}
+
+impl Ball {
+    /// Whether a place is in it.
+    pub fn holds(&self, place: Vec3) -> bool {
+        self.center.distance_squared(place) <= self.radius * self.radius
+    }
+}
+
+/// A ray from a shaded site that left the scene.
 pub struct View {
     /// Index of the site.
     pub site: usize,
@@ -70,7 +86,12 @@ impl Site {
         self.escaped.len() as f32 / self.rays as f32
     }
 
-    /// Whether it sees little of the sky.
+    /// Whether it sees but a part of the sky.
+    pub fn is_shaded(&self) -> bool {
+        self.rays == RAYS[1] && self.share() <= SHADED
+    }
+
+    /// Whether it sees hardly anything of the sky.
     pub fn is_dark(&self) -> bool {
         self.rays == RAYS[1] && self.share() <= DARK
     }
@@ -162,10 +183,10 @@ impl Site {
     }
 }
 
-/// Follows rays that left the scene from dark sites to where they come into the open.
-pub fn views_of_dark(world: &World, sites: &[Site]) -> Vec<View> {
+/// Follows rays that left the scene from shaded sites to where they come into the open.
+pub fn views_of_shaded(world: &World, sites: &[Site]) -> Vec<View> {
     let of_site = |(index, site): (usize, &Site)| {
-        let seen = if site.is_dark() { &site.escaped[..] } else { &[] };
+        let seen = if site.is_shaded() { &site.escaped[..] } else { &[] };
         seen.iter().map(move |direction| (index, *direction)).collect::<Vec<_>>()
     };
     let rays: Vec<(usize, Vec3)> = sites.iter().enumerate().flat_map(of_site).collect();
@@ -206,50 +227,49 @@ fn openness(world: &World, place: Vec3) -> f32 {
 
 /// Balls around where views come into the open: wide ones where they are seen from afar, as many as
 /// are needed, but for those that hardly any view has.
-pub fn openings(views: &[View]) -> Vec<Opening> {
+pub fn balls(views: &[View]) -> Vec<Ball> {
     let mut order: Vec<&View> = views.iter().collect();
     order.sort_by(|a, b| b.distance.total_cmp(&a.distance));
     // The widest that each may be, by the farthest view of it.
-    let mut found: Vec<(Opening, f32)> = Vec::new();
+    let mut found: Vec<(Ball, f32)> = Vec::new();
     for view in order {
-        let is_in = |(opening, widest): &(Opening, f32)| {
-            opening.center.distance_squared(view.place) <= widest * widest
+        let is_in = |(ball, widest): &(Ball, f32)| {
+            ball.center.distance_squared(view.place) <= widest * widest
         };
         if !found.iter().any(is_in) && found.len() < MOST_OPENINGS {
-            found.push((Opening { center: view.place, radius: 0.0 }, WIDEST * view.distance));
+            found.push((Ball { center: view.place, radius: 0.0 }, WIDEST * view.distance));
         }
     }
-    let mut openings: Vec<Opening> = found.into_iter().map(|(opening, _)| opening).collect();
+    let mut balls: Vec<Ball> = found.into_iter().map(|(ball, _)| ball).collect();
     for _ in 0..ROUNDS {
-        openings = shared_out(&openings, views);
+        balls = shared_out(&balls, views);
     }
-    openings
+    balls
 }
 
-/// The same openings moved to the middle of the views that are nearest to each.
-fn shared_out(openings: &[Opening], views: &[View]) -> Vec<Opening> {
-    let mut boxes = vec![(Vec3::INFINITY, Vec3::NEG_INFINITY, 0u32); openings.len()];
-    let nearest: Vec<usize> =
-        views.iter().filter_map(|view| nearest(openings, view.place)).collect();
+/// The same balls moved to the middle of the views that are nearest to each.
+fn shared_out(balls: &[Ball], views: &[View]) -> Vec<Ball> {
+    let mut boxes = vec![(Vec3::INFINITY, Vec3::NEG_INFINITY, 0u32); balls.len()];
+    let nearest: Vec<usize> = views.iter().filter_map(|view| nearest(balls, view.place)).collect();
     for (view, nearest) in views.iter().zip(&nearest) {
         let (low, high, count) = &mut boxes[*nearest];
         (*low, *high, *count) = (low.min(view.place), high.max(view.place), *count + 1);
     }
-    let mut moved: Vec<Opening> = boxes
+    let mut moved: Vec<Ball> = boxes
         .iter()
-        .map(|(low, high, _)| Opening { center: (*low + *high) * 0.5, radius: 0.0 })
+        .map(|(low, high, _)| Ball { center: (*low + *high) * 0.5, radius: 0.0 })
         .collect();
     for (view, nearest) in views.iter().zip(&nearest) {
-        let opening = &mut moved[*nearest];
-        opening.radius = opening.radius.max(MARGIN * opening.center.distance(view.place));
+        let ball = &mut moved[*nearest];
+        ball.radius = ball.radius.max(MARGIN * ball.center.distance(view.place));
     }
     // One view alone has no extent.
     let several = boxes.iter().map(|(_, _, count)| *count > 1);
     moved.into_iter().zip(several).filter(|(_, several)| *several).map(|(moved, _)| moved).collect()
 }
 
-/// Index of the opening whose centre is nearest to a place.
-pub fn nearest(openings: &[Opening], place: Vec3) -> Option<usize> {
-    let far = |opening: &Opening| opening.center.distance_squared(place);
-    (0..openings.len()).min_by(|a, b| far(&openings[*a]).total_cmp(&far(&openings[*b])))
+/// Index of the ball whose centre is nearest to a place.
+pub fn nearest(balls: &[Ball], place: Vec3) -> Option<usize> {
+    let far = |ball: &Ball| ball.center.distance_squared(place);
+    (0..balls.len()).min_by(|a, b| far(&balls[*a]).total_cmp(&far(&balls[*b])))
 }
