@@ -105,6 +105,11 @@ impl Layered {
         GAUSS.iter().map(|[cosine, weight]| albedo(self, *cosine) * *weight).sum()
     }
 
+    /// Albedo of all of it for light that comes at an angle of that cosine.
+    pub fn albedo(&self, cosine: f32) -> Rgb {
+        self.diffuse_albedo(cosine) + self.lobe_albedo(cosine)
+    }
+
     /// Mean albedo of diffuse part and lobes together.
     pub fn mean_albedo(&self) -> Rgb {
         self.mean(|layered, cosine| layered.diffuse_albedo(cosine) + layered.lobe_albedo(cosine))

@@ -103,6 +103,15 @@ impl Parameters {
         }
     }
 
+    /// Albedo of both for light that comes at an angle of that cosine; of a Phong lobe the mean.
+    pub fn albedo(&self, cosine: f32) -> Rgb {
+        match self {
+            Self::Phong(reflectance) => reflectance.mean_albedo(),
+            Self::Ggx(facets) => facets.diffuse_albedo(cosine) + facets.lobe_albedo(cosine),
+            Self::Layered(layered) => layered.albedo(cosine),
+        }
+    }
+
     /// The same without the diffuse part.
     pub fn lobe_only(mut self) -> Self {
         match &mut self {
@@ -217,5 +226,31 @@ impl Reflection for AnyReflection {
     #[inline]
     fn diffuse_share(&self, viewer: Vec3) -> f32 {
         ask!(self, model => model.diffuse_share(viewer))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The mean albedo is that of light from all around; less is reflected of light that comes straight.
+    #[test]
+    fn albedos_for_directions_have_the_mean_albedo_as_their_mean() {
+        for (roughness, metallic) in [(0.2, 0.0), (0.5, 0.0), (0.4, 1.0)] {
+            let material = Material { roughness, metallic, ..Material::default() };
+            let at = material.appearance(Rgb::new(0.8, 0.5, 0.2));
+            let parameters = Parameters::new(&material, &at);
+            const STEPS: u32 = 200;
+            let step = |k: u32| {
+                let cosine = (k as f32 + 0.5) / STEPS as f32;
+                parameters.albedo(cosine) * (2.0 * cosine / STEPS as f32)
+            };
+            let mean: Rgb = (0..STEPS).map(step).sum();
+            let off = (mean / parameters.mean_albedo() - Rgb::ONE).abs().max_element();
+            assert!(off < 0.01, "{roughness} {metallic}: {mean} {}", parameters.mean_albedo());
+            let straight = parameters.albedo(1.0);
+            let less = straight.cmplt(parameters.mean_albedo()).all();
+            assert!(less || roughness > 0.3, "{straight} {}", parameters.mean_albedo());
+        }
     }
 }

@@ -31,6 +31,11 @@ pub struct LitPoint {
 }
 
 impl PatchPoints {
+    /// The scene's triangle that they lie on.
+    pub fn triangle(&self) -> u32 {
+        self.triangle
+    }
+
     /// The points of a patch.
     pub fn new(world: &World, scene: &PatchedScene, patch: PatchIndex) -> Self {
         let (facet, back, at) = scene.cell_of(patch);

@@ -67,7 +67,7 @@ impl Method for Hemilux {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        8
+        9
     }
 
     fn summary(&self) -> &'static str {

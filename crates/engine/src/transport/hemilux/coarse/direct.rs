@@ -17,11 +17,18 @@ use bytemuck::{Pod, Zeroable};
 /// do not count for the element's light (docs/decisions/0005).
 const CREVICE: f32 = 0.25;
 
+/// Most by which the reflected light of an element may differ from what its mean albedo says, as a share of
+/// that.
+const MOST_BEYOND: f32 = 0.75;
+
 /// Direct light on an element.
 #[derive(Clone, Copy)]
 pub struct DirectLight {
     /// Mean irradiance of the points that are not inside a body.
     pub irradiance: Rgb,
+    /// Irradiance from all around, for which the mean albedo holds, of which as much is reflected: lobes
+    /// reflect more of light that grazes the surface than of what a lamp sends.
+    pub reflected_as: Rgb,
     /// Estimated share of the direct light that arrives, of that without occlusion.
     pub share: f32,
     /// Share of points that are not inside a body.
@@ -42,6 +49,10 @@ pub struct SampledLight {
     open: u32,
     /// 1 once a ray has left the scene.
     escaped: u32,
+    /// Σ irradiance that rays saw arrive.
+    arrived: Rgb,
+    /// What of it is reflected beyond what the mean albedo says.
+    beyond: Rgb,
 }
 
 /// The scene in which elements are lit.
@@ -55,12 +66,14 @@ pub struct Lighting<'a> {
     pub cut: &'a Cut,
     /// The elements.
     pub elements: &'a Elements,
+    /// Whether their albedos are without what is mirrored sharply.
+    pub follows_mirrors: bool,
 }
 
 impl SampledLight {
     /// Samples direct light at more points of an element, by a shadow ray each.
     pub fn add(&mut self, lighting: &Lighting<'_>, element: ElementIndex, points: u32, seed: Seed) {
-        let Lighting { world, lights, cut, elements } = *lighting;
+        let Lighting { world, lights, cut, elements, .. } = *lighting;
         let sequence = Shifted::new(seed, Stream::PatchLight, u64::from(element.0));
         let mut sequence = sequence.at(self.points);
         let crevice = CREVICE * elements.area[element.at()].sqrt() * world.rays.scale() as f32;
@@ -69,6 +82,7 @@ impl SampledLight {
             let xi = sequence.next_pair();
             let from = elements.points(world, cut, element, sequence.afresh().bounce[0]);
             let LitPoint { start, normal, lit_normal } = from.lit_point(world, xi);
+            let finish = &world.finish(from.triangle()).parameters;
             let direction = cosine_direction(normal, sequence.second_pair());
             let mut hidden = false;
             match world.rays.closest(Eye::Light, start, direction) {
@@ -80,16 +94,27 @@ impl SampledLight {
             }
             self.open += 1;
             let sums = if hidden { &mut self.hidden } else { &mut self.visible };
-            sums.add(lights.sample_by_shadow_ray(world, start, lit_normal, sequence.triple()));
+            let sample = lights.sample_by_shadow_ray(world, start, lit_normal, sequence.triple());
+            sums.add(sample);
+            self.arrived += sample.arrived();
+            if finish.is_glossy() && !lighting.follows_mirrors {
+                let beyond = finish.albedo(sample.cosine) - finish.mean_albedo();
+                self.beyond += sample.arrived() * beyond;
+            }
         }
     }
 
-    /// Direct light of the element by its points outside crevices, or by all others if there are
-    /// none.
-    pub fn mean(&self) -> DirectLight {
+    /// Direct light of the element, which has that albedo, by its points outside crevices, or by all
+    /// others if there are none.
+    pub fn mean(&self, albedo: Rgb) -> DirectLight {
         let sums = if self.visible.count() > 0 { self.visible } else { self.hidden };
         let open = self.open as f32 / self.points.max(1) as f32;
-        DirectLight { irradiance: sums.irradiance(), share: sums.share(), open }
+        let irradiance = sums.irradiance();
+        let all = self.arrived * albedo;
+        let relative = Rgb::select(all.cmpgt(Rgb::ZERO), self.beyond / all, Rgb::ZERO);
+        let relative = relative.clamp(Rgb::splat(-MOST_BEYOND), Rgb::splat(MOST_BEYOND));
+        let reflected_as = irradiance * (Rgb::ONE + relative);
+        DirectLight { irradiance, reflected_as, share: sums.share(), open }
     }
 }
 
@@ -108,11 +133,12 @@ mod tests {
             lights: &specimen.lights,
             cut: &specimen.coarse.mesh.cut,
             elements: &specimen.coarse.mesh.elements,
+            follows_mirrors: false,
         };
         for element in specimen.coarse.mesh.elements.all() {
             let mut sampled = SampledLight::default();
             sampled.add(&lighting, element, 8, SEED);
-            let mean = sampled.mean();
+            let mean = sampled.mean(Rgb::splat(0.5));
             assert!(is_near(mean.irradiance, PI * EMISSION, 0.02), "{}", mean.irradiance);
             assert_eq!((mean.share, mean.open), (1.0, 1.0));
         }

@@ -251,7 +251,7 @@ impl Links {
         let reflected = |bounced: &[Rgb]| -> Vec<Rgb> {
             let all = direct.par_iter().zip(bounced).zip(albedo).with_min_len(CHUNK);
             let own =
-                all.map(|((direct, bounced), albedo)| *albedo * (direct.irradiance + *bounced));
+                all.map(|((direct, bounced), albedo)| *albedo * (direct.reflected_as + *bounced));
             let Some(far) = far else { return own.collect() };
             let arriving =
                 |element: ElementIndex| direct[element.at()].irradiance + bounced[element.at()];
@@ -459,7 +459,8 @@ mod tests {
     use super::*;
 
     fn direct(irradiance: f32) -> DirectLight {
-        DirectLight { irradiance: Rgb::splat(irradiance), share: 1.0, open: 1.0 }
+        let irradiance = Rgb::splat(irradiance);
+        DirectLight { irradiance, reflected_as: irradiance, share: 1.0, open: 1.0 }
     }
 
     /// Element 0 sees element 1 by half of its rays and nothing else, element 1 sees only element

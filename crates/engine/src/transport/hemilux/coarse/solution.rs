@@ -110,7 +110,9 @@ impl CoarseSolution {
     /// Samples direct light at so many more points of each element.
     fn sample_direct(&mut self, seed: Seed, points: impl Fn(usize) -> u32 + Sync) {
         let CoarseMesh { cut, elements, .. } = &self.mesh;
-        let lit = Lighting { world: &self.world, lights: &self.lights, cut, elements };
+        let follows_mirrors = self.follows_mirrors;
+        let (world, lights) = (&*self.world, &*self.lights);
+        let lit = Lighting { world, lights, cut, elements, follows_mirrors };
         self.sampled.par_iter_mut().enumerate().with_max_len(256).for_each(|(element, sampled)| {
             sampled.add(&lit, ElementIndex(element as u32), points(element), seed);
         });
@@ -141,7 +143,8 @@ impl CoarseSolution {
 
     /// Averages the points' direct light.
     fn update_direct(&mut self) {
-        self.direct = self.sampled.iter().map(SampledLight::mean).collect();
+        let all = self.sampled.iter().zip(&self.mesh.elements.albedo);
+        self.direct = all.map(|(sampled, albedo)| sampled.mean(*albedo)).collect();
     }
 
     /// Samples direct light at `points` more points of each element, traces links by `rays` more
@@ -169,7 +172,9 @@ impl CoarseSolution {
                 let elements = self.mesh.elements.all();
                 let lit = elements.zip(&self.direct).map(|(element, direct)| {
                     let by_caustics = caustics.of_element(&self.mesh, element);
-                    DirectLight { irradiance: direct.irradiance + by_caustics, ..*direct }
+                    let irradiance = direct.irradiance + by_caustics;
+                    let reflected_as = direct.reflected_as + by_caustics;
+                    DirectLight { irradiance, reflected_as, ..*direct }
                 });
                 self.links.solve(&self.mesh, &lit.collect::<Vec<_>>(), far);
             }
