@@ -218,10 +218,27 @@ impl Checkpoint {
     }
 }
 
-/// SHA-256 of everything of a scene that light meets and of what surrounds it, hexadecimal. Cameras
-/// are no part of it. Darkness adds nothing, so that scenes with lights of their own have the hash
-/// that they had before there were skies.
-pub fn scene_hash(scene: &Scene, environment: &Environment) -> String {
+/// What the hash of a scene in its surroundings begins with: everything of the scene that light meets.
+/// Cameras are no part of it.
+#[derive(Clone)]
+pub struct SceneDigest(Sha256);
+
+impl SceneDigest {
+    /// Of a scene.
+    pub fn of(scene: &Scene) -> Self {
+        Self(digest(scene))
+    }
+
+    /// SHA-256 of the scene and of what surrounds it, hexadecimal. Darkness adds nothing, so that
+    /// scenes with lights of their own have the hash that they had before there were skies.
+    pub fn within(&self, environment: &Environment) -> String {
+        let mut hash = self.0.clone();
+        environment.digest_into(&mut |bytes| hash.update(bytes));
+        hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+}
+
+fn digest(scene: &Scene) -> Sha256 {
     let mut hash = Sha256::new();
     digest_mesh(&scene.vertices, &scene.triangles, &mut hash);
     digest_instances(scene, &mut hash);
@@ -235,8 +252,7 @@ pub fn scene_hash(scene: &Scene, environment: &Environment) -> String {
     hash.update(format!("{:?}", scene.lights));
     let counts = [scene.vertices.len(), scene.triangles.len(), scene.textures.len()];
     hash.update(format!("{counts:?}"));
-    environment.digest_into(&mut |bytes| hash.update(bytes));
-    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    hash
 }
 
 fn digest_mesh(vertices: &[Vertex], triangles: &[Triangle], hash: &mut Sha256) {

@@ -61,6 +61,19 @@ enum LatticePlace {
 }
 
 impl Reconstruction {
+    /// Bytes that it takes.
+    pub fn held_bytes(&self) -> u64 {
+        let of_vertices = size_of_val(&*self.position)
+            + size_of_val(&*self.normal)
+            + size_of_val(&*self.start)
+            + size_of_val(&*self.patch)
+            + size_of_val(&*self.coefficient);
+        let of_patches = size_of_val(&*self.side_start)
+            + size_of_val(&*self.lattice)
+            + size_of_val(&*self.centroid);
+        (of_vertices + of_patches) as u64
+    }
+
     /// Finds the vertices and their fits.
     pub fn new(scene: &PatchedScene, smoothness: Smoothness) -> Self {
         let mut this = Self {

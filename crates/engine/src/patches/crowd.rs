@@ -325,6 +325,28 @@ impl Crowd {
         Some(CrowdPatch { facet, triangle: *triangle, back, at })
     }
 
+    /// All sides of triangles, also of instances', or the patches of those that are cut, each with the
+    /// patch that it is or belongs to.
+    pub fn all_sides(&self) -> impl ParallelIterator<Item = (PatchIndex, CrowdPatch)> + '_ {
+        let at = [Vec2::ZERO, Vec2::X, Vec2::Y];
+        let whole = (0..self.scene.triangle_count() as u32).into_par_iter().with_min_len(CHUNK);
+        let sides_of = move |triangle: u32| {
+            let facet = FacetIndex(triangle);
+            let sides = if self.is_cut(triangle) { None } else { Some(self.sides(facet)) };
+            [false, true].into_iter().filter_map(move |back| {
+                let patch = PatchIndex(sides?.first_patch(back)?);
+                Some((patch, CrowdPatch { facet, triangle, back, at }))
+            })
+        };
+        let first = self.sides * self.scene.triangles.len() as u32;
+        let parts = (first..self.first_cluster).into_par_iter().with_min_len(CHUNK);
+        let parts = parts.filter_map(|patch| {
+            let patch = PatchIndex(patch);
+            Some((patch, self.patch(patch)?))
+        });
+        whole.flat_map_iter(sides_of).chain(parts)
+    }
+
     /// World positions of the corners of a patch.
     pub fn corners(&self, patch: &CrowdPatch) -> [Vec3; 3] {
         let [a, b, c] = self.scene.corners(&self.scene.triangle(patch.triangle));

@@ -24,7 +24,7 @@ mod seams;
 mod split;
 
 pub use clusters::Outline;
-pub use crowd::Crowd;
+pub use crowd::{Crowd, CrowdPatch};
 pub use cut::{Cut, PatchCell};
 pub use facet::{Facet, NO_PATCH, Sides, cell_index, cells, nth_cell};
 pub use focus::Focus;

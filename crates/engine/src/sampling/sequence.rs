@@ -56,7 +56,7 @@ impl Next {
 }
 
 /// What numbers are drawn by.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 pub struct Seed {
     /// Of the job.
     pub number: u64,

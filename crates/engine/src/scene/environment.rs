@@ -17,7 +17,7 @@ pub const MAX_SUN_RADIUS: f32 = 0.174_532_92;
 pub const MAX_LIGHT_RADIUS: f32 = 1e6;
 
 /// What surrounds a scene. The default gives no light.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Environment {
     /// Light from all around.
     pub sky: Sky,
@@ -30,7 +30,7 @@ pub struct Environment {
 }
 
 /// Light from all around, of surfaces infinitely far away.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub enum Sky {
     /// Black.
     #[default]
@@ -42,7 +42,7 @@ pub enum Sky {
 }
 
 /// A map of the sky, as it is placed about a scene.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PlacedMap {
     /// Radiance by direction.
     pub map: Arc<SkyMap>,

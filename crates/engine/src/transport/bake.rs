@@ -8,8 +8,12 @@ use crate::scene::gltf::BakedMesh;
 use std::f32::consts::PI;
 
 /// The mesh of a scene whose patches have these irradiances: every corner of a patch is a vertex,
-/// smooth over surfaces, with lobes as if they were diffuse.
-pub fn bake(scene: &PatchedScene, irradiance: &[Rgb]) -> BakedMesh {
+/// smooth over surfaces, with lobes as if they were diffuse. `None` where it would take more than so
+/// many bytes.
+pub fn bake(scene: &PatchedScene, irradiance: &[Rgb], most_bytes: u64) -> Option<BakedMesh> {
+    if baked_bytes(scene) > most_bytes {
+        return None;
+    }
     let reconstruction = Reconstruction::new(scene, Smoothness::Smooth);
     let at_vertices = reconstruction.apply(irradiance);
     let mut mesh = BakedMesh::default();
@@ -66,11 +70,11 @@ pub fn bake(scene: &PatchedScene, irradiance: &[Rgb]) -> BakedMesh {
             }
         }
     }
-    mesh
+    Some(mesh)
 }
 
 /// Bytes of the file, nearly, before anything is made.
-pub fn baked_bytes(scene: &PatchedScene) -> u64 {
+fn baked_bytes(scene: &PatchedScene) -> u64 {
     let bytes = |facet: &Facet| {
         let n = u64::from(facet.divisions);
         let sides = [false, true].into_iter().filter_map(|back| facet.first_patch(back)).count();
@@ -94,7 +98,7 @@ mod tests {
         let patched = PatchedScene::new(scene, 3000);
         let irradiance: Vec<Rgb> =
             (0..patched.patches.len()).map(|patch| Rgb::splat((patch % 7) as f32)).collect();
-        let mesh = bake(&patched, &irradiance);
+        let mesh = bake(&patched, &irradiance, u64::MAX).expect("it may be as large");
         let file = mesh.to_glb();
         assert!(file.len() as u64 <= mesh.size() && baked_bytes(&patched) <= mesh.size());
         gltf::Gltf::from_slice(&file).expect("the format's own checks");
@@ -114,7 +118,9 @@ mod tests {
         let total: f64 = read.triangles.iter().map(|triangle| area(read.corners(triangle))).sum();
         let patches: f64 = patched.patches.area.iter().map(|area| f64::from(*area)).sum();
         assert!((total / patches - 1.0).abs() < 1e-4, "{total} {patches}");
-        let nothing = bake(&PatchedScene::new(Arc::default(), 1), &[]).to_glb();
+        let nothing =
+            bake(&PatchedScene::new(Arc::default(), 1), &[], u64::MAX).expect("small").to_glb();
+        assert!(bake(&patched, &irradiance, mesh.size() / 2).is_none());
         gltf::Gltf::from_slice(&nothing).expect("an empty file is one, too");
     }
 
@@ -124,7 +130,8 @@ mod tests {
         let bytes = made::furnace(Rgb::splat(0.5), Rgb::ZERO);
         let scene = import(&bytes, &Resources::new(), &ImportLimits::default()).expect("valid");
         let patched = PatchedScene::new(Arc::new(scene), 500);
-        let mesh = bake(&patched, &vec![Rgb::splat(PI); patched.patches.len()]);
+        let irradiance = vec![Rgb::splat(PI); patched.patches.len()];
+        let mesh = bake(&patched, &irradiance, u64::MAX).expect("it may be as large");
         for radiance in &mesh.radiance {
             assert!((*radiance - Rgb::splat(0.5)).abs().max_element() < 1e-4, "{radiance}");
         }

@@ -88,10 +88,9 @@ fn solve(solver: &mut dyn Solver, run: &mut Run<'_>) -> Result<(Picture, StopRea
     solver.settle()?;
     estimate(solver, run);
     let picture = solver.picture();
-    if run.wants_baked()
-        && let Some((scene, irradiance)) = solver.irradiance()
-    {
-        run.bake(&scene, &irradiance);
+    run.end();
+    if run.wants_baked() {
+        run.hand_over_baked(|most_bytes| solver.baked(most_bytes));
     }
     Ok((picture, stopped))
 }

@@ -3,7 +3,7 @@
 
 use super::checkpoints::{Configured, Owner, Past};
 use super::options::{MeshSettings, Scope, Settings};
-use super::prepared::Prepared;
+use super::prepared::{Beginning, Prepared};
 use super::run::Run;
 use super::surroundings::surroundings;
 use super::{patchless, unseen};
@@ -84,8 +84,8 @@ impl<'a> Job<'a> {
         let Chosen { scope, checkpoint_format, reasons, settings, warnings: unused } = chosen;
         let method = Configured { scope: &scope, format: checkpoint_format, settings: &settings };
         let (camera, made_up) = prepared.camera(request)?;
-        let past = Past::of(request, &camera, &method)?;
-        let owner = Owner::new(request, &method, &camera);
+        let past = Past::of(request, (&camera, &prepared.digest), &method)?;
+        let owner = Owner::new(request, &method, (&camera, prepared.digest.clone()));
         let plan = Plan {
             method: scope.method.into(),
             reasons,
@@ -185,6 +185,16 @@ impl<'a> Job<'a> {
     /// The scene as rays meet it, in its surroundings and before its background.
     pub fn world(&self) -> World {
         self.prepared.world(self.environment.clone(), self.request.background)
+    }
+
+    /// What its method has begun with in an earlier job on the scene.
+    pub fn beginning<T: Beginning>(&self) -> Option<Arc<T>> {
+        self.prepared.beginning()
+    }
+
+    /// Keeps what the method begins with for later jobs on the scene.
+    pub fn keep(&self, beginning: impl Beginning) {
+        self.prepared.keep(Arc::new(beginning));
     }
 
     /// What turns solutions on the patches into the picture.

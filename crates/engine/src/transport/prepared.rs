@@ -2,14 +2,24 @@
 //!
 //! Of a large scene it takes a good part of the time to the first picture: the hierarchy for rays, the
 //! cut into patches, and where the file has no camera the search for one. None of it depends on the
-//! seed or on the light around the scene, so another job finds the same, to the bit.
+//! seed or on the light around the scene. What depends on these, but on no camera, a method keeps with
+//! a note of what it depends on, and uses again where that is the same. So another job finds the same,
+//! to the bit.
 
+use crate::checkpoint::SceneDigest;
 use crate::patches::{Cut, Focus};
 use crate::render::{CameraChoice, RenderError, RenderRequest};
 use crate::scene::environment::Environment;
 use crate::scene::{Background, Camera, Scene, Warning};
 use crate::surface::World;
+use std::any::Any;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+
+/// What a method has begun with, to begin with it again in the next job on the same scene.
+pub trait Beginning: Any + Send + Sync {
+    /// Bytes that it takes beside what the scene's other parts take, about.
+    fn held_bytes(&self) -> u64;
+}
 
 /// A scene with what jobs have made of it so far.
 pub struct Prepared {
@@ -18,6 +28,10 @@ pub struct Prepared {
     world: OnceLock<World>,
     cut: Mutex<Option<KeptCut>>,
     camera: Mutex<Option<MadeUpCamera>>,
+    /// What the hash of the scene begins with, once it was asked for.
+    pub(super) digest: Arc<OnceLock<SceneDigest>>,
+    /// The latest.
+    beginning: Mutex<Option<Arc<dyn Beginning>>>,
 }
 
 /// The latest cut, for so many patches that are finest about a focus.
@@ -36,7 +50,14 @@ struct MadeUpCamera {
 impl Prepared {
     /// Of a scene that nothing has been made of yet.
     pub fn new(scene: Arc<Scene>) -> Self {
-        Self { scene, world: OnceLock::new(), cut: Mutex::default(), camera: Mutex::default() }
+        Self {
+            scene,
+            world: OnceLock::new(),
+            cut: Mutex::default(),
+            camera: Mutex::default(),
+            digest: Arc::default(),
+            beginning: Mutex::default(),
+        }
     }
 
     /// The scene.
@@ -48,7 +69,8 @@ impl Prepared {
     pub fn held_bytes(&self) -> u64 {
         let world = self.world.get().map_or(0, World::held_bytes);
         let cut = locked(&self.cut).as_ref().map_or(0, |kept| kept.cut.held_bytes());
-        self.scene.held_bytes() + world + cut
+        let beginning = locked(&self.beginning).as_ref().map_or(0, |kept| kept.held_bytes());
+        self.scene.held_bytes() + world + cut + beginning
     }
 
     /// The scene as rays meet it, in those surroundings and before that background.
@@ -63,11 +85,23 @@ impl Prepared {
         if let Some(kept) = kept.as_ref().filter(|kept| kept.wanted == (patches, focus)) {
             return kept.cut.clone();
         }
-        // The one before has to go first: both may not fit into memory.
+        // The one before has to go first, and what was begun with it: both may not fit into memory.
         *kept = None;
+        *locked(&self.beginning) = None;
         let cut = Arc::new(Cut::new(self.scene.clone(), patches, focus));
         *kept = Some(KeptCut { wanted: (patches, focus), cut: cut.clone() });
         cut
+    }
+
+    /// What a method has begun with in the latest job that kept such a thing.
+    pub(super) fn beginning<T: Beginning>(&self) -> Option<Arc<T>> {
+        let kept: Arc<dyn Any + Send + Sync> = locked(&self.beginning).clone()?;
+        kept.downcast().ok()
+    }
+
+    /// Keeps what a method has begun with.
+    pub(super) fn keep(&self, beginning: Arc<dyn Beginning>) {
+        *locked(&self.beginning) = Some(beginning);
     }
 
     /// The camera of a request for a picture of this scene; see [`RenderRequest::camera`].

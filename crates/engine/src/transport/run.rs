@@ -1,14 +1,12 @@
 //! A job under way: its clock, its budget, and who is told about it.
 
-use super::bake::{bake, baked_bytes};
 use super::budget::{Budget, Standing};
 use super::checkpoints::{Owner, Parts};
 use crate::checkpoint::{Checkpoint, Writer};
 use crate::device::{DeviceError, Tally};
 use crate::image::Picture;
-use crate::patches::PatchedScene;
-use crate::radiometry::Rgb;
 use crate::render::{Begin, Observer, Progress, RenderRequest, StopReason};
+use crate::scene::gltf::BakedMesh;
 use std::time::Instant;
 
 /// Least time between progress reports, seconds.
@@ -17,6 +15,8 @@ const REPORT_SECONDS: f64 = 0.2;
 /// A job under way.
 pub struct Run<'a> {
     start: Instant,
+    /// Seconds that it took, once the last picture was there.
+    ended: Option<f64>,
     /// Seconds that were spent before the start, by earlier attempts at the same job.
     spent: f64,
     budget: Budget,
@@ -48,6 +48,7 @@ impl<'a> Run<'a> {
         });
         Self {
             start: Instant::now(),
+            ended: None,
             spent: past.map_or(0.0, |past| past.seconds),
             budget: Budget::new(request.limits),
             standing,
@@ -60,7 +61,12 @@ impl<'a> Run<'a> {
 
     /// Seconds since solving began, in all attempts.
     pub fn seconds(&self) -> f64 {
-        self.spent + self.start.elapsed().as_secs_f64()
+        self.ended.unwrap_or_else(|| self.spent + self.start.elapsed().as_secs_f64())
+    }
+
+    /// Stops the clock: the last picture is there, and what comes after it is not solving.
+    pub fn end(&mut self) {
+        self.ended = Some(self.seconds());
     }
 
     /// Who watches.
@@ -154,10 +160,10 @@ impl<'a> Run<'a> {
         self.observer.wants_baked()
     }
 
-    /// Hands over the solution as a mesh, unless that would be too large.
-    pub fn bake(&mut self, scene: &PatchedScene, irradiance: &[Rgb]) {
-        if baked_bytes(scene) <= self.observer.most_checkpoint_bytes() {
-            self.observer.baked(bake(scene, irradiance));
+    /// Hands over the solution as a mesh, unless there is none or it would be too large.
+    pub fn hand_over_baked(&mut self, bake: impl FnOnce(u64) -> Option<BakedMesh>) {
+        if let Some(mesh) = bake(self.observer.most_checkpoint_bytes()) {
+            self.observer.baked(mesh);
         }
     }
 

@@ -1,5 +1,6 @@
 //! What a method is to the driver that runs it.
 
+use super::bake::bake;
 use super::checkpoints::Parts;
 use super::job::Job;
 use super::options::{AnySetting, MeshSettings, Preset, Scope, Settings};
@@ -10,6 +11,7 @@ use crate::patches::PatchedScene;
 use crate::radiometry::Rgb;
 use crate::render::{ErrorBounds, RenderError, StopReason};
 use crate::scene::Scene;
+use crate::scene::gltf::BakedMesh;
 use crate::surface::World;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -235,6 +237,13 @@ pub trait Solver {
     /// The patches and their irradiance; `None` where there are none, or no solution yet.
     fn irradiance(&self) -> Option<(Arc<PatchedScene>, Vec<Rgb>)> {
         None
+    }
+
+    /// The solution as a mesh with the light in its vertices; `None` where there is none, or it would
+    /// take more than so many bytes.
+    fn baked(&self, most_bytes: u64) -> Option<BakedMesh> {
+        let (scene, irradiance) = self.irradiance()?;
+        bake(&scene, &irradiance, most_bytes)
     }
 
     /// Figures of the method's own by name, at the end.

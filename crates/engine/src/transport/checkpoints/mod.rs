@@ -3,13 +3,13 @@
 
 use super::options::{Scope, Settings};
 use super::surroundings::surroundings;
-use crate::checkpoint::{CheckpointError, Header, Reader, ViewKey, Writer, scene_hash};
+use crate::checkpoint::{CheckpointError, Header, Reader, SceneDigest, ViewKey, Writer};
 use crate::render::{Begin, Progress, RenderError, RenderRequest};
 use crate::scene::environment::Environment;
 use crate::scene::{Camera, Scene};
 use std::collections::BTreeMap;
 use std::str::FromStr;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// A method as it is configured in a job.
 pub struct Configured<'a> {
@@ -37,7 +37,7 @@ impl<'a> Past<'a> {
     /// [`CheckpointError::Foreign`] or [`CheckpointError::Version`].
     pub fn of(
         request: &'a RenderRequest,
-        camera: &Camera,
+        (camera, digest): (&Camera, &OnceLock<SceneDigest>),
         method: &Configured<'_>,
     ) -> Result<Option<Self>, RenderError> {
         let (name, reads) = (method.scope.method, method.format);
@@ -67,7 +67,8 @@ impl<'a> Past<'a> {
             return foreign("another camera, size of the picture or background".into());
         }
         let (environment, _) = surroundings(&request.scene, request);
-        if header.scene != scene_hash(&request.scene, &environment) {
+        let digest = digest.get_or_init(|| SceneDigest::of(&request.scene));
+        if header.scene != digest.within(&environment) {
             return foreign("another scene, or other surroundings".into());
         }
         let bound = same_view.then(|| checkpoint.bound());
@@ -167,6 +168,8 @@ pub struct Parts {
 /// Whose checkpoints a run makes.
 pub struct Owner {
     scene: Arc<Scene>,
+    /// What the hash of the scene begins with, once it was asked for.
+    digest: Arc<OnceLock<SceneDigest>>,
     environment: Arc<Environment>,
     seed: u64,
     method: String,
@@ -181,9 +184,14 @@ pub struct Owner {
 
 impl Owner {
     /// The owner of a request's checkpoints.
-    pub fn new(request: &RenderRequest, method: &Configured<'_>, camera: &Camera) -> Self {
+    pub fn new(
+        request: &RenderRequest,
+        method: &Configured<'_>,
+        (camera, digest): (&Camera, Arc<OnceLock<SceneDigest>>),
+    ) -> Self {
         Self {
             scene: request.scene.clone(),
+            digest,
             environment: surroundings(&request.scene, request).0,
             seed: request.seed,
             method: method.scope.method.into(),
@@ -206,7 +214,10 @@ impl Owner {
 
     /// The header of a checkpoint at this moment.
     pub fn header(&mut self, progress: &Progress, light_shots: u64) -> Header {
-        let scene = self.hash.get_or_insert_with(|| scene_hash(&self.scene, &self.environment));
+        let scene = self.hash.get_or_insert_with(|| {
+            let digest = self.digest.get_or_init(|| SceneDigest::of(&self.scene));
+            digest.within(&self.environment)
+        });
         Header {
             engine: env!("CARGO_PKG_VERSION").into(),
             method: self.method.clone(),

@@ -11,8 +11,10 @@
 
 mod audit;
 mod balance;
+mod beginning;
 mod clock;
 mod coarse;
+mod crowd_bake;
 mod direct;
 mod effort;
 mod estimate;
@@ -31,17 +33,17 @@ mod solver;
 use super::job::Job;
 use super::options::AnySetting;
 use super::solver::{Extent, Method, Solver};
-use crate::checkpoint::{CheckpointError, Reader};
+use crate::checkpoint::CheckpointError;
 use crate::device::Device;
 use crate::device::cpu::CpuDevice;
-use crate::emitters::DirectLights;
 use crate::patches::{Cut, Focus};
 use crate::rays::Rays;
 use crate::render::RenderError;
 use crate::sampling::Seed;
 use crate::surface::World;
+use beginning::{Begun, EarlierRuns, Foundations};
 use clock::Clock;
-use coarse::{CoarseMesh, CoarseSolution, Elements, MOST_TRIANGLES, SampledLight};
+use coarse::MOST_TRIANGLES;
 use effort::Effort;
 use fragments::VisibleSurfaces;
 use settings::HemiluxSettings;
@@ -54,10 +56,6 @@ const PATCHES_DECISION: &str = "coarse_patches";
 const FOCUS_DECISION: &str = "focus";
 /// Name in checkpoints of a decision of the first run: sub-pixel samples.
 const SAMPLES_DECISION: &str = "pixel_samples";
-/// Bound on iterations read from a checkpoint: far more than a run can do, so a larger number
-/// means damage.
-const MOST_ITERATIONS: u64 = 1 << 40;
-
 /// The rendering method `hemilux`: solve coarsely, gather smoothly, light exactly.
 pub struct Hemilux;
 
@@ -118,23 +116,14 @@ impl Method for Hemilux {
         let computes = CpuDevice::describe_here().to_string();
         let cut = job.cut_with_all((patches, focus), computes, MOST_TRIANGLES);
         clock.lap("seconds_cut");
-        let Some(lights) = DirectLights::new(&world) else { return Ok(None) };
-        let lights = Arc::new(lights);
-        clock.lap("seconds_prepare");
-        let elements = Elements::new(&cut, patches);
-        let mut past = job.past.take();
-        let mut earlier = EarlierRuns::default();
-        if let Some(past) = &mut past {
-            earlier = EarlierRuns::of(&mut past.shared, elements.len())?;
-        }
         let seed = Seed { number: job.request.seed, well_spread: options.well_spread };
-        let mut mesh = CoarseMesh::new(&world.rays, cut.clone(), elements);
-        if !options.near_field {
-            mesh.ignore_near_field();
-        }
-        let coarse =
-            CoarseSolution::new(world.clone(), lights.clone(), mesh, seed, earlier.sampled);
-        clock.lap("seconds_patches");
+        let mut past = job.past.take();
+        let found = Foundations { world: &world, cut: &cut, patches, seed, options: &options };
+        let (begun, earlier) = match &mut past {
+            Some(past) => found.go_on(past, &mut clock)?,
+            None => (found.begin(job, &mut clock), EarlierRuns::default()),
+        };
+        let Some(Begun { lights, coarse }) = begun else { return Ok(None) };
         let visible = VisibleSurfaces::new(&world, cut, &job.camera, size, options.samples);
         clock.lap("seconds_fragments");
         let inputs = TierInputs { world, lights, visible, coarse };
@@ -150,26 +139,6 @@ impl Method for Hemilux {
             }
         }
         Ok(Some(Box::new(tiers)))
-    }
-}
-
-/// What a checkpoint says of the runs before this one: the part that does not depend on the camera.
-#[derive(Default)]
-struct EarlierRuns {
-    /// Iterations that it took to find the solution.
-    iterations: u64,
-    /// Those of them that another camera's picture had done.
-    reused_iterations: u64,
-    /// Sampled direct light, one entry an element.
-    sampled: Option<Vec<SampledLight>>,
-}
-
-impl EarlierRuns {
-    /// Reads it from the beginning of the checkpoint's shared section, of a mesh of `elements`.
-    fn of(from: &mut Reader<'_>, elements: usize) -> Result<Self, CheckpointError> {
-        let [iterations, reused_iterations] =
-            [from.count(MOST_ITERATIONS)?, from.count(MOST_ITERATIONS)?];
-        Ok(Self { iterations, reused_iterations, sampled: Some(from.exactly(elements)?) })
     }
 }
 

@@ -1,12 +1,15 @@
+use super::beginning::Kept;
 use crate::checkpoint::Checkpoint;
 use crate::device::cpu::CpuDevice;
 use crate::image::Picture;
 use crate::radiometry::Rgb;
-use crate::render::{Begin, CameraChoice, Limits, Observer, Progress, RenderRequest, Unobserved};
-use crate::scene::environment::Environment;
+use crate::render::{
+    Begin, CameraChoice, ExplicitCamera, Limits, Observer, Progress, RenderRequest, Unobserved,
+};
+use crate::scene::environment::{Environment, Sky};
 use crate::scene::gltf::{ImportLimits, Resources, import};
 use crate::scene::{Triangle, Vertex, made};
-use crate::transport::render;
+use crate::transport::{Prepared, render, render_prepared};
 use glam::Vec3;
 use std::sync::Arc;
 
@@ -132,5 +135,49 @@ fn a_thousandth_of_the_light_makes_a_thousandth_of_the_picture() {
             })
             .fold(0.0, f32::max);
         assert!(worst < 1e-3, "{worst}");
+    }
+}
+
+/// A picture by what other jobs have made of its scene.
+fn prepared_picture(request: &RenderRequest, prepared: &Prepared) -> Picture {
+    let mut device = CpuDevice::new(Some(2)).unwrap();
+    render_prepared(&mut device, request, prepared, &mut Unobserved).unwrap().picture
+}
+
+/// Jobs on a scene begin with what the one before has left, where they would find the same; whether
+/// they do or not, their pictures are those of jobs that begin with nothing.
+#[test]
+fn what_a_job_begins_with_is_for_jobs_that_would_find_the_same() {
+    let first = RenderRequest { width: 30, height: 20, ..request(&made::cornell(), 5, 1.0) };
+    let elsewhere = ExplicitCamera {
+        eye: [0.4, 1.2, 3.2],
+        target: [0.0, 1.0, 0.0],
+        up: [0.0, 1.0, 0.0],
+        yfov_degrees: 40.0,
+    };
+    let set = |key: &str, value: &str| [(key.to_owned(), value.to_owned())].into();
+    let sky = Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::none() };
+    let camera = CameraChoice::Explicit(elsewhere);
+    let brighter = Environment { sky: Sky::Uniform(Rgb::splat(2.0)), ..Environment::none() };
+    let others = [
+        (true, RenderRequest { camera, ..first.clone() }),
+        (true, RenderRequest { width: 25, ..first.clone() }),
+        (false, RenderRequest { seed: 6, ..first.clone() }),
+        (false, RenderRequest { environment: Some(Arc::new(sky)), ..first.clone() }),
+        (false, RenderRequest { environment: Some(Arc::new(brighter)), ..first.clone() }),
+        (false, RenderRequest { options: set("coarse_patches", "300"), ..first.clone() }),
+        (false, RenderRequest { options: set("near_field", "false"), ..first.clone() }),
+        (false, RenderRequest { options: set("coarse_rays", "8"), ..first.clone() }),
+    ];
+    let prepared = Prepared::new(first.scene.clone());
+    prepared_picture(&first, &prepared);
+    for (index, (is_same, other)) in others.iter().enumerate() {
+        prepared_picture(&first, &prepared);
+        let kept = prepared.beginning::<Kept>().expect("the first has left one");
+        let shown = prepared_picture(other, &prepared);
+        let now = prepared.beginning::<Kept>().expect("one of them has left one");
+        assert_eq!(Arc::ptr_eq(&kept, &now), *is_same, "request {index}");
+        let afresh = prepared_picture(other, &Prepared::new(first.scene.clone()));
+        assert!(shown == afresh, "request {index} shows something else");
     }
 }

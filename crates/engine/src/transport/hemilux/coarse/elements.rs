@@ -103,6 +103,18 @@ impl Elements {
         self.albedo = elements.map(|element| rest_of(ElementIndex(element as u32))).collect();
     }
 
+    /// Bytes that they take, about.
+    pub fn held_bytes(&self) -> u64 {
+        let of_patches = size_of_val(&*self.of_patch)
+            + size_of_val(&*self.members)
+            + size_of_val(&*self.running);
+        let of_elements = size_of_val(&*self.start)
+            + size_of_val(&*self.area)
+            + size_of_val(&*self.counted)
+            + size_of_val(&*self.albedo);
+        (of_patches + of_elements) as u64
+    }
+
     /// Number of elements.
     pub fn len(&self) -> usize {
         self.area.len()

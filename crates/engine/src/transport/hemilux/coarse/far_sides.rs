@@ -28,6 +28,11 @@ impl FarSides {
         world.has_translucent().then(|| Self { of: elements.map(of).collect() })
     }
 
+    /// Bytes that they take.
+    pub fn held_bytes(&self) -> u64 {
+        size_of_val(&*self.of) as u64
+    }
+
     /// What an element sends of light from the other side, where `arriving` says what arrives at each
     /// element.
     #[inline]

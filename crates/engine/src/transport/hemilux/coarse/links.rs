@@ -21,6 +21,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;
+use std::sync::Arc;
 
 /// Link of a ray that met nothing that reflects: it counts, and brings no light.
 const DARK: u32 = u32::MAX;
@@ -49,14 +50,14 @@ const CHUNK: usize = 256;
 const LEAST_ROUND_RAYS: f32 = 4.0;
 
 /// The links of all elements.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Links {
-    rounds: Vec<Round>,
+    rounds: Vec<Arc<Round>>,
     /// Solved irradiance of each element by light that was reflected at least once.
     pub bounced: Vec<Rgb>,
 }
 
-/// Links that were traced together: those of element e are `links[start[e]..start[e + 1]]`, the
+/// Links that were traced together, never changed after: those of element e are `links[start[e]..start[e + 1]]`, the
 /// elements that its rays met, or [`DARK`] or [`COVERED`].
 struct Round {
     start: Vec<u32>,
@@ -142,6 +143,20 @@ impl Links {
         self.rounds.iter().map(|round| round.links.len()).sum()
     }
 
+    /// Bytes that they take, about.
+    pub fn held_bytes(&self) -> u64 {
+        let of_round = |round: &Arc<Round>| {
+            let Round { start, links, spots, bent, tints } = &**round;
+            size_of_val(&**start)
+                + size_of_val(&**links)
+                + size_of_val(&**spots)
+                + size_of_val(&**bent)
+                + size_of_val(&**tints)
+        };
+        let rounds: usize = self.rounds.iter().map(of_round).sum();
+        (rounds + size_of_val(&*self.bounced)) as u64
+    }
+
     /// Traces `rays` more rays from each element of ordinary size, as long as there is room for
     /// them.
     pub fn trace(&mut self, linking: Linking<'_>, seed: Seed, rays: u32) {
@@ -183,7 +198,7 @@ impl Links {
             bent = found.iter().map(|(_, way)| way.bent).collect();
             tints = found.into_iter().flat_map(|(_, way)| way.tints).collect();
         }
-        self.rounds.push(Round { start, links, spots, bent, tints });
+        self.rounds.push(Arc::new(Round { start, links, spots, bent, tints }));
     }
 
     /// Solves the radiosity equation E_bounced = Σ ρ_link (E_direct + E_bounced)_link / N over the
@@ -301,7 +316,8 @@ impl Links {
     pub fn save(&self, elements: usize, to: &mut Writer) {
         to.slice(&self.bounced);
         to.value(self.rounds.len() as u64);
-        for Round { start, links, spots, bent, tints } in &self.rounds {
+        for round in &self.rounds {
+            let Round { start, links, spots, bent, tints } = &**round;
             to.slice(start);
             to.slice(bent);
             to.slice(spots);
@@ -351,7 +367,7 @@ impl Links {
             if links.iter().any(|link| *link as usize >= elements && *link < COVERED) {
                 return damaged("a link leads nowhere");
             }
-            rounds.push(Round { start, links, spots, bent, tints });
+            rounds.push(Arc::new(Round { start, links, spots, bent, tints }));
         }
         if bounced.len() != if rounds.is_empty() { 0 } else { elements } {
             return damaged("its links are not of these elements");
@@ -473,7 +489,11 @@ mod tests {
             bent: Vec::new(),
             tints: Vec::new(),
         };
-        Links { rounds: vec![round], bounced: Vec::new() }
+        Links { rounds: vec![Arc::new(round)], bounced: Vec::new() }
+    }
+
+    fn only_round(links: &mut Links) -> &mut Round {
+        Arc::get_mut(&mut links.rounds[0]).expect("nobody else has it")
     }
 
     #[test]
@@ -496,7 +516,7 @@ mod tests {
     fn coloured_links_bring_coloured_light() {
         let mut links = two_elements();
         let lack = Rgb::new(0.0, 1.0, 0.25);
-        links.rounds[0].tints.push(Tint { from: 0, to: 1, lack });
+        only_round(&mut links).tints.push(Tint { from: 0, to: 1, lack });
         links.balance(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct), None, &[]);
         let expected = 0.5 * (Rgb::ONE - lack);
         assert!(links.bounced[0].abs_diff_eq(expected, 1e-5), "{}", links.bounced[0]);
@@ -520,7 +540,7 @@ mod tests {
     #[test]
     fn rays_from_inside_a_body_do_not_count() {
         let mut links = two_elements();
-        links.rounds[0].links[1] = COVERED;
+        only_round(&mut links).links[1] = COVERED;
         links.balance(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct), None, &[]);
         // Half of the rays of element 0 start inside: the other half is all that it sees.
         assert!((links.bounced[0].x - 1.0).abs() < 1e-3, "{}", links.bounced[0]);
@@ -536,7 +556,7 @@ mod tests {
             let spots = vec![CellSpot::MIDDLE; elements];
             let round = Round { start, links: links.collect(), spots, bent, tints };
             let bounced = vec![Rgb::splat(2.0); elements];
-            let links = Links { rounds: vec![round], bounced };
+            let links = Links { rounds: vec![Arc::new(round)], bounced };
             let mut to = Writer::new(u64::MAX);
             links.save(elements, &mut to);
             let bytes = to.finish().expect("there is room");

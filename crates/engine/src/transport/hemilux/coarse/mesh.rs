@@ -33,12 +33,19 @@ pub struct CoarseMesh {
 }
 
 /// A quantity on the mesh, such as irradiance.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct MeshValues {
     /// Of each patch; in a crowd, of each element.
     pub own: Vec<Rgb>,
     /// At the vertices of the reconstruction.
     vertices: Vec<Rgb>,
+}
+
+impl MeshValues {
+    /// Bytes that they take.
+    pub fn held_bytes(&self) -> u64 {
+        (size_of_val(&*self.own) + size_of_val(&*self.vertices)) as u64
+    }
 }
 
 impl CoarseMesh {
@@ -57,6 +64,17 @@ impl CoarseMesh {
     /// Turns the near field off: hits take interpolated values however near they are.
     pub fn ignore_near_field(&mut self) {
         self.near.fill(0.0);
+    }
+
+    /// See [`Elements::leave_out_mirrors`].
+    pub fn leave_out_mirrors(&mut self) {
+        self.elements.leave_out_mirrors(&self.cut);
+    }
+
+    /// Bytes that it takes, about, without the cut.
+    pub fn held_bytes(&self) -> u64 {
+        let reconstruction = self.reconstruction.as_ref().map_or(0, Reconstruction::held_bytes);
+        self.elements.held_bytes() + reconstruction + size_of_val(&*self.near) as u64
     }
 
     /// Whether a hit of a ray of that length is in the near field of where it is.

@@ -11,7 +11,7 @@ use super::links::{Linking, Links};
 use super::mesh::{CoarseMesh, MeshValues};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::DirectLights;
-use crate::patches::{Cut, FacetPlace, PatchIndex, PatchedScene};
+use crate::patches::{FacetPlace, PatchIndex};
 use crate::radiometry::{Rgb, importance};
 use crate::rays::{Eye, Hit};
 use crate::sampling::{Afresh, Next, Seed, cosine_direction};
@@ -40,19 +40,19 @@ pub struct CoarseSolution {
     /// Its emitters.
     pub lights: Arc<DirectLights>,
     /// The mesh that it is solved on.
-    pub mesh: CoarseMesh,
+    pub mesh: Arc<CoarseMesh>,
     /// Sums over points of each element, from which `direct` follows.
     sampled: Vec<SampledLight>,
     direct: Vec<DirectLight>,
     /// What elements let through diffusely, if any do.
-    far_sides: Option<FarSides>,
+    far_sides: Option<Arc<FarSides>>,
     links: Links,
     /// Light by way of clear bodies, where there are some.
     caustics: Option<CausticLight>,
     /// Whether links, and rays for bounced light, follow sharp mirrors.
     follows_mirrors: bool,
     /// Bright patches that gather rays are aimed at, if any.
-    pub guide: Option<Guide>,
+    pub guide: Option<Arc<Guide>>,
     /// Irradiance of the patches, direct and indirect.
     total: MeshValues,
     /// The same, indirect only.
@@ -70,30 +70,29 @@ impl CoarseSolution {
         sampled: Option<Vec<SampledLight>>,
     ) -> Self {
         let count = mesh.elements.len();
+        let far_sides = FarSides::new(&world, &mesh).map(Arc::new);
+        let caustics = CausticLight::new(&world, count, seed.number);
+        // What lamps send by way of mirrors is too noisy to be found by chance.
+        let follows_mirrors = (caustics.is_some() || !caustic_light::is_cast(&world))
+            && caustic_light::has_mirrors(&world);
+        let mut mesh = mesh;
+        if follows_mirrors {
+            mesh.leave_out_mirrors();
+        }
         let mut this = Self {
             world,
             lights,
-            mesh,
+            mesh: Arc::new(mesh),
             sampled: sampled.unwrap_or_default(),
             direct: Vec::new(),
-            far_sides: None,
+            far_sides,
             links: Links::default(),
-            caustics: None,
-            follows_mirrors: false,
+            caustics,
+            follows_mirrors,
             guide: None,
             total: MeshValues::default(),
             indirect: MeshValues::default(),
         };
-        this.far_sides = FarSides::new(&this.world, &this.mesh);
-        this.caustics = CausticLight::new(&this.world, count, seed.number);
-        // What lamps send by way of mirrors is too noisy to be found by chance.
-        if this.caustics.is_some() || !caustic_light::is_cast(&this.world) {
-            this.follows_mirrors = caustic_light::has_mirrors(&this.world);
-            let CoarseMesh { cut, elements, .. } = &mut this.mesh;
-            if this.follows_mirrors {
-                elements.leave_out_mirrors(cut);
-            }
-        }
         if this.sampled.is_empty() {
             this.sampled = vec![SampledLight::default(); count];
             let points = PATCH_POINTS.min(most_points(count));
@@ -107,9 +106,40 @@ impl CoarseSolution {
         this
     }
 
+    /// The same for another job in the same surroundings, whose `world` may have another background;
+    /// `None` of what has caustics.
+    pub fn again(&self, world: Arc<World>) -> Option<Self> {
+        if self.caustics.is_some() {
+            return None;
+        }
+        Some(Self {
+            world,
+            lights: self.lights.clone(),
+            mesh: self.mesh.clone(),
+            sampled: self.sampled.clone(),
+            direct: self.direct.clone(),
+            far_sides: self.far_sides.clone(),
+            links: self.links.clone(),
+            caustics: None,
+            follows_mirrors: self.follows_mirrors,
+            guide: self.guide.clone(),
+            total: self.total.clone(),
+            indirect: self.indirect.clone(),
+        })
+    }
+
+    /// Bytes that it takes, about, without scene, lights, cut and what rays are aimed at.
+    pub fn held_bytes(&self) -> u64 {
+        let values = [&self.total, &self.indirect].map(MeshValues::held_bytes);
+        let lists = size_of_val(&*self.sampled) + size_of_val(&*self.direct);
+        let far_sides = self.far_sides.as_ref().map_or(0, |far| far.held_bytes());
+        let shared = self.links.held_bytes() + self.mesh.held_bytes();
+        values[0] + values[1] + lists as u64 + far_sides + shared
+    }
+
     /// Samples direct light at so many more points of each element.
     fn sample_direct(&mut self, seed: Seed, points: impl Fn(usize) -> u32 + Sync) {
-        let CoarseMesh { cut, elements, .. } = &self.mesh;
+        let CoarseMesh { cut, elements, .. } = &*self.mesh;
         let follows_mirrors = self.follows_mirrors;
         let (world, lights) = (&*self.world, &*self.lights);
         let lit = Lighting { world, lights, cut, elements, follows_mirrors };
@@ -165,7 +195,7 @@ impl CoarseSolution {
             follows_mirrors: self.follows_mirrors,
         };
         self.links.trace(linking, seed, rays);
-        let far = self.far_sides.as_ref();
+        let far = self.far_sides.as_deref();
         match &self.caustics {
             None => self.links.solve(&self.mesh, &self.direct, far),
             Some(caustics) => {
@@ -215,29 +245,14 @@ impl CoarseSolution {
     }
 
     /// Irradiance of each patch, direct and indirect; in a crowd, of each element.
-    #[cfg(test)]
     pub fn irradiances(&self) -> &[Rgb] {
         &self.total.own
     }
 
-    /// The scene in patches with the irradiance of each, direct and indirect.
-    pub fn on_patches(&self) -> (Arc<PatchedScene>, Vec<Rgb>) {
-        let crowd = match &*self.mesh.cut {
-            Cut::Listed(listed) => return (listed.clone(), self.total.own.clone()),
-            Cut::Crowd(crowd) => crowd,
-        };
-        let scene = PatchedScene::new(crowd.scene.clone(), crowd.wanted);
-        let of_patch = |patch: usize| {
-            let (facet, back, [a, b, c]) = scene.cell_of(PatchIndex(patch as u32));
-            let middle = (a + b + c) / 3.0;
-            let at = facet.to_source(middle.x, middle.y);
-            let place = crowd.place_on_triangle(facet.source, at.x, at.y);
-            place.map_or(Rgb::ZERO, |(facet, at)| {
-                self.mesh.value(&self.total, FacetPlace { facet, back, at })
-            })
-        };
-        let irradiance = (0..scene.patches.len()).into_par_iter().map(of_patch).collect();
-        (Arc::new(scene), irradiance)
+    /// Irradiance of a patch, direct and indirect; zero inside of closed bodies.
+    pub fn of_patch(&self, patch: PatchIndex) -> Rgb {
+        let element = self.mesh.elements.of(patch);
+        element.map_or(Rgb::ZERO, |element| self.mesh.of_element(&self.total, element))
     }
 
     /// Whether a map has what emitters bring to diffuse surfaces by way of what bends light or
@@ -276,7 +291,7 @@ impl CoarseSolution {
             importance(*albedo * arriving(element) + passed.unwrap_or_default())
         });
         let radiosity: Vec<f32> = radiosity.collect();
-        self.guide = Guide::new(&self.world, &self.mesh, &self.links, &radiosity);
+        self.guide = Guide::new(&self.world, &self.mesh, &self.links, &radiosity).map(Arc::new);
     }
 
     /// Estimated share of the direct light that arrives at the element at a place.
@@ -355,7 +370,7 @@ impl CoarseSolution {
     fn bounced_by_ray(&self, surface: &Surface, xi: [f32; 2], next: Next) -> Rgb {
         let (start, normal) = (surface.start(), surface.shading_normal);
         let aimed_share = if self.guide.is_some() { AIMED_BOUNCES } else { 0.0 };
-        let guide = self.guide.as_ref();
+        let guide = self.guide.as_deref();
         let aim = match guide.filter(|_| next.number() < aimed_share) {
             // Other numbers than those that light is found by behind it.
             Some(guide) => match guide.aim(start, normal, next.after().afresh().light) {
@@ -428,6 +443,7 @@ fn most_points(elements: usize) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::patches::Cut;
     use crate::transport::hemilux::specimen::{ALBEDO, EMISSION, SEED, Specimen, is_near};
 
     /// In a furnace the radiance is L^e/(1 − a), so the irradiance is π times that.
@@ -444,16 +460,14 @@ mod tests {
         assert!(all.iter().all(|irradiance| is_near(*irradiance, exact, 0.02)), "{all:?}");
     }
 
-    /// So it is where its triangles are a crowd, also on the patches that are listed for a mesh.
+    /// So it is where its triangles are a crowd.
     #[test]
     fn a_furnace_of_a_crowd_is_solved() {
         let glb = crate::scene::made::furnace(Rgb::splat(ALBEDO), Rgb::splat(EMISSION));
         let specimen = Specimen::new(&glb, 2);
         assert!(matches!(*specimen.cut, Cut::Crowd(_)));
         let exact = PI * EMISSION / (1.0 - ALBEDO);
-        let (scene, on_patches) = specimen.coarse.on_patches();
-        assert_eq!(on_patches.len(), scene.patches.len());
-        for irradiance in specimen.coarse.irradiances().iter().chain(&on_patches) {
+        for irradiance in specimen.coarse.irradiances() {
             assert!(is_near(*irradiance, exact, 0.02), "{irradiance}");
         }
     }

@@ -6,6 +6,7 @@ use super::audit::{Audit, Audited};
 use super::balance::{Balance, WorkDone};
 use super::clock::Clock;
 use super::coarse::{CoarseSolution, PATCH_POINTS};
+use super::crowd_bake;
 use super::direct::DirectLighting;
 use super::estimate::{self, Errors, PictureInputs};
 use super::fragments::edges::Edges;
@@ -19,11 +20,13 @@ use crate::checkpoint::{CheckpointError, Reader};
 use crate::device::DeviceError;
 use crate::emitters::DirectLights;
 use crate::image::Picture;
-use crate::patches::{MAX_PATCHES, PatchedScene};
+use crate::patches::Cut;
 use crate::radiometry::Rgb;
 use crate::render::{ErrorBounds, RenderError, StopReason};
 use crate::sampling::Seed;
+use crate::scene::gltf::BakedMesh;
 use crate::surface::World;
+use crate::transport::bake::bake;
 use crate::transport::checkpoints;
 use crate::transport::ray_traced::Caustics;
 use crate::transport::run::Run;
@@ -313,6 +316,10 @@ impl Tiers {
     /// Doubles the number of links and solves for all of them. Iterations do so whenever their
     /// number has doubled, because the time to solve goes by all links, not by the new ones.
     fn link(&mut self, number: u64) {
+        // The first ones may have come with the coarse solution.
+        if number == 0 && self.coarse.links() > 0 {
+            return;
+        }
         let rounds = (number as u32).div_ceil(2).clamp(1, MOST_ROUNDS);
         // The first points there are already.
         let points = if number == 0 { 0 } else { PATCH_POINTS * rounds };
@@ -506,11 +513,11 @@ impl Solver for Tiers {
         Ok(())
     }
 
-    fn irradiance(&self) -> Option<(Arc<PatchedScene>, Vec<Rgb>)> {
-        // A mesh has every triangle of every instance.
-        let scene = &self.world.scene;
-        let is_listed = scene.instances.is_empty() || scene.triangle_count() <= MAX_PATCHES;
-        is_listed.then(|| self.coarse.on_patches())
+    fn baked(&self, most_bytes: u64) -> Option<BakedMesh> {
+        match &*self.coarse.mesh.cut {
+            Cut::Listed(listed) => bake(listed, self.coarse.irradiances(), most_bytes),
+            Cut::Crowd(crowd) => crowd_bake::bake(&self.coarse, crowd, most_bytes),
+        }
     }
 
     fn diagnostics(&self, _run: &Run<'_>) -> BTreeMap<String, f64> {
