@@ -5,6 +5,7 @@ mod backgrounds;
 mod checkpoints;
 mod comparators;
 mod convergence;
+mod drafts;
 mod expectation;
 mod furnace;
 mod glass;

@@ -62,6 +62,8 @@ pub struct Errors {
     pub by_links: f64,
     /// rRMSE over wide areas that no cause has, as an audit finds it.
     pub by_audit: f64,
+    /// rRMSE by the larger pixels of a draft.
+    pub by_draft: f64,
     /// All causes together with the coarse mesh's error.
     pub total: f64,
     /// What the true error most likely lies between, once an audit can tell.
@@ -71,6 +73,16 @@ pub struct Errors {
 }
 
 impl Errors {
+    /// Takes in what the larger pixels of a draft lose.
+    pub fn lost(&mut self, by_draft: f64) {
+        self.by_draft = by_draft;
+        self.total = self.total.hypot(by_draft);
+        self.bounds = self.bounds.map(|ErrorBounds { low, high, by }| {
+            let [least, most] = CAUSES_BETWEEN.map(|factor| factor * by_draft);
+            ErrorBounds { low: low.hypot(least), high: high.hypot(most), by }
+        });
+    }
+
     /// Takes in what an audit says of the same picture.
     pub fn audited(&mut self, verdict: Verdict) {
         let square = self.mean * self.mean;

@@ -16,6 +16,7 @@ mod clock;
 mod coarse;
 mod crowd_bake;
 mod direct;
+mod draft;
 mod effort;
 mod estimate;
 mod focus;
@@ -44,6 +45,7 @@ use crate::surface::World;
 use beginning::{Begun, EarlierRuns, Foundations};
 use clock::Clock;
 use coarse::MOST_TRIANGLES;
+use draft::Draft;
 use effort::Effort;
 use fragments::VisibleSurfaces;
 use settings::HemiluxSettings;
@@ -124,18 +126,25 @@ impl Method for Hemilux {
             None => (found.begin(job, &mut clock), EarlierRuns::default()),
         };
         let Some(Begun { lights, coarse }) = begun else { return Ok(None) };
+        let draft = Draft::of(job.request).filter(|_| past.is_none());
+        let size = draft.map_or(size, |draft| draft.size());
         let visible = VisibleSurfaces::new(&world, cut, &job.camera, size, options.samples);
         clock.lap("seconds_fragments");
-        let inputs = TierInputs { world, lights, visible, coarse };
+        let inputs = TierInputs { world, lights, visible, coarse, camera: job.camera.clone() };
         let done = job.run.standing.tally.iterations;
-        let tier_options = TierOptions { options, first_rays, seed, hasty: effort.hasty, done };
+        let hasty = effort.hasty;
+        let tier_options = TierOptions { options, first_rays, seed, hasty, draft, done };
         let mut tiers = Tiers::new(inputs, tier_options, clock);
         tiers.reused_iterations = earlier.reused_iterations;
         if let Some(past) = past {
             tiers.restore_shared(past.shared)?;
-            match past.bound {
+            let goes_on = match past.bound {
                 Some(bound) => tiers.restore_bound(bound)?,
-                None => tiers.change_camera(earlier.iterations),
+                None => false,
+            };
+            if !goes_on {
+                tiers.change_camera(earlier.iterations);
+                job.run.standing.tally.iterations = 0;
             }
         }
         Ok(Some(Box::new(tiers)))

@@ -1,5 +1,6 @@
 //! The three tiers at work: what an iteration does, and the picture after it.
 
+mod drafts;
 mod passes;
 
 use super::audit::{Audit, Audited};
@@ -8,6 +9,7 @@ use super::clock::Clock;
 use super::coarse::{CoarseSolution, PATCH_POINTS};
 use super::crowd_bake;
 use super::direct::DirectLighting;
+use super::draft::{self, Draft};
 use super::estimate::{self, Errors, PictureInputs};
 use super::fragments::edges::Edges;
 use super::fragments::{Fragment, VisibleSurfaces};
@@ -24,6 +26,7 @@ use crate::patches::Cut;
 use crate::radiometry::Rgb;
 use crate::render::{ErrorBounds, RenderError, StopReason};
 use crate::sampling::Seed;
+use crate::scene::Camera;
 use crate::scene::gltf::BakedMesh;
 use crate::surface::World;
 use crate::transport::bake::bake;
@@ -84,6 +87,11 @@ pub struct Tiers {
     world: Arc<World>,
     lights: Arc<DirectLights>,
     visible: VisibleSurfaces,
+    camera: Camera,
+    /// Where the picture has larger pixels than were asked for.
+    draft: Option<Draft>,
+    /// What each part had taken before the present draft or picture.
+    spent_before: BTreeMap<&'static str, f64>,
     coarse: CoarseSolution,
     /// Variance of the picture's radiance that the links' noise makes, the same over wide areas.
     link_variance: f64,
@@ -125,6 +133,8 @@ pub struct TierOptions {
     pub seed: Seed,
     /// Whether the first picture had better come soon than be good.
     pub hasty: bool,
+    /// The draft that it begins with, if it does.
+    pub draft: Option<Draft>,
     /// Iterations that earlier attempts at the same job did.
     pub done: u64,
 }
@@ -137,6 +147,8 @@ pub struct TierInputs {
     pub lights: Arc<DirectLights>,
     /// What the camera sees.
     pub visible: VisibleSurfaces,
+    /// The camera.
+    pub camera: Camera,
     /// Tier 1.
     pub coarse: CoarseSolution,
 }
@@ -144,8 +156,8 @@ pub struct TierInputs {
 impl Tiers {
     /// A solver without records or shadow rays; the coarse solution is as it comes in.
     pub fn new(inputs: TierInputs, tier_options: TierOptions, mut clock: Clock) -> Self {
-        let TierInputs { world, lights, visible, coarse } = inputs;
-        let TierOptions { options, first_rays, seed, hasty, done } = tier_options;
+        let TierInputs { world, lights, visible, camera, coarse } = inputs;
+        let TierOptions { options, first_rays, seed, hasty, draft, done } = tier_options;
         let direct = DirectLighting::new(&lights, &visible, options.adaptive, hasty);
         clock.lap("seconds_light");
         Self {
@@ -158,6 +170,9 @@ impl Tiers {
             world,
             lights,
             visible,
+            camera,
+            draft,
+            spent_before: BTreeMap::new(),
             coarse,
             cache: IrradianceCache::default(),
             options,
@@ -209,8 +224,13 @@ impl Tiers {
         from.end()
     }
 
-    /// Reads the checkpoint's section for this camera: shadow rays and lobes.
-    pub fn restore_bound(&mut self, mut from: Reader<'_>) -> Result<(), CheckpointError> {
+    /// Reads the checkpoint's section for this camera: shadow rays and lobes. Returns whether there was
+    /// something in it: a draft leaves nothing.
+    pub fn restore_bound(&mut self, mut from: Reader<'_>) -> Result<bool, CheckpointError> {
+        if from.count(1)? == 0 {
+            from.end()?;
+            return Ok(false);
+        }
         self.direct.restore(&mut from)?;
         self.gloss.restore(&self.visible, &mut from)?;
         self.balance = from.value::<Balance>()?.bounded();
@@ -220,7 +240,8 @@ impl Tiers {
         edges.restore(&mut self.visible, &mut from)?;
         self.edges = (edges.rays() > 0).then_some(edges);
         self.audit = Audit::restore(&mut from)?;
-        from.end()
+        from.end()?;
+        Ok(true)
     }
 
     /// Goes over to another camera, with the links and records that `iterations` have made.
@@ -421,7 +442,7 @@ impl Tiers {
             vec![None; self.visible.fragments.len()]
         };
         self.clock.lap("seconds_smooth");
-        let (picture, mut errors) = estimate::measure(&PictureInputs {
+        let (mut picture, mut errors) = estimate::measure(&PictureInputs {
             visible: &self.visible,
             lights: &self.lights,
             coarse: &self.coarse,
@@ -434,6 +455,13 @@ impl Tiers {
         if let Some(errors) = &mut errors {
             errors.audited(self.audit.judge(&self.visible, self.seed, &picture));
         }
+        if let Some(draft) = self.draft {
+            let shine = &self.visible.shine;
+            if let Some(errors) = &mut errors {
+                errors.lost(draft::loss(&picture, shine, errors.mean, errors.total));
+            }
+            picture = draft.enlarged(picture, shine, (&self.world, &self.camera));
+        }
         self.clock.lap("seconds_picture");
         self.picture_seconds = Some(began.elapsed().as_secs_f64());
         self.drawn = DrawnPicture { iterations: Some(iterations), picture, errors };
@@ -444,6 +472,7 @@ impl Tiers {
 impl Solver for Tiers {
     fn advance(&mut self, run: &mut Run<'_>) -> Result<Option<StopReason>, RenderError> {
         let began = Instant::now();
+        self.grow(run);
         let number = run.standing.tally.iterations;
         let picture = run.standing.picture_seconds;
         self.pace.ends_in(run.seconds_left().map(|left| match self.iteration_seconds {
@@ -504,6 +533,10 @@ impl Solver for Tiers {
         // Where sums of hemicube shots were, while tier 1 could be solved by those.
         to.value(0u64);
         to.slice::<Rgb>(&[]);
+        parts.bound.value(u64::from(self.draft.is_none()));
+        if self.draft.is_some() {
+            return Ok(());
+        }
         self.direct.save(&mut parts.bound);
         self.gloss.save(&mut parts.bound);
         parts.bound.value(self.balance);
@@ -531,6 +564,9 @@ impl Solver for Tiers {
         let errors = self.drawn.errors.unwrap_or_default();
         figures.insert("error_links".into(), errors.by_links);
         figures.insert("error_audit".into(), errors.by_audit);
+        figures.insert("error_draft".into(), errors.by_draft);
+        let shrink = self.draft.map_or(1, |draft| draft.shrink);
+        figures.insert("draft".into(), f64::from(shrink));
         figures.insert("audit_paths".into(), self.audit.paths() as f64);
         figures.insert("records".into(), self.cache.len() as f64);
         figures.insert("records_reused".into(), self.cache.reused as f64);
