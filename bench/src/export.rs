@@ -1,16 +1,16 @@
-//! `export`: a scene of [`made::real`] as files that other renderers and the command line can read:
+//! `export`: a scene of [`made::real`], or a room of very many triangles, as files that other renderers and the command line can read:
 //! NAME.glb with its camera, NAME-sky.exr and, in NAME.light.json, which sky and sun it has.
 
 use crate::results::Failure;
 use hemilux_engine::image::Picture;
-use hemilux_engine::scene::made::real;
+use hemilux_engine::scene::made::{real, tessellated_room};
 use hemilux_engine::scene::{Environment, Sky};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Which scene.
+    /// Which scene; `tessellated-N` is a room of about N triangles.
     scene: String,
     /// Folder for the files.
     #[arg(long)]
@@ -23,6 +23,10 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { scene: name, out, scene_seed } = arguments;
     std::fs::create_dir_all(out)?;
+    if let Some(triangles) = name.strip_prefix("tessellated-") {
+        let glb = tessellated_room(triangles.parse()?);
+        return Ok(std::fs::write(out.join(format!("{name}.glb")), glb)?);
+    }
     let all = real::all(*scene_seed);
     let scene = all.iter().find(|scene| scene.name == *name);
     let scene = scene.ok_or_else(|| format!("there is no scene {name}"))?;

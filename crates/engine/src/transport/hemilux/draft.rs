@@ -15,8 +15,11 @@ use rayon::prelude::*;
 /// Jobs begin with a draft whose time budget is less than this for each pixel, seconds: the first
 /// iteration may take as long.
 const SECONDS_PER_PIXEL: f64 = 12e-6;
-/// Side of a first draft's pixels, in the picture's.
-const FIRST_SHRINK: u32 = 4;
+/// Time budgets for each pixel, seconds, in which the whole picture may well fit, and a smaller draft
+/// tells whether it does.
+const ENOUGH_PER_PIXEL: f64 = 3e-6;
+/// Sides of a first draft's pixels, in the picture's, where there is less time than that and more.
+const FIRST_SHRINKS: [u32; 2] = [4, 8];
 /// Pictures with a side below this have no drafts.
 const LEAST_SIDE: u32 = 128;
 /// Scenes of more triangles have none: what these take does not go by the pixels.
@@ -45,11 +48,12 @@ impl Draft {
     pub fn of(request: &RenderRequest) -> Option<Self> {
         let seconds = request.limits.seconds.filter(|_| request.limits.iterations.is_none())?;
         let (width, height) = (request.width, request.height);
-        let is_short = seconds < SECONDS_PER_PIXEL * f64::from(width) * f64::from(height);
+        let each = seconds / (f64::from(width) * f64::from(height));
         let is_large = width.min(height) >= LEAST_SIDE;
         let is_light = request.scene.triangle_count() <= MOST_TRIANGLES;
-        let draft = Self { full: [width, height], shrink: FIRST_SHRINK };
-        (is_short && is_large && is_light).then_some(draft)
+        let shrink = FIRST_SHRINKS[usize::from(each >= ENOUGH_PER_PIXEL)];
+        let draft = Self { full: [width, height], shrink };
+        (each < SECONDS_PER_PIXEL && is_large && is_light).then_some(draft)
     }
 
     /// Columns and rows.

@@ -10,13 +10,14 @@ use crate::transport::run::Run;
 use std::collections::BTreeMap;
 
 /// Parts of a first iteration, each with the power of the number of pixels by which its time grows:
-/// records lie where the scene asks for them, and small pictures have more shadow rays for each pixel.
+/// records lie where the scene asks for them, with fewer rays in a draft, and small pictures have more
+/// shadow rays for each pixel.
 const GROWTH: [(&str, f64); 5] = [
-    ("seconds_fragments", 0.75),
-    ("seconds_light", 0.65),
-    ("seconds_gloss", 0.8),
-    ("seconds_gather", 0.4),
-    ("seconds_smooth", 0.7),
+    ("seconds_fragments", 0.62),
+    ("seconds_light", 0.85),
+    ("seconds_gloss", 0.9),
+    ("seconds_gather", 0.35),
+    ("seconds_smooth", 0.6),
 ];
 /// All of that, and the picture, in the time that these parts are expected to take.
 const WITH_PICTURE: f64 = 1.2;
@@ -42,6 +43,8 @@ impl Tiers {
         let samples = self.options.samples;
         self.visible = VisibleSurfaces::new(&self.world, cut, &self.camera, next.size(), samples);
         self.clock.lap("seconds_fragments");
+        self.draft = Some(next).filter(|next| next.shrink > 1);
+        self.hasty = self.hasty_at_last || self.draft.is_some();
         let (lights, options) = (&self.lights, &self.options);
         self.direct = DirectLighting::new(lights, &self.visible, options.adaptive, self.hasty);
         self.gloss = Gloss::new(&self.world, &self.visible);
@@ -50,8 +53,7 @@ impl Tiers {
         (self.edges, self.audit, self.balance) = (None, Audit::default(), Balance::default());
         self.drawn = DrawnPicture::default();
         (self.iteration_seconds, self.picture_seconds) = (None, None);
-        self.draft = Some(next).filter(|next| next.shrink > 1);
-        (run.standing.tally.iterations, self.done) = (0, 0);
+        (run.standing.tally.iterations, self.done, self.next_check) = (0, 0, 1);
         self.clock.lap("seconds_light");
     }
 }

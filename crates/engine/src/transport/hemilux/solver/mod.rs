@@ -103,8 +103,10 @@ pub struct Tiers {
     audit: Audit,
     balance: Balance,
     options: HemiluxSettings,
-    /// Whether the first picture had better come soon than be good.
+    /// Whether the first picture had better come soon than be good, as that of a draft had.
     hasty: bool,
+    /// The same of the picture that was asked for.
+    hasty_at_last: bool,
     /// Rays of a record in the first iteration.
     first_rays: u32,
     seed: Seed,
@@ -158,7 +160,8 @@ impl Tiers {
     pub fn new(inputs: TierInputs, tier_options: TierOptions, mut clock: Clock) -> Self {
         let TierInputs { world, lights, visible, camera, coarse } = inputs;
         let TierOptions { options, first_rays, seed, hasty, draft, done } = tier_options;
-        let direct = DirectLighting::new(&lights, &visible, options.adaptive, hasty);
+        let in_haste = hasty || draft.is_some();
+        let direct = DirectLighting::new(&lights, &visible, options.adaptive, in_haste);
         clock.lap("seconds_light");
         Self {
             direct,
@@ -176,7 +179,8 @@ impl Tiers {
             coarse,
             cache: IrradianceCache::default(),
             options,
-            hasty,
+            hasty: in_haste,
+            hasty_at_last: hasty,
             first_rays,
             seed,
             reused_iterations: 0,
