@@ -51,6 +51,8 @@ pub enum Stream {
     Edge = 22,
     /// Places of the picture and paths from there that the picture is held against.
     Audit = 23,
+    /// Rays of elements that are aimed at bright ones.
+    Aimed = 24,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

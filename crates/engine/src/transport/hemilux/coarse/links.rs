@@ -7,6 +7,7 @@
 //! averages their noise: on the Cornell box this is 100 times cheaper than shots for the same error
 //! of the picture.
 
+use super::aimed::Aimed;
 use super::direct::DirectLight;
 use super::elements::ElementIndex;
 use super::far_sides::FarSides;
@@ -138,6 +139,11 @@ impl Round {
 }
 
 impl Links {
+    /// Whether a link counts: those from inside a body do not.
+    pub fn counts(link: ElementIndex) -> bool {
+        link.0 != COVERED
+    }
+
     /// Number of links.
     pub fn count(&self) -> usize {
         self.rounds.iter().map(|round| round.links.len()).sum()
@@ -209,7 +215,16 @@ impl Links {
     /// parts of an element at random at every bounce, which makes it spread too far in a long white
     /// room. The slope of the light over the element, times the way from its middle to where the ray
     /// ended, corrects that to the second order.
-    pub fn solve(&mut self, mesh: &CoarseMesh, direct: &[DirectLight], far: Option<&FarSides>) {
+    ///
+    /// What `aimed` rays find of bright elements replaces what links say of it.
+    pub fn solve(
+        &mut self,
+        mesh: &CoarseMesh,
+        direct: &[DirectLight],
+        far: Option<&FarSides>,
+        aimed: Option<&Aimed>,
+    ) {
+        let beyond = aimed.map(|aimed| aimed.beyond(self, &mesh.elements.albedo, direct));
         let albedo = &mesh.elements.albedo;
         for number in 0..SOLUTIONS {
             let mut slopes = Vec::new();
@@ -220,7 +235,11 @@ impl Links {
             if number > 0 && slopes.is_empty() {
                 return;
             }
-            let correction = self.correction(albedo, &slopes);
+            let mut correction = self.correction(albedo, &slopes);
+            if let Some(beyond) = &beyond {
+                correction.resize(beyond.len(), Rgb::ZERO);
+                correction.iter_mut().zip(beyond).for_each(|(sum, beyond)| *sum += *beyond);
+            }
             self.balance(albedo, direct, far, &correction);
         }
     }
@@ -242,6 +261,16 @@ impl Links {
             sum / rows.max(1) as f32
         };
         (0..slopes.len() as u32).into_par_iter().with_min_len(CHUNK).map(of_element).collect()
+    }
+
+    /// Mean over an element's links of what their ends send.
+    pub fn mean(&self, element: ElementIndex, radiosity: &[f32]) -> f32 {
+        let (mut sum, mut rows) = (0.0, 0.0f32);
+        for link in self.of(element).filter(|link| Self::counts(*link)) {
+            sum += radiosity.get(link.at()).copied().unwrap_or_default();
+            rows += 1.0;
+        }
+        sum / rows.max(1.0)
     }
 
     /// Solves the equation by sweeps, where `correction` (or nothing, if that is empty) is added to

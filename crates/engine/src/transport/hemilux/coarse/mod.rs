@@ -1,5 +1,6 @@
 //! Tier 1: the light of the whole scene on a coarse mesh.
 
+mod aimed;
 mod caustic_light;
 mod direct;
 mod elements;

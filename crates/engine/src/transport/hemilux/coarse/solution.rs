@@ -2,6 +2,7 @@
 //! from the closed form and shadow rays at points of every element, bounced light from the links
 //! between elements. The camera sees it only through gather rays.
 
+use super::aimed::Aimed;
 use super::caustic_light::{self, CausticLight};
 use super::direct::{DirectLight, Lighting, SampledLight};
 use super::elements::ElementIndex;
@@ -47,6 +48,8 @@ pub struct CoarseSolution {
     /// What elements let through diffusely, if any do.
     far_sides: Option<Arc<FarSides>>,
     links: Links,
+    /// Rays at bright elements, where there are such.
+    aimed: Option<Aimed>,
     /// Light by way of clear bodies, where there are some.
     caustics: Option<CausticLight>,
     /// Whether links, and rays for bounced light, follow sharp mirrors.
@@ -87,6 +90,7 @@ impl CoarseSolution {
             direct: Vec::new(),
             far_sides,
             links: Links::default(),
+            aimed: None,
             caustics,
             follows_mirrors,
             guide: None,
@@ -120,6 +124,7 @@ impl CoarseSolution {
             direct: self.direct.clone(),
             far_sides: self.far_sides.clone(),
             links: self.links.clone(),
+            aimed: self.aimed.clone(),
             caustics: None,
             follows_mirrors: self.follows_mirrors,
             guide: self.guide.clone(),
@@ -133,7 +138,8 @@ impl CoarseSolution {
         let values = [&self.total, &self.indirect].map(MeshValues::held_bytes);
         let lists = size_of_val(&*self.sampled) + size_of_val(&*self.direct);
         let far_sides = self.far_sides.as_ref().map_or(0, |far| far.held_bytes());
-        let shared = self.links.held_bytes() + self.mesh.held_bytes();
+        let aimed = self.aimed.as_ref().map_or(0, Aimed::held_bytes);
+        let shared = aimed + self.links.held_bytes() + self.mesh.held_bytes();
         values[0] + values[1] + lists as u64 + far_sides + shared
     }
 
@@ -195,9 +201,33 @@ impl CoarseSolution {
             follows_mirrors: self.follows_mirrors,
         };
         self.links.trace(linking, seed, rays);
+        // As many more aimed rays, by and by, as links.
+        let rounds = self.aimed.as_ref().map_or(1, Aimed::rounds);
+        if let Some(aimed) = &mut self.aimed {
+            aimed.trace(&self.world, &self.mesh, seed, rounds);
+        }
+        self.solve();
+        // What is bright the first solution says.
+        if self.aimed.is_none()
+            && let Some(guide) = self.guide.clone().filter(|_| self.may_aim())
+        {
+            let aimed = self.aimed.insert(Aimed::new(&self.mesh, guide));
+            aimed.trace(&self.world, &self.mesh, seed, rounds);
+            self.solve();
+        }
+    }
+
+    /// Whether rays may be aimed at bright elements: nothing bends them on their way.
+    fn may_aim(&self) -> bool {
+        !self.world.has_clear() && !self.follows_mirrors && self.caustics.is_none()
+    }
+
+    /// Solves over all links and updates the irradiance.
+    fn solve(&mut self) {
         let far = self.far_sides.as_deref();
+        let aimed = self.aimed.as_ref();
         match &self.caustics {
-            None => self.links.solve(&self.mesh, &self.direct, far),
+            None => self.links.solve(&self.mesh, &self.direct, far, aimed),
             Some(caustics) => {
                 let elements = self.mesh.elements.all();
                 let lit = elements.zip(&self.direct).map(|(element, direct)| {
@@ -206,7 +236,7 @@ impl CoarseSolution {
                     let reflected_as = direct.reflected_as + by_caustics;
                     DirectLight { irradiance, reflected_as, ..*direct }
                 });
-                self.links.solve(&self.mesh, &lit.collect::<Vec<_>>(), far);
+                self.links.solve(&self.mesh, &lit.collect::<Vec<_>>(), far, aimed);
             }
         }
         self.update_irradiance();
@@ -228,6 +258,10 @@ impl CoarseSolution {
     pub fn save(&self, to: &mut Writer) {
         to.slice(&self.sampled);
         self.links.save(self.sampled.len(), to);
+        to.value(u64::from(self.aimed.is_some()));
+        if let Some(aimed) = &self.aimed {
+            aimed.save(to);
+        }
         if let Some(caustics) = &self.caustics {
             caustics.save(to);
         }
@@ -237,6 +271,10 @@ impl CoarseSolution {
     /// which it was made ([`CoarseSolution::new`]).
     pub fn restore_links(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
         self.links = Links::restore(self.sampled.len(), from)?;
+        self.aimed = match from.count(1)? {
+            0 => None,
+            _ => Some(Aimed::restore(&self.world, &self.mesh, from)?),
+        };
         if let Some(caustics) = &mut self.caustics {
             caustics.restore(from)?;
         }
@@ -259,6 +297,12 @@ impl CoarseSolution {
     /// mirrors it sharply.
     pub fn is_mapped(&self) -> bool {
         self.caustics.is_some()
+    }
+
+    /// Links, albedos and direct light.
+    #[cfg(test)]
+    pub fn parts(&self) -> (&Links, &[Rgb], &[DirectLight]) {
+        (&self.links, &self.mesh.elements.albedo, &self.direct)
     }
 
     /// Links so far.
@@ -290,8 +334,26 @@ impl CoarseSolution {
             let passed = self.far_sides.as_ref().map(|far| far.passed(element, arriving));
             importance(*albedo * arriving(element) + passed.unwrap_or_default())
         });
-        let radiosity: Vec<f32> = radiosity.collect();
+        let mut radiosity: Vec<f32> = radiosity.collect();
+        if self.aimed.is_some() {
+            self.leave_out_outliers(&mut radiosity);
+        }
         self.guide = Guide::new(&self.world, &self.mesh, &self.links, &radiosity).map(Arc::new);
+    }
+
+    /// Lowers the radiosity of elements to which few aimed rays have brought much: nothing is bright by
+    /// what links know nothing of.
+    fn leave_out_outliers(&self, radiosity: &mut [f32]) {
+        let by_links = |element: usize| {
+            let own = ElementIndex(element as u32);
+            let albedo = self.mesh.elements.albedo[element];
+            let bounced = self.links.mean(own, radiosity);
+            let lit = importance(albedo * self.direct[element].irradiance);
+            radiosity[element].min(lit + albedo.max_element() * bounced)
+        };
+        let lowered: Vec<f32> =
+            (0..radiosity.len()).into_par_iter().with_min_len(256).map(by_links).collect();
+        radiosity.copy_from_slice(&lowered);
     }
 
     /// Estimated share of the direct light that arrives at the element at a place.

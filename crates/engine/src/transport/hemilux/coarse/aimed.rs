@@ -1,0 +1,263 @@
+//! Light that small bright elements send to others, such as a patch of sun, by rays that are aimed at
+//! them. Of the links over the hemisphere few meet such elements, and each of these brings much: how bright
+//! a whole room is hangs on them. Here aimed rays say how much of the emitters' light bright elements
+//! reflect to each other element, instead of the links.
+
+use super::direct::DirectLight;
+use super::elements::ElementIndex;
+use super::guide::Guide;
+use super::links::Links;
+use super::mesh::CoarseMesh;
+use crate::checkpoint::{CheckpointError, Reader, Writer};
+use crate::radiometry::Rgb;
+use crate::random::Stream;
+use crate::rays::Eye;
+use crate::sampling::{Seed, Shifted};
+use crate::surface::World;
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::f32::consts::PI;
+use std::sync::Arc;
+
+/// Aimed rays of each element in a round.
+const RAYS: usize = 4;
+/// Most rounds.
+const MOST_ROUNDS: usize = 64;
+/// Most aimed rays of all elements together, 8 bytes each: 128 MiB.
+const MOST_RAYS: usize = 16 << 20;
+/// Least distance between two elements, in sides of the bright one beyond the other's side, at which rays
+/// are aimed: nearer ones meet it by many links, and what an aimed ray says there scatters without bound.
+const LEAST_DISTANCE: f32 = 3.0;
+/// Elements of a parallel task.
+const CHUNK: usize = 256;
+/// Most members of an element that its middle is found by.
+const MOST_MEMBERS: usize = 16;
+
+/// Aimed rays of all elements.
+#[derive(Clone)]
+pub struct Aimed {
+    targets: Arc<Targets>,
+    /// [`RAYS`] of each element in each round.
+    rounds: Vec<Arc<Vec<Found>>>,
+}
+
+/// What is aimed at: always the same, so that what older rays found remains of use.
+struct Targets {
+    guide: Arc<Guide>,
+    is_bright: Vec<bool>,
+    /// Middle and side of each element, metres.
+    places: Vec<(Vec3, f32)>,
+}
+
+/// What an aimed ray found: an element, and the irradiance that a radiosity of 1 there stands for.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Found {
+    element: u32,
+    weight: f32,
+}
+
+impl Targets {
+    fn new(mesh: &CoarseMesh, guide: Arc<Guide>) -> Self {
+        let elements = &mesh.elements;
+        let mut is_bright = vec![false; elements.len()];
+        for (element, _) in guide.bright() {
+            is_bright[element.at()] = true;
+        }
+        let place = |element: usize| {
+            let members = elements.members(ElementIndex(element as u32));
+            let some = members.iter().step_by(members.len().div_ceil(MOST_MEMBERS).max(1));
+            let (sum, count) = some.fold((Vec3::ZERO, 0.0), |(sum, count), patch| {
+                let [a, b, c] = mesh.cut.cell(*patch, 0.5).own_corners();
+                (sum + (a + b + c) / 3.0, count + 1.0)
+            });
+            (sum / f32::max(count, 1.0), (2.0 * elements.area[element]).sqrt())
+        };
+        let all = (0..elements.len()).into_par_iter().with_min_len(CHUNK);
+        Self { guide, is_bright, places: all.map(place).collect() }
+    }
+
+    /// Whether what a bright element sends to another one is found by aimed rays.
+    fn is_aimed(&self, from: usize, to: u32) -> bool {
+        if !self.is_bright.get(to as usize).is_some_and(|is_bright| *is_bright) {
+            return false;
+        }
+        let [(own, own_side), (other, side)] = [self.places[from], self.places[to as usize]];
+        own.distance(other) > LEAST_DISTANCE * side + own_side
+    }
+}
+
+impl Aimed {
+    /// None yet, at the elements that gather rays are aimed at.
+    pub fn new(mesh: &CoarseMesh, guide: Arc<Guide>) -> Self {
+        Self { targets: Arc::new(Targets::new(mesh, guide)), rounds: Vec::new() }
+    }
+
+    /// Rounds so far.
+    pub fn rounds(&self) -> usize {
+        self.rounds.len()
+    }
+
+    /// Aims so many more rounds of rays, as long as there is room.
+    pub fn trace(&mut self, world: &World, mesh: &CoarseMesh, seed: Seed, rounds: usize) {
+        let elements = mesh.elements.len();
+        for _ in 0..rounds {
+            let round = self.rounds.len();
+            if round > 0 && (round >= MOST_ROUNDS || (round + 1) * RAYS * elements > MOST_RAYS) {
+                return;
+            }
+            let found = |ray: usize| {
+                let (element, number) = (ray / RAYS, round * RAYS + ray % RAYS);
+                let sequence = Shifted::new(seed, Stream::Aimed, element as u64);
+                self.aim(world, mesh, element, sequence.at(number as u32))
+            };
+            let rays = (0..elements * RAYS).into_par_iter().with_min_len(CHUNK);
+            let all = rays.map(|ray| found(ray).unwrap_or(Found { element: 0, weight: 0.0 }));
+            let all = all.collect();
+            self.rounds.push(Arc::new(all));
+        }
+    }
+
+    /// Aims a ray from a point of an element; `None` where it has missed.
+    fn aim(
+        &self,
+        world: &World,
+        mesh: &CoarseMesh,
+        element: usize,
+        mut sequence: Shifted,
+    ) -> Option<Found> {
+        let guide = &self.targets.guide;
+        let [x, _] = sequence.next_pair();
+        let points = mesh.elements.points(world, &mesh.cut, ElementIndex(element as u32), x);
+        let lit = points.lit_point(world, sequence.second_pair());
+        let aim = guide.aim(lit.start, lit.lit_normal, sequence.triple())?;
+        if lit.normal.dot(aim.direction) <= 0.0 {
+            return None;
+        }
+        let to = mesh.elements.of(aim.patch)?;
+        if !self.targets.is_aimed(element, to.0) {
+            return None;
+        }
+        let hit = world.rays.closest(Eye::Light, lit.start, aim.direction)?;
+        if mesh.patch_at(&hit) != Some(aim.patch) {
+            return None;
+        }
+        let cosine = world.rays.spot(&hit).normal.dot(aim.direction);
+        let density = guide.density(lit.start, lit.lit_normal, aim.patch, hit.distance, cosine);
+        let weight = lit.lit_normal.dot(aim.direction) / (PI * density);
+        (weight.is_finite() && weight > 0.0).then_some(Found { element: to.0, weight })
+    }
+
+    /// By how much what aimed rays find of the emitters' light that bright elements reflect is more than
+    /// what `links` say of it, by element.
+    pub fn beyond(&self, links: &Links, albedo: &[Rgb], direct: &[DirectLight]) -> Vec<Rgb> {
+        let reflected =
+            |element: u32| albedo[element as usize] * direct[element as usize].reflected_as;
+        let rays = (self.rounds.len() * RAYS).max(1) as f32;
+        let of_element = |element: usize| {
+            let (mut by_links, mut count, mut rows) = (Rgb::ZERO, 0.0f32, 0.0f32);
+            for link in links.of(ElementIndex(element as u32)) {
+                count += 1.0;
+                rows += if Links::counts(link) { 1.0 } else { 0.0 };
+                if self.targets.is_aimed(element, link.0) {
+                    by_links += reflected(link.0);
+                }
+            }
+            let own = element * RAYS..(element + 1) * RAYS;
+            let found = self.rounds.iter().flat_map(|round| &round[own.clone()]);
+            let met = found.filter(|found| found.weight > 0.0);
+            let by_aim: Rgb = met.map(|found| reflected(found.element) * found.weight).sum();
+            // Rays from inside a body do not count, among either.
+            (by_aim / rays * count - by_links) / rows.max(1.0)
+        };
+        (0..direct.len()).into_par_iter().with_min_len(CHUNK).map(of_element).collect()
+    }
+
+    /// Bytes that they take, about.
+    pub fn held_bytes(&self) -> u64 {
+        let rounds: usize = self.rounds.iter().map(|round| size_of_val(&***round)).sum();
+        let Targets { is_bright, places, .. } = &*self.targets;
+        (rounds + size_of_val(&**is_bright) + size_of_val(&**places)) as u64
+    }
+
+    /// Writes them.
+    pub fn save(&self, to: &mut Writer) {
+        let (elements, powers): (Vec<u32>, Vec<f32>) =
+            self.targets.guide.bright().iter().map(|(element, power)| (element.0, *power)).unzip();
+        to.slice(&elements);
+        to.slice(&powers);
+        to.value(self.rounds.len() as u64);
+        for round in &self.rounds {
+            to.slice(round);
+        }
+    }
+
+    /// Reads what [`Aimed::save`] wrote of a mesh.
+    pub fn restore(
+        world: &World,
+        mesh: &CoarseMesh,
+        from: &mut Reader<'_>,
+    ) -> Result<Self, CheckpointError> {
+        let count = mesh.elements.len();
+        let damaged = |what: &str| CheckpointError::damaged(what);
+        let elements: Vec<u32> = from.slice()?;
+        let powers: Vec<f32> = from.exactly(elements.len())?;
+        let is_sound = elements.iter().all(|element| (*element as usize) < count)
+            && powers.iter().all(|power| power.is_finite() && *power > 0.0);
+        let bright = elements.into_iter().map(ElementIndex).zip(powers).collect();
+        let guide = Guide::of(world, mesh, bright).filter(|_| is_sound);
+        let guide =
+            guide.ok_or_else(|| damaged("what its rays are aimed at is not in the scene"))?;
+        let mut this = Self::new(mesh, Arc::new(guide));
+        for _ in 0..from.count(MOST_ROUNDS as u64)? {
+            let round: Vec<Found> = from.exactly(count * RAYS)?;
+            let is_sound =
+                |found: &Found| (found.element as usize) < count && found.weight.is_finite();
+            if !round.iter().all(is_sound) {
+                return Err(damaged("its aimed rays are not of these elements"));
+            }
+            this.rounds.push(Arc::new(round));
+        }
+        Ok(this)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::made;
+    use crate::transport::hemilux::specimen::{SEED, Specimen};
+
+    /// In a room with a patch of sun, aimed rays and links agree on what it sends, within their noise,
+    /// and come back from a checkpoint.
+    #[test]
+    fn aimed_rays_and_links_agree() {
+        let house = made::real::window();
+        let mut specimen = Specimen::surrounded(&house.glb, house.environment, 4000);
+        for _ in 0..3 {
+            specimen.coarse.link(SEED, 0, 256);
+        }
+        let (world, coarse) = (&specimen.world, &specimen.coarse);
+        let guide = coarse.guide.clone().expect("the patch of sun is bright");
+        let mut aimed = Aimed::new(&coarse.mesh, guide);
+        aimed.trace(world, &coarse.mesh, SEED, 16);
+        let (links, albedo, direct) = coarse.parts();
+        let elements = &coarse.mesh.elements;
+        let power = |of: &[Rgb]| -> f32 {
+            of.iter().zip(&elements.area).map(|(own, area)| own.element_sum() * area).sum()
+        };
+        let beyond = aimed.beyond(links, albedo, direct);
+        let all = power(&links.bounced);
+        let none = Aimed::new(&coarse.mesh, aimed.targets.guide.clone());
+        let by_links = -power(&none.beyond(links, albedo, direct));
+        assert!(by_links > 0.1 * all, "the patch of sun sends {by_links} of {all}");
+        let more = power(&beyond);
+        assert!(more.abs() < 0.1 * by_links, "{more} beside {by_links}");
+        let mut to = Writer::new(u64::MAX);
+        aimed.save(&mut to);
+        let bytes = to.finish().expect("there is room");
+        let again = Aimed::restore(world, &coarse.mesh, &mut Reader::new(&bytes)).expect("sound");
+        assert_eq!(again.beyond(links, albedo, direct), beyond);
+    }
+}
