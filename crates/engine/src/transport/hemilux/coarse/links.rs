@@ -7,7 +7,6 @@
 //! averages their noise: on the Cornell box this is 100 times cheaper than shots for the same error
 //! of the picture.
 
-use super::aimed::Aimed;
 use super::direct::DirectLight;
 use super::elements::ElementIndex;
 use super::far_sides::FarSides;
@@ -216,15 +215,15 @@ impl Links {
     /// room. The slope of the light over the element, times the way from its middle to where the ray
     /// ended, corrects that to the second order.
     ///
-    /// What `aimed` rays find of bright elements replaces what links say of it.
+    /// `beyond` is added to what the links of each element bring, where there is such: what aimed rays
+    /// find beyond what links say.
     pub fn solve(
         &mut self,
         mesh: &CoarseMesh,
         direct: &[DirectLight],
         far: Option<&FarSides>,
-        aimed: Option<&Aimed>,
+        beyond: Option<&[Rgb]>,
     ) {
-        let beyond = aimed.map(|aimed| aimed.beyond(self, &mesh.elements.albedo, direct));
         let albedo = &mesh.elements.albedo;
         for number in 0..SOLUTIONS {
             let mut slopes = Vec::new();
@@ -236,7 +235,7 @@ impl Links {
                 return;
             }
             let mut correction = self.correction(albedo, &slopes);
-            if let Some(beyond) = &beyond {
+            if let Some(beyond) = beyond {
                 correction.resize(beyond.len(), Rgb::ZERO);
                 correction.iter_mut().zip(beyond).for_each(|(sum, beyond)| *sum += *beyond);
             }

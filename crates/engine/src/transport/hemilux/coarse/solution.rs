@@ -225,9 +225,12 @@ impl CoarseSolution {
     /// Solves over all links and updates the irradiance.
     fn solve(&mut self) {
         let far = self.far_sides.as_deref();
+        let albedo = &self.mesh.elements.albedo;
         let aimed = self.aimed.as_ref();
+        let beyond = aimed.map(|aimed| aimed.beyond(&self.links, albedo, &self.direct));
+        let beyond = beyond.as_deref();
         match &self.caustics {
-            None => self.links.solve(&self.mesh, &self.direct, far, aimed),
+            None => self.links.solve(&self.mesh, &self.direct, far, beyond),
             Some(caustics) => {
                 let elements = self.mesh.elements.all();
                 let lit = elements.zip(&self.direct).map(|(element, direct)| {
@@ -236,7 +239,7 @@ impl CoarseSolution {
                     let reflected_as = direct.reflected_as + by_caustics;
                     DirectLight { irradiance, reflected_as, ..*direct }
                 });
-                self.links.solve(&self.mesh, &lit.collect::<Vec<_>>(), far, aimed);
+                self.links.solve(&self.mesh, &lit.collect::<Vec<_>>(), far, beyond);
             }
         }
         self.update_irradiance();
