@@ -58,6 +58,7 @@ const PATCHES_DECISION: &str = "coarse_patches";
 const FOCUS_DECISION: &str = "focus";
 /// Name in checkpoints of a decision of the first run: sub-pixel samples.
 const SAMPLES_DECISION: &str = "pixel_samples";
+
 /// The rendering method `hemilux`: solve coarsely, gather smoothly, light exactly.
 pub struct Hemilux;
 
