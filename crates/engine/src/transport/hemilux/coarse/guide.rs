@@ -304,7 +304,6 @@ mod tests {
             };
             lit += usize::from((0..32).any(sees_sun));
         }
-        // Of the others, most end on the wall that they start from.
         assert!(lit > 60 && 5 * lit > 3 * aimed, "{lit} of {aimed}");
     }
 }

@@ -57,8 +57,8 @@ pub struct Links {
     pub bounced: Vec<Rgb>,
 }
 
-/// Links that were traced together, never changed after: those of element e are `links[start[e]..start[e + 1]]`, the
-/// elements that its rays met, or [`DARK`] or [`COVERED`].
+/// Links that were traced together, never changed after: those of element e are
+/// `links[start[e]..start[e + 1]]`, the elements that its rays met, or [`DARK`] or [`COVERED`].
 struct Round {
     start: Vec<u32>,
     links: Vec<u32>,
