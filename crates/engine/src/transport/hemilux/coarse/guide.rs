@@ -3,9 +3,9 @@
 
 use super::elements::{ElementIndex, Elements};
 use super::links::Links;
-use super::mesh::CoarseMesh;
+use super::mesh::{CoarseMesh, MeshValues};
 use crate::emitters::{LightBounds, LightTree};
-use crate::patches::PatchIndex;
+use crate::patches::{FacetPlace, PatchIndex};
 use crate::radiometry::Rgb;
 use crate::surface::World;
 use crate::transport::patch_points::PatchPoints;
@@ -35,12 +35,16 @@ pub struct Guide {
     /// The bright elements, each with the power that others receive of it.
     bright: Vec<(ElementIndex, f32)>,
     tree: LightTree,
+    /// Balls around the patches, each with its normal and the power that others receive of it.
+    bounds: Vec<LightBounds>,
     patches: Vec<PatchIndex>,
     /// Which of them a patch is.
     number: HashMap<PatchIndex, u32>,
     /// One over their areas, ray units.
     per_area: Vec<f32>,
     points: Vec<PatchPoints>,
+    /// What arrives from bright elements (first channel) and from all (second).
+    arriving: MeshValues,
 }
 
 /// A direction towards a bright patch.
@@ -55,7 +59,33 @@ impl Guide {
     /// Bright patches by the elements' radiosities, a number each; `None` where aiming does not
     /// pay.
     pub fn new(world: &World, mesh: &CoarseMesh, links: &Links, radiosity: &[f32]) -> Option<Self> {
-        Self::of(world, mesh, aiming_targets(world, mesh, links, radiosity)?)
+        let mut this = Self::of(world, mesh, aiming_targets(world, mesh, links, radiosity)?)?;
+        this.arriving = this.arriving_by_links(mesh, links, radiosity);
+        Some(this)
+    }
+
+    /// What arrives at the mesh from bright elements (first channel) and from all (second), by the links.
+    fn arriving_by_links(&self, mesh: &CoarseMesh, links: &Links, radiosity: &[f32]) -> MeshValues {
+        let mut is_bright = vec![false; radiosity.len()];
+        for (element, _) in &self.bright {
+            is_bright[element.at()] = true;
+        }
+        let of_element = |index: usize| {
+            let met = links.of(ElementIndex(index as u32)).map(ElementIndex::at);
+            let met = met.filter_map(|link| Some((is_bright.get(link)?, radiosity.get(link)?)));
+            met.fold(Rgb::ZERO, |sum, (is_bright, own)| {
+                sum + Rgb::new(if *is_bright { *own } else { 0.0 }, *own, 0.0)
+            })
+        };
+        let all = (0..radiosity.len()).into_par_iter().with_min_len(256).map(of_element);
+        let all: Vec<Rgb> = all.collect();
+        mesh.values(|element| all[element.at()])
+    }
+
+    /// Share of the light that arrives at a place of the mesh that comes from bright elements, about.
+    pub fn share(&self, mesh: &CoarseMesh, place: FacetPlace) -> f32 {
+        let arriving = mesh.value(&self.arriving, place);
+        if arriving.y > 0.0 { (arriving.x / arriving.y).clamp(0.0, 1.0) } else { 0.0 }
     }
 
     /// Of these bright elements, each with the power that others receive of it; `None` where they have
@@ -82,10 +112,12 @@ impl Guide {
         Some(Self {
             bright,
             tree: LightTree::new(&bounds),
+            bounds,
             number: patches.iter().copied().zip(0..).collect(),
             per_area: points.iter().map(|points| 1.0 / points.area()).collect(),
             patches,
             points,
+            arriving: MeshValues::default(),
         })
     }
 
@@ -98,7 +130,18 @@ impl Guide {
     /// that has missed.
     pub fn aim(&self, point: Vec3, normal: Vec3, xi: Vec3) -> Option<Aim> {
         let (pick, _) = self.tree.pick(point, normal, xi.x)?;
-        let direction = (self.points[pick].point([xi.y, xi.z]).0 - point).normalize_or_zero();
+        self.towards(pick, point, normal, [xi.y, xi.z])
+    }
+
+    /// A direction towards a place of a patch by its number, by two uniform numbers.
+    pub(super) fn towards(
+        &self,
+        pick: usize,
+        point: Vec3,
+        normal: Vec3,
+        xi: [f32; 2],
+    ) -> Option<Aim> {
+        let direction = (self.points[pick].point(xi).0 - point).normalize_or_zero();
         let above = normal.dot(direction) > 0.0;
         above.then_some(Aim { direction, patch: self.patches[pick] })
     }
@@ -114,10 +157,31 @@ impl Guide {
         distance: f32,
         cosine: f32,
     ) -> f32 {
-        let Some(number) = self.number.get(&patch) else { return 0.0 };
-        let number = *number as usize;
+        let Some(number) = self.number(patch) else { return 0.0 };
         let probability = self.tree.probability(number, point, normal);
+        self.density_of(number, probability, distance, cosine)
+    }
+
+    /// The number of a bright patch.
+    pub(super) fn number(&self, patch: PatchIndex) -> Option<usize> {
+        self.number.get(&patch).map(|number| *number as usize)
+    }
+
+    /// Density per solid angle of a place of the patch with that number, which is picked with that
+    /// probability; distance and cosine as in [`Guide::density`].
+    pub(super) fn density_of(
+        &self,
+        number: usize,
+        probability: f32,
+        distance: f32,
+        cosine: f32,
+    ) -> f32 {
         probability * distance * distance * self.per_area[number] / cosine.abs().max(1e-6)
+    }
+
+    /// Balls around the bright patches, each with its normal and the power that others receive of it.
+    pub(super) fn bounds(&self) -> &[LightBounds] {
+        &self.bounds
     }
 }
 

@@ -9,10 +9,12 @@ mod groups;
 mod guide;
 mod links;
 mod mesh;
+mod outlook;
 mod solution;
 
 pub use caustic_light::MOST_TRIANGLES;
 pub use direct::SampledLight;
 pub use elements::Elements;
 pub use mesh::CoarseMesh;
+pub use outlook::Outlook;
 pub use solution::{CoarseSolution, PATCH_POINTS};

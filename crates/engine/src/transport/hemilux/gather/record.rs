@@ -7,7 +7,7 @@ use crate::random::{Stream, pcg};
 use crate::rays::{Eye, Hit, Ray};
 use crate::sampling::{Afresh, Seed, Shifted, cosine_local, frame};
 use crate::surface::World;
-use crate::transport::hemilux::coarse::CoarseSolution;
+use crate::transport::hemilux::coarse::{CoarseSolution, Outlook};
 use crate::transport::hemilux::fragments::VisibleSurfaces;
 use crate::transport::hemilux::gloss::arriving;
 use glam::{Vec2, Vec3};
@@ -27,8 +27,11 @@ const IN_FRONT: f32 = 1e-3;
 pub const NO_FRAGMENT: u32 = u32::MAX;
 /// Turns of a fragment's samples among which the places that rays start from are picked.
 const SAMPLE_TURNS: u32 = 16;
-/// One in so many gather rays is aimed at bright patches, where there are such.
-const AIMED_EVERY: u32 = 4;
+/// Least and largest share of a record's gather rays that are aimed at bright patches, where there are
+/// such. Between them it is the share of the light that comes from there.
+const AIMED_SHARES: [f32; 2] = [0.25, 0.75];
+/// Least rays of a batch of which some are aimed.
+const LEAST_RAYS: u32 = 4;
 
 /// The nearest obstacle in a sector of a record's horizon, as the plane of its surface.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
@@ -66,6 +69,8 @@ pub struct Record {
     pub fragment: u32,
     /// Rays so far.
     pub rays: u32,
+    /// How many of them were aimed.
+    pub aimed: u32,
     /// Σ radiance over rays.
     pub sum: Rgb,
     /// The same with the sign changed in the second half of each batch of rays: the difference
@@ -117,33 +122,38 @@ struct GatherRay {
 }
 
 /// A batch of gather rays that a record traces together.
-struct RayBatch {
+struct RayBatch<'a> {
     /// Rays of the record before this batch.
     first: u32,
     rays: u32,
-    /// Whether some of them are aimed at bright patches.
-    is_guided: bool,
+    /// How many of them are aimed at bright patches.
+    aimed: u32,
+    /// How the bright patches look from the record, where some rays are aimed at them.
+    outlook: Option<Outlook<'a>>,
     /// Shares of the rays that are spread over the hemisphere, and of those that are aimed.
     shares: [f32; 2],
 }
 
-impl RayBatch {
-    fn new(coarse: &CoarseSolution, first: u32, rays: u32) -> Self {
-        let is_guided = coarse.guide.is_some() && rays >= AIMED_EVERY;
-        let mut this = Self { first, rays, is_guided, shares: [1.0, 0.0] };
-        let aimed = this.aimed(first + rays) - this.aimed(first);
-        this.shares = [rays - aimed, aimed].map(|count| count as f32 / rays as f32);
-        this
+impl<'a> RayBatch<'a> {
+    fn new(known: &Surroundings<'a>, record: &Record, rays: u32) -> Self {
+        let Surroundings { coarse, visible, .. } = *known;
+        let guide = coarse.guide.as_deref().filter(|_| rays >= LEAST_RAYS);
+        let aimed = guide.map_or(0, |guide| {
+            let fragment = visible.fragments.get(record.fragment as usize);
+            let place = fragment.map(|fragment| visible.place_on_facet(fragment));
+            let share = place.map_or(0.0, |place| guide.share(&coarse.mesh, place));
+            let [least, most] = AIMED_SHARES;
+            (share.clamp(least, most) * rays as f32) as u32
+        });
+        let outlook = guide.map(|guide| Outlook::new(guide, record.point, record.normal));
+        let shares = [rays - aimed, aimed].map(|count| count as f32 / rays as f32);
+        Self { first: record.rays, rays, aimed, outlook, shares }
     }
 
-    /// How many of the record's first so many rays are aimed, or would have been.
-    fn aimed(&self, rays: u32) -> u32 {
-        if self.is_guided { rays / AIMED_EVERY } else { 0 }
-    }
-
-    /// Whether a ray of the batch is aimed.
-    fn is_aimed(&self, number: u32) -> bool {
-        self.aimed(self.first + number + 1) > self.aimed(self.first + number)
+    /// The outlook by which a ray of the batch is aimed; `None` for the others.
+    fn outlook_of(&self, number: u32) -> Option<&Outlook<'a>> {
+        let before = |number: u32| u64::from(number) * u64::from(self.aimed) / u64::from(self.rays);
+        self.outlook.as_ref().filter(|_| before(number + 1) > before(number))
     }
 }
 
@@ -160,6 +170,7 @@ impl Record {
             number,
             fragment: NO_FRAGMENT,
             rays: 0,
+            aimed: 0,
             sum: Rgb::ZERO,
             split: Rgb::ZERO,
             nearness: 0.0,
@@ -177,7 +188,7 @@ impl Record {
     /// Traces more rays.
     pub fn gather(&mut self, known: &Surroundings<'_>, rays: u32) {
         let Surroundings { world, coarse, afresh, .. } = *known;
-        let batch = RayBatch::new(coarse, self.rays, rays);
+        let batch = RayBatch::new(known, self, rays);
         let (gather_rays, traced) = self.gather_rays(known, &batch);
         let mut hits = Vec::with_capacity(traced.len());
         world.rays.closest_many(Eye::Light, &traced, &mut hits);
@@ -196,30 +207,27 @@ impl Record {
             self.split += if 2 * ray.number < rays { radiance } else { -radiance };
         }
         self.rays += rays;
+        self.aimed += batch.aimed;
     }
 
     /// The rays of a batch: what belongs to each, and origin and direction.
     fn gather_rays(
         &self,
         known: &Surroundings<'_>,
-        batch: &RayBatch,
+        batch: &RayBatch<'_>,
     ) -> (Vec<GatherRay>, Vec<Ray>) {
-        let Surroundings { coarse, seed, .. } = *known;
+        let Surroundings { seed, .. } = *known;
         let [tangent, bitangent] = self.tangents;
         let sequence = |number: u64, at| Shifted::new(seed, Stream::Gather, number).at(at);
-        let so_far = batch.aimed(batch.first);
-        let mut hemisphere = sequence(u64::from(self.number), batch.first - so_far);
-        let mut aimed_at_bright = sequence(u64::from(self.number) | 1 << 32, so_far);
+        let mut hemisphere = sequence(u64::from(self.number), batch.first - self.aimed);
+        let mut aimed_at_bright = sequence(u64::from(self.number) | 1 << 32, self.aimed);
         let count = batch.rays as usize;
         let (mut gather_rays, mut traced) = (Vec::with_capacity(count), Vec::with_capacity(count));
         for number in 0..batch.rays {
             let origin = self.origin(known.visible, batch.first + number);
-            let (direction, aim, numbers) = if batch.is_aimed(number) {
+            let (direction, aim, numbers) = if let Some(outlook) = batch.outlook_of(number) {
                 aimed_at_bright.next_pair();
-                let xi = aimed_at_bright.triple();
-                let guide = coarse.guide.as_ref();
-                let aim = guide.and_then(|guide| guide.aim(origin, self.normal, xi));
-                let Some(aim) = aim else { continue };
+                let Some(aim) = outlook.aim(origin, aimed_at_bright.triple()) else { continue };
                 // Other numbers than those that the aim was taken by.
                 (aim.direction, Some(aim.patch), aimed_at_bright.apart())
             } else {
@@ -251,22 +259,20 @@ impl Record {
     fn weight(
         &self,
         coarse: &CoarseSolution,
-        batch: &RayBatch,
+        batch: &RayBatch<'_>,
         ray: &GatherRay,
         &Ray { origin, direction }: &Ray,
         hit: &Hit,
     ) -> Option<f32> {
         let [hemisphere, aimed_at_bright] = batch.shares;
-        let Some(guide) = coarse.guide.as_ref().filter(|_| batch.is_guided) else {
-            return Some(1.0 / hemisphere);
-        };
+        let Some(outlook) = &batch.outlook else { return Some(1.0 / hemisphere) };
         let patch = coarse.mesh.patch_at(hit);
         if ray.aim.is_some() && ray.aim != patch {
             return None;
         }
         let cosine = coarse.world.rays.spot(hit).normal.dot(direction);
-        let density = patch
-            .map_or(0.0, |patch| guide.density(origin, self.normal, patch, hit.distance, cosine));
+        let density =
+            patch.map_or(0.0, |patch| outlook.density(origin, patch, hit.distance, cosine));
         // The balance heuristic (Veach 1997): what either way of picking it makes of a place.
         let height = self.normal.dot(direction).max(f32::MIN_POSITIVE);
         Some(height / (hemisphere * height + aimed_at_bright * PI * density))

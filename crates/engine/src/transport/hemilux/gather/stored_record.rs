@@ -37,6 +37,7 @@ struct StoredRecord {
     number: u32,
     fragment: u32,
     rays: u32,
+    aimed: u32,
     sum: Rgb,
     split: Rgb,
     nearness: f32,
@@ -55,6 +56,7 @@ impl From<&Record> for StoredRecord {
             number: record.number,
             fragment: record.fragment,
             rays: record.rays,
+            aimed: record.aimed,
             sum: record.sum,
             split: record.split,
             nearness: record.nearness,
@@ -70,6 +72,7 @@ impl From<&StoredRecord> for Record {
         Record {
             fragment: kept.fragment,
             rays: kept.rays,
+            aimed: kept.aimed,
             sum: kept.sum,
             split: kept.split,
             nearness: kept.nearness,
@@ -96,6 +99,7 @@ impl StoredRecord {
             && self.sum.is_finite()
             && self.split.is_finite()
             && self.rays <= MOST_RAYS
+            && self.aimed <= self.rays
             && self.horizon.iter().all(obstacle)
     }
 }
@@ -108,6 +112,7 @@ mod tests {
         let mut record = Record::new(Vec3::ONE, Vec3::Z, 0.5, 9);
         (record.rays, record.sum, record.split) = (4, Rgb::ONE, Rgb::splat(0.25));
         (record.nearness, record.radius_factor, record.radius) = (3.0, 0.5, 7.0);
+        record.aimed = 1;
         record.horizon[2] = Obstacle { distance: 2.0, normal: Vec3::X, offset: 1.0 };
         record
     }
@@ -123,18 +128,20 @@ mod tests {
         let (one, again) = (record(), kept(&record()).expect("sound").remove(0));
         assert_eq!((again.point, again.normal, again.number), (one.point, one.normal, one.number));
         assert_eq!((again.rays, again.sum, again.split), (one.rays, one.sum, one.split));
+        assert_eq!(again.aimed, one.aimed);
         assert_eq!((again.radius_factor, again.radius), (one.radius_factor, one.radius));
         assert_eq!(again.horizon[2].distance, one.horizon[2].distance);
     }
 
     #[test]
     fn numbers_that_no_gathering_makes_are_refused() {
-        let damages: [fn(&mut Record); 6] = [
+        let damages: [fn(&mut Record); 7] = [
             |record| record.normal = Vec3::ZERO,
             |record| record.point.x = f32::NAN,
             |record| record.radius = -1.0,
             |record| record.sum.y = f32::INFINITY,
             |record| record.rays = u32::MAX,
+            |record| record.aimed = record.rays + 1,
             |record| record.horizon[0].distance = -1.0,
         ];
         for damage in damages {
