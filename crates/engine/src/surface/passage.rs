@@ -17,6 +17,8 @@ const SURE_CROSSINGS: u32 = 8;
 /// Most that it goes on with by chance, so that it ends even in white glass.
 const MOST_SURVIVAL: f32 = 0.97;
 
+/// Most panes that an aimed ray passes.
+const MOST_PANES: u32 = 16;
 /// Most mirrors that a ray follows in a row.
 const MOST_MIRRORS: u32 = 8;
 /// Most that chance lets a mirror mirror.
@@ -92,6 +94,37 @@ impl World {
         let mut numbers = HashedNumbers::new(direction, &hit, 0);
         let flight = Flight::new(hit, direction, &mut numbers);
         self.pass_from(flight, &mut numbers)
+    }
+
+    /// What a ray along the unit `direction` comes to that has met `hit`, if need be behind clear surfaces:
+    /// by chance as [`World::pass`] or, of one that was aimed at something, straight on through panes; `None`
+    /// where that cannot be.
+    #[inline]
+    pub fn reach(&self, hit: Hit, direction: Vec3, is_aimed: bool) -> Option<Passage> {
+        if !self.is_clear(hit.triangle) {
+            return Some(Passage::straight(direction, hit.distance, PassageEnd::Met(hit)));
+        }
+        if is_aimed { self.straight_on(hit, direction) } else { Some(self.pass(hit, direction)) }
+    }
+
+    /// Follows a ray along the unit `direction`, which has met `hit`, straight on through panes to what is
+    /// none; `None` where something bends it, or where there is nothing.
+    fn straight_on(&self, mut hit: Hit, direction: Vec3) -> Option<Passage> {
+        let (mut left, mut way) = (Rgb::ONE, hit.distance);
+        for _ in 0..MOST_PANES {
+            if !self.is_clear(hit.triangle) {
+                let straight = Passage::straight(direction, way, PassageEnd::Met(hit));
+                return Some(Passage { left, ..straight });
+            }
+            if !self.is_pane(hit.triangle) {
+                return None;
+            }
+            let start = self.surface_of(&hit).start_behind();
+            left *= self.through_pane(hit.triangle, start, direction);
+            hit = self.rays.closest(Eye::Light, start, direction)?;
+            way += hit.distance;
+        }
+        None
     }
 
     fn pass_from(&self, mut flight: Flight, numbers: &mut HashedNumbers) -> Passage {

@@ -266,7 +266,7 @@ impl World {
     }
 
     /// What a pane lets through of a ray that crosses it.
-    fn through_pane(&self, index: u32, from: Vec3, direction: Vec3) -> Rgb {
+    pub(super) fn through_pane(&self, index: u32, from: Vec3, direction: Vec3) -> Rgb {
         let finish = self.finishes.of(index);
         let (corners, _) = self.rays.corners(&self.scene, index);
         let normal = unit_normal(corners);

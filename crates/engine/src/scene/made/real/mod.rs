@@ -20,12 +20,13 @@ pub use parts::RealScene;
 pub use random_room::random_room;
 pub use screens::screens;
 pub use water::water;
-pub use window::window;
+pub use window::{glazed, window};
 
 /// All of them, the random ones by a seed.
 pub fn all(seed: u32) -> Vec<RealScene> {
     vec![
         window(),
+        glazed(),
         mirrors(),
         water(),
         foliage(LEAVES, seed),

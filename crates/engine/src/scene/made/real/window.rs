@@ -2,7 +2,8 @@
 
 use super::super::glb::GlbWriter;
 use super::super::mesh::{Mesh, Quad, boundary, union_of};
-use super::parts::{RealScene, daylight, matte, seen_from};
+use super::parts::{RealScene, daylight, matte, panel, seen_from};
+use crate::scene::Material;
 use glam::Vec3;
 
 /// Lines of the house along x, y and z, metres: the outsides of walls 20 cm thick, their insides,
@@ -10,10 +11,34 @@ use glam::Vec3;
 const XS: [f32; 6] = [-0.2, 0.0, 1.8, 2.2, 4.0, 4.2];
 const YS: [f32; 6] = [-0.2, 0.0, 1.2, 1.6, 2.7, 2.9];
 const ZS: [f32; 4] = [-0.2, 0.0, 3.5, 3.7];
+/// Where the pane stands in the wall.
+const PANE_Z: f32 = 3.6;
 
 /// A closed room of 4 × 2.7 × 3.5 m with a window of 40 × 40 cm to the south, through which an
 /// afternoon's sun and sky shine; the camera looks away from it.
 pub fn window() -> RealScene {
+    house("window", "a room lit through one window of 40 cm by sun and sky", |_| ())
+}
+
+/// The same with a pane in the middle of the window's wall: before it the wall is in the sun.
+pub fn glazed() -> RealScene {
+    house("glazed", "the same window with a pane of glass", |writer| {
+        let glass = Material {
+            name: "glass".into(),
+            roughness: 0.0,
+            transmission: 1.0,
+            double_sided: true,
+            ..Material::default()
+        };
+        let glass = writer.material(&glass);
+        let (low, high) = (Vec3::new(XS[2], YS[2], PANE_Z), Vec3::new(XS[3], YS[3], PANE_Z));
+        let pane = panel(low, Vec3::X * (high.x - low.x), Vec3::Y * (high.y - low.y));
+        writer.body("pane", &Mesh::quads([&pane]), glass);
+    })
+}
+
+/// The room, and what `furnish` adds.
+fn house(name: &str, why: &'static str, furnish: impl FnOnce(&mut GlbWriter)) -> RealScene {
     let mut writer = GlbWriter::default();
     let plaster = matte(&mut writer, "plaster", [0.72, 0.7, 0.66]);
     let wood = matte(&mut writer, "floor", [0.45, 0.32, 0.22]);
@@ -37,9 +62,10 @@ pub fn window() -> RealScene {
     let white = matte(&mut writer, "vase", [0.75, 0.75, 0.72]);
     let vase = Mesh::drum(0.12, 0.0, 0.4, 0.02, 48).at(Vec3::new(3.1, 0.751, 0.5));
     writer.body("vase", &vase, white);
+    furnish(&mut writer);
     RealScene {
-        name: "window".into(),
-        why: "a room lit through one window of 40 cm by sun and sky",
+        name: name.into(),
+        why,
         glb: seen_from(writer, [0.5, 1.6, 3.2], [2.4, 0.75, 0.6], 1.0),
         environment: daylight("48.1,11.6,2026-10-10T13:00:00Z"),
     }

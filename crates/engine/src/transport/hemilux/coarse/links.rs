@@ -42,7 +42,7 @@ const SOLUTIONS: u32 = 2;
 /// Links from which on no more get a colour, 20 bytes each: 80 MiB.
 const MOST_TINTS: usize = 4 << 20;
 /// Colours of links that differ by less from white are white.
-const LEAST_TINT: f32 = 1e-3;
+pub const LEAST_TINT: f32 = 1e-3;
 /// Elements of a parallel task.
 const CHUNK: usize = 256;
 
@@ -335,6 +335,15 @@ impl Links {
         all.map(|link| ElementIndex(*link))
     }
 
+    /// The same, each with whether its ray went there straight on and uncoloured.
+    pub fn ways(&self, element: ElementIndex) -> impl Iterator<Item = (ElementIndex, bool)> {
+        let all = self.rounds.iter().flat_map(move |round| {
+            let (links, spots) = round.with_spots(element);
+            links.iter().zip(spots)
+        });
+        all.map(|(link, spot)| (ElementIndex(*link), !spot.is_apart()))
+    }
+
     /// Σ π × radiance of sky and emitters that an element's rays found by way of what bends light.
     fn bent(&self, element: ElementIndex) -> Rgb {
         self.rounds.iter().filter_map(|round| round.bent.get(element.at())).sum()
@@ -449,10 +458,11 @@ impl Linking<'_> {
         let (share, lack) = tint(passage.left, ray.has_tint);
         let met = passage.met().filter(|met| !world.is_black(met) && passage.chance < share);
         let to = met.map_or((DARK, CellSpot::MIDDLE), |met| element(&met));
-        if ray.has_tint && to.0 < COVERED && lack.abs().max_element() > LEAST_TINT {
+        let is_coloured = lack.abs().max_element() > LEAST_TINT;
+        if ray.has_tint && to.0 < COVERED && is_coloured {
             way.tints.push(Tint { from: ray.from, to: to.0, lack });
         }
-        to
+        if passage.is_bent || is_coloured { (to.0, to.1.apart()) } else { to }
     }
 }
 

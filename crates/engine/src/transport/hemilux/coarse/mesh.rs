@@ -229,7 +229,8 @@ impl CoarseMesh {
 }
 
 /// A place in a cell, by how far it is from the cell's centroid along either edge of the facet: four
-/// bits each.
+/// bits each, of which no place has zeros in the lower ones. Those say that the ray was bent or coloured on its
+/// way; then the place has two bits each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub struct CellSpot(u8);
@@ -251,14 +252,30 @@ impl CellSpot {
         let middle = if is_upper { 2.0 / 3.0 } else { 1.0 / 3.0 };
         let [x, y] = (within - middle)
             .to_array()
-            .map(|along| ((along * Self::STEPS).round() as i32 + 8).clamp(0, 15) as u8);
+            .map(|along| ((along * Self::STEPS).round() as i32 + 8).clamp(1, 15) as u8);
         Self(x | y << 4)
+    }
+
+    /// The same place, nearly, of a ray that was bent or coloured on its way to it.
+    pub fn apart(self) -> Self {
+        let coarse = |bits: u8| (bits.max(1) - 1) / 4;
+        Self((coarse(self.0 & 15) | coarse(self.0 >> 4) << 2) << 4)
+    }
+
+    /// Whether the ray was bent or coloured on its way.
+    pub fn is_apart(self) -> bool {
+        self.0 & 15 == 0
     }
 
     /// From the centroid, in sides of the cell.
     pub fn offset(self) -> Vec2 {
-        let along = |bits: u8| (f32::from(bits) - 8.0) / Self::STEPS;
-        Vec2::new(along(self.0 & 15), along(self.0 >> 4))
+        let along = |step: f32| (step - 8.0) / Self::STEPS;
+        if self.is_apart() {
+            // The middle of four steps.
+            let middle = |bits: u8| along(f32::from(4 * bits) + 2.5);
+            return Vec2::new(middle(self.0 >> 4 & 3), middle(self.0 >> 6));
+        }
+        Vec2::new(along(f32::from(self.0 & 15)), along(f32::from(self.0 >> 4)))
     }
 }
 
@@ -347,9 +364,14 @@ mod tests {
                         continue;
                     }
                     let at = a + (b - a) * x + (c - a) * y;
-                    let offset = CellSpot::new(divisions, at).offset();
+                    let spot = CellSpot::new(divisions, at);
+                    let offset = spot.offset();
                     let off = (offset - (at - middle) * side).abs().max_element();
                     assert!(off < 0.6 / CellSpot::STEPS, "{offset} at {at}");
+                    let apart = spot.apart();
+                    assert!(apart.is_apart() && !spot.is_apart());
+                    let off = (apart.offset() - offset).abs().max_element();
+                    assert!(off < 1.6 / CellSpot::STEPS, "{} for {offset}", apart.offset());
                     sums[index].0 += offset;
                     sums[index].1 += 1.0;
                 }

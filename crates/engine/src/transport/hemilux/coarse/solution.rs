@@ -16,9 +16,10 @@ use crate::patches::{FacetPlace, PatchIndex};
 use crate::radiometry::{Rgb, importance};
 use crate::rays::{Eye, Hit};
 use crate::sampling::{Afresh, Next, Seed, cosine_direction};
-use crate::surface::{Reflection, Surface, World, mirrored_share};
+use crate::surface::{Passage, Reflection, Surface, World, mirrored_share};
 use glam::Vec3;
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::f32::consts::PI;
 use std::sync::Arc;
 
@@ -209,39 +210,29 @@ impl CoarseSolution {
         self.solve();
         // What is bright the first solution says.
         if self.aimed.is_none()
-            && let Some(guide) = self.guide.clone().filter(|_| self.may_aim())
+            && let Some(guide) = self.guide.clone()
         {
-            let aimed = self.aimed.insert(Aimed::new(&self.mesh, guide));
+            let aimed = self.aimed.insert(Aimed::new(&self.world, &self.mesh, guide));
             aimed.trace(&self.world, &self.mesh, seed, rounds);
             self.solve();
         }
     }
 
-    /// Whether rays may be aimed at bright elements: nothing bends them on their way.
-    fn may_aim(&self) -> bool {
-        !self.world.has_clear() && !self.follows_mirrors && self.caustics.is_none()
-    }
-
     /// Solves over all links and updates the irradiance.
     fn solve(&mut self) {
         let far = self.far_sides.as_deref();
-        let albedo = &self.mesh.elements.albedo;
-        let aimed = self.aimed.as_ref();
-        let beyond = aimed.map(|aimed| aimed.beyond(&self.links, albedo, &self.direct));
-        let beyond = beyond.as_deref();
-        match &self.caustics {
-            None => self.links.solve(&self.mesh, &self.direct, far, beyond),
-            Some(caustics) => {
-                let elements = self.mesh.elements.all();
-                let lit = elements.zip(&self.direct).map(|(element, direct)| {
-                    let by_caustics = caustics.of_element(&self.mesh, element);
-                    let irradiance = direct.irradiance + by_caustics;
-                    let reflected_as = direct.reflected_as + by_caustics;
-                    DirectLight { irradiance, reflected_as, ..*direct }
-                });
-                self.links.solve(&self.mesh, &lit.collect::<Vec<_>>(), far, beyond);
+        let mut lit = Cow::Borrowed(&*self.direct);
+        if let Some(caustics) = &self.caustics {
+            for (element, direct) in self.mesh.elements.all().zip(lit.to_mut()) {
+                let by_caustics = caustics.of_element(&self.mesh, element);
+                direct.irradiance += by_caustics;
+                direct.reflected_as += by_caustics;
             }
         }
+        let albedo = &self.mesh.elements.albedo;
+        let aimed = self.aimed.as_ref();
+        let beyond = aimed.map(|aimed| aimed.beyond(&self.links, albedo, &lit));
+        self.links.solve(&self.mesh, &lit, far, beyond.as_deref());
         self.update_irradiance();
     }
 
@@ -452,19 +443,25 @@ impl CoarseSolution {
         let Some(hit) = self.world.rays.closest(Eye::Light, start, direction) else {
             return Rgb::ZERO;
         };
+        let Some(passage) = self.world.reach(hit, direction, aim.is_some()) else {
+            return Rgb::ZERO;
+        };
         let mut weight = 1.0;
         if let Some(guide) = guide {
-            let patch = self.mesh.patch_at(&hit);
-            if aim.is_some_and(|aim| Some(aim.patch) != patch) {
+            // Aimed rays are not bent.
+            let met = passage.met().filter(|_| !passage.is_bent);
+            let met = met.and_then(|met| Some((met, self.mesh.patch_at(&met)?)));
+            if aim.is_some_and(|aim| Some(aim.patch) != met.map(|(_, patch)| patch)) {
                 return Rgb::ZERO;
             }
-            let cosine = self.world.rays.spot(&hit).normal.dot(direction);
-            let density = patch
-                .map_or(0.0, |patch| guide.density(start, normal, patch, hit.distance, cosine));
+            let density = met.map_or(0.0, |(met, patch)| {
+                let cosine = self.world.rays.spot(&met).normal.dot(direction);
+                guide.density(start, normal, patch, passage.way, cosine)
+            });
             let height = normal.dot(direction).max(f32::MIN_POSITIVE);
             weight = height / (height * (1.0 - aimed_share) + aimed_share * PI * density);
         }
-        weight * PI * self.arriving_as_diffuse(hit, direction, next)
+        weight * PI * self.arriving_as_diffuse(hit, passage, next)
     }
 
     /// Radiance that a hit reflects, as if all of it were reflected diffusely, but for what is followed
@@ -479,14 +476,13 @@ impl CoarseSolution {
         self.by_albedo(&surface, albedo, hit, Some(next.afresh()))
     }
 
-    /// Radiance that arrives along a ray that met this, if need be by way of clear surfaces and
+    /// Radiance that arrives along a ray that met this at first and came to that, if need be by way of
     /// mirrors.
-    fn arriving_as_diffuse(&self, hit: Hit, direction: Vec3, next: Next) -> Rgb {
+    fn arriving_as_diffuse(&self, hit: Hit, mut passage: Passage, next: Next) -> Rgb {
         let is_mirror = self.follows_mirrors && self.world.may_mirror(hit.triangle);
         if !self.world.is_clear(hit.triangle) && !is_mirror {
             return self.reflected_as_diffuse(&hit, Some(next.afresh()));
         }
-        let mut passage = self.world.pass(hit, direction);
         if self.follows_mirrors {
             passage = self.world.follow_mirrors(passage);
         }

@@ -214,19 +214,10 @@ pub fn albedo_towards(lobe: &Surface, viewer: Vec3) -> Rgb {
     if is_faced { lobe.reflection().albedo(viewer) } else { Rgb::ZERO }
 }
 
-/// Radiance that arrives at a diffuse surface along a ray in `direction` that met this, beside
-/// what is found as direct light. With random numbers the light at its end is found out afresh.
-pub fn arriving(
-    coarse: &CoarseSolution,
-    hit: &Hit,
-    direction: Vec3,
-    afresh: Option<Afresh>,
-) -> Rgb {
+/// Radiance that arrives at a diffuse surface along a ray that came to this, beside what is found as
+/// direct light. With random numbers the light at its end is found out afresh.
+pub fn arriving(coarse: &CoarseSolution, passage: &Passage, afresh: Option<Afresh>) -> Rgb {
     let is_mapped = coarse.is_mapped();
-    if !coarse.world.is_clear(hit.triangle) {
-        return reflected_at(coarse, hit, (direction, is_mapped), afresh);
-    }
-    let passage = coarse.world.pass(*hit, direction);
     let reflected = passage.met().map_or(Rgb::ZERO, |met| {
         passage.left * reflected_at(coarse, &met, (passage.direction, is_mapped), afresh)
     });
