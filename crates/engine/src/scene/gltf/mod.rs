@@ -30,6 +30,7 @@ mod material_layers;
 mod meshopt;
 mod morph;
 mod node;
+mod panes;
 mod picture;
 mod placing;
 mod pose;
@@ -109,6 +110,7 @@ pub fn import_with(
     };
     geometry.build(&options.limits, &mut scene, &mut warnings)?;
     close_holes(&mut scene, &images);
+    panes::straighten(&mut scene);
     scene.textures = images.textures;
     scene.variants = variants::Variants::names(root);
     scene.animations = animation::names(&animations, &accessors);
