@@ -26,7 +26,7 @@ pub use window::{glazed, window};
 pub fn all(seed: u32) -> Vec<RealScene> {
     vec![
         window(),
-        glazed(),
+        glazed(0.0),
         mirrors(),
         water(),
         foliage(LEAVES, seed),

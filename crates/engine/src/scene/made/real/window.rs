@@ -20,12 +20,13 @@ pub fn window() -> RealScene {
     house("window", "a room lit through one window of 40 cm by sun and sky", |_| ())
 }
 
-/// The same with a pane in the middle of the window's wall: before it the wall is in the sun.
-pub fn glazed() -> RealScene {
+/// The same with a pane in the middle of the window's wall, before which the wall is in the sun; frosted where
+/// it has a roughness.
+pub fn glazed(roughness: f32) -> RealScene {
     house("glazed", "the same window with a pane of glass", |writer| {
         let glass = Material {
             name: "glass".into(),
-            roughness: 0.0,
+            roughness,
             transmission: 1.0,
             double_sided: true,
             ..Material::default()

@@ -243,7 +243,7 @@ mod tests {
     /// through a pane, too, and come back from a checkpoint.
     #[test]
     fn aimed_rays_and_links_agree() {
-        for house in [made::real::window(), made::real::glazed()] {
+        for house in [made::real::window(), made::real::glazed(0.0)] {
             let mut specimen = Specimen::surrounded(&house.glb, house.environment, 4000);
             for _ in 0..3 {
                 specimen.coarse.link(SEED, 0, 256);

@@ -7,7 +7,8 @@ use super::mesh::{CoarseMesh, MeshValues};
 use crate::emitters::{LightBounds, LightTree};
 use crate::patches::{FacetPlace, PatchIndex};
 use crate::radiometry::Rgb;
-use crate::surface::World;
+use crate::rays::Hit;
+use crate::surface::{Passage, World};
 use crate::transport::patch_points::PatchPoints;
 use glam::Vec3;
 use rayon::prelude::*;
@@ -47,6 +48,35 @@ pub struct Guide {
     arriving: MeshValues,
 }
 
+/// A patch where a ray ended, or that bent it first: how far away, and the cosine of its angle to the
+/// patch's normal.
+pub struct Met {
+    /// The patch.
+    pub patch: PatchIndex,
+    /// Ray units along the ray.
+    pub distance: f32,
+    /// Cosine between ray and normal.
+    pub cosine: f32,
+}
+
+/// The patches at which a ray in that `direction` may have been aimed to come to `passage`, where it has met
+/// `hit` first: what bends or mirrors it, and what it met behind on a straight line.
+pub fn aims_of(
+    world: &World,
+    mesh: &CoarseMesh,
+    (hit, direction): (&Hit, Vec3),
+    passage: &Passage,
+) -> [Option<Met>; 2] {
+    let met = |hit: &Hit, distance: f32| {
+        let patch = mesh.patch_at(hit)?;
+        Some(Met { patch, distance, cosine: world.rays.spot(hit).normal.dot(direction) })
+    };
+    let bends = world.is_clear(hit.triangle) || world.may_mirror(hit.triangle);
+    let first = if bends { met(hit, hit.distance) } else { None };
+    let end = passage.met().filter(|_| !passage.is_bent && (!bends || passage.way > hit.distance));
+    [first, end.and_then(|end| met(&end, passage.way))]
+}
+
 /// A direction towards a bright patch.
 pub struct Aim {
     /// Unit vector.
@@ -78,7 +108,15 @@ impl Guide {
             })
         };
         let all = (0..radiosity.len()).into_par_iter().with_min_len(256).map(of_element);
-        let all: Vec<Rgb> = all.collect();
+        let mut all: Vec<Rgb> = all.collect();
+        for link in links.bent_links() {
+            let shown = radiosity.get(link.to as usize).copied().unwrap_or_default();
+            let is_known = is_bright.get(link.to as usize).is_some_and(|is_bright| *is_bright);
+            let is_aimed = is_bright[link.by as usize];
+            let of_bright = if is_aimed { link.light + shown } else { 0.0 };
+            let before = if is_known { shown } else { 0.0 };
+            all[link.from as usize] += Rgb::new(of_bright - before, link.light, 0.0);
+        }
         mesh.values(|element| all[element.at()])
     }
 
@@ -194,9 +232,14 @@ fn aiming_targets(
     radiosity: &[f32],
 ) -> Option<Vec<(ElementIndex, f32)>> {
     let CoarseMesh { cut, elements, .. } = mesh;
-    let Seen { power, area: seen } = Seen::by_links(elements, links, radiosity);
+    let Seen { mut power, area: seen } = Seen::by_links(elements, links, radiosity);
+    let (shown, more) = shown(elements, links, radiosity);
+    power += more;
     let limit = BRIGHT_FACTOR * power / seen.max(f32::MIN_POSITIVE);
-    if !radiosity.iter().any(|own| *own > limit) {
+    let shows = |element: usize| {
+        shown.get(element).is_some_and(|shown| *shown > limit * elements.area[element])
+    };
+    if !(0..radiosity.len()).any(|element| radiosity[element] > limit || shows(element)) {
         return None;
     }
     // Beside a bright element, part of another may be as bright, and none of its few points say so.
@@ -212,16 +255,39 @@ fn aiming_targets(
         !elements.members(*element).iter().any(|patch| cut.is_cluster(*patch))
     };
     let useful = |element: ElementIndex| {
+        if shows(element.at()) {
+            return (element, shown[element.at()]);
+        }
         let own = elements.counted[element.at()] * taken[element.at()];
         (element, received[element.at()].min(own))
     };
-    let bright = elements.all().filter(|element| is_bright(*element) && is_listed(element));
+    let bright = elements
+        .all()
+        .filter(|element| (is_bright(*element) || shows(element.at())) && is_listed(element));
     let bright: Vec<(ElementIndex, f32)> =
         bright.map(useful).filter(|(_, useful)| *useful > 0.0).collect();
     let theirs: f32 = bright.iter().map(|(_, useful)| useful).sum();
     let area: f32 = bright.iter().map(|(element, _)| elements.counted[element.at()]).sum();
     let is_small = area < MOST_BRIGHT_AREA * elements.counted.iter().sum::<f32>();
     (is_small && theirs > LEAST_BRIGHT_SHARE * power).then_some(bright)
+}
+
+/// Power that others receive by way of each element that bends or mirrors light, by the links, and what of all
+/// that comes of sky and emitters; no numbers where nothing does.
+fn shown(elements: &Elements, links: &Links, radiosity: &[f32]) -> (Vec<f32>, f32) {
+    let (mut shown, mut more) = (Vec::new(), 0.0);
+    for link in links.bent_links() {
+        shown.resize(radiosity.len(), 0.0);
+        let from = ElementIndex(link.from);
+        if elements.albedo[from.at()] == Rgb::ZERO {
+            continue;
+        }
+        let each = elements.counted[from.at()] / links.count_of(from) as f32;
+        let reflected = radiosity.get(link.to as usize).copied().unwrap_or_default();
+        shown[link.by as usize] += each * (reflected + link.light);
+        more += each * link.light;
+    }
+    (shown, more)
 }
 
 /// What elements see of each other. What only the sky and the sun see, as the outer walls of a house,

@@ -70,6 +70,8 @@ struct Round {
     /// What coloured glass on the way takes of links, in the order of the elements that these start
     /// from.
     tints: Vec<Tint>,
+    /// Which of them were bent on the way, and by what.
+    ways: Vec<BentLink>,
 }
 
 /// A link whose light is coloured on its way.
@@ -83,12 +85,27 @@ struct Tint {
     lack: Rgb,
 }
 
+/// A link whose ray was bent or mirrored where it ended at first: what it brings, it brings by way of that.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct BentLink {
+    /// The element that it starts from.
+    pub from: u32,
+    /// The element that bends or mirrors.
+    pub by: u32,
+    /// The element that it leads to, or [`DARK`].
+    pub to: u32,
+    /// π × radiance of sky and emitters beside, as one number.
+    pub light: f32,
+}
+
 /// What rays of an element found beside the elements that they met.
 #[derive(Default)]
 struct OnTheWay {
     /// Σ π × radiance of sky and emitters by way of what bends light.
     bent: Rgb,
     tints: Vec<Tint>,
+    ways: Vec<BentLink>,
 }
 
 /// Where links are traced.
@@ -151,12 +168,13 @@ impl Links {
     /// Bytes that they take, about.
     pub fn held_bytes(&self) -> u64 {
         let of_round = |round: &Arc<Round>| {
-            let Round { start, links, spots, bent, tints } = &**round;
+            let Round { start, links, spots, bent, tints, ways } = &**round;
             size_of_val(&**start)
                 + size_of_val(&**links)
                 + size_of_val(&**spots)
                 + size_of_val(&**bent)
                 + size_of_val(&**tints)
+                + size_of_val(&**ways)
         };
         let rounds: usize = self.rounds.iter().map(of_round).sum();
         (rounds + size_of_val(&*self.bounced)) as u64
@@ -198,12 +216,13 @@ impl Links {
             links.extend(own.iter().map(|(link, _)| *link));
             spots.extend(own.iter().map(|(_, spot)| *spot));
         }
-        let (mut bent, mut tints) = (Vec::new(), Vec::new());
+        let (mut bent, mut tints, mut ways) = (Vec::new(), Vec::new(), Vec::new());
         if world.has_clear() || linking.follows_mirrors {
             bent = found.iter().map(|(_, way)| way.bent).collect();
-            tints = found.into_iter().flat_map(|(_, way)| way.tints).collect();
+            tints = found.iter().flat_map(|(_, way)| way.tints.iter().copied()).collect();
+            ways = found.into_iter().flat_map(|(_, way)| way.ways).collect();
         }
-        self.rounds.push(Arc::new(Round { start, links, spots, bent, tints }));
+        self.rounds.push(Arc::new(Round { start, links, spots, bent, tints, ways }));
     }
 
     /// Solves the radiosity equation E_bounced = Σ ρ_link (E_direct + E_bounced)_link / N over the
@@ -344,6 +363,16 @@ impl Links {
         all.map(|(link, spot)| (ElementIndex(*link), !spot.is_apart()))
     }
 
+    /// Links so far that were bent on their way.
+    pub fn bent_links(&self) -> impl Iterator<Item = &BentLink> {
+        self.rounds.iter().flat_map(|round| &round.ways)
+    }
+
+    /// Number of links of an element.
+    pub fn count_of(&self, element: ElementIndex) -> usize {
+        self.rounds.iter().map(|round| round.of(element).len()).sum()
+    }
+
     /// Σ π × radiance of sky and emitters that an element's rays found by way of what bends light.
     fn bent(&self, element: ElementIndex) -> Rgb {
         self.rounds.iter().filter_map(|round| round.bent.get(element.at())).sum()
@@ -354,11 +383,12 @@ impl Links {
         to.slice(&self.bounced);
         to.value(self.rounds.len() as u64);
         for round in &self.rounds {
-            let Round { start, links, spots, bent, tints } = &**round;
+            let Round { start, links, spots, bent, tints, ways } = &**round;
             to.slice(start);
             to.slice(bent);
             to.slice(spots);
             to.slice(tints);
+            to.slice(ways);
             if fits_two_bytes(elements) {
                 // The two marks are the largest numbers, in two bytes as in four.
                 to.slice(&links.iter().map(|link| *link as u16).collect::<Vec<_>>());
@@ -389,6 +419,14 @@ impl Links {
             if !tints.iter().all(is_sound) || !tints.is_sorted_by_key(|tint| tint.from) {
                 return damaged("the colours of its links are not of these elements");
             }
+            let ways: Vec<BentLink> = from.slice()?;
+            let is_sound = |way: &BentLink| {
+                let ends = [way.from, way.by].iter().all(|end| (*end as usize) < elements);
+                ends && way.light.is_finite()
+            };
+            if !ways.iter().all(is_sound) {
+                return damaged("its bent links are not of these elements");
+            }
             if start[0] != 0 || !start.is_sorted() {
                 return damaged("its links are not in order");
             }
@@ -404,7 +442,7 @@ impl Links {
             if links.iter().any(|link| *link as usize >= elements && *link < COVERED) {
                 return damaged("a link leads nowhere");
             }
-            rounds.push(Arc::new(Round { start, links, spots, bent, tints }));
+            rounds.push(Arc::new(Round { start, links, spots, bent, tints, ways }));
         }
         if bounced.len() != if rounds.is_empty() { 0 } else { elements } {
             return damaged("its links are not of these elements");
@@ -451,8 +489,10 @@ impl Linking<'_> {
         if self.follows_mirrors {
             passage = world.follow_mirrors(passage);
         }
+        let mut light = Rgb::ZERO;
         if passage.is_bent {
-            way.bent += PI * passage.bent_light(world, !self.is_mapped);
+            light = PI * passage.bent_light(world, !self.is_mapped);
+            way.bent += light;
         }
         // What glass takes ends some of them, and colours others.
         let (share, lack) = tint(passage.left, ray.has_tint);
@@ -461,6 +501,14 @@ impl Linking<'_> {
         let is_coloured = lack.abs().max_element() > LEAST_TINT;
         if ray.has_tint && to.0 < COVERED && is_coloured {
             way.tints.push(Tint { from: ray.from, to: to.0, lack });
+        }
+        if passage.is_bent
+            && ray.has_tint
+            && let (by, _) = element(&hit)
+            && by < COVERED
+        {
+            let light = importance(light);
+            way.ways.push(BentLink { from: ray.from, by, to: to.0, light });
         }
         if passage.is_bent || is_coloured { (to.0, to.1.apart()) } else { to }
     }
@@ -509,102 +557,4 @@ fn fits_two_bytes(elements: usize) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn direct(irradiance: f32) -> DirectLight {
-        let irradiance = Rgb::splat(irradiance);
-        DirectLight { irradiance, reflected_as: irradiance, share: 1.0, open: 1.0 }
-    }
-
-    /// Element 0 sees element 1 by half of its rays and nothing else, element 1 sees only element
-    /// 0: E_0 = ½ a_1 (D_1 + E_1), E_1 = a_0 (D_0 + E_0).
-    fn two_elements() -> Links {
-        let round = Round {
-            start: vec![0, 2, 3],
-            links: vec![1, DARK, 0],
-            spots: vec![CellSpot::MIDDLE; 3],
-            bent: Vec::new(),
-            tints: Vec::new(),
-        };
-        Links { rounds: vec![Arc::new(round)], bounced: Vec::new() }
-    }
-
-    fn only_round(links: &mut Links) -> &mut Round {
-        Arc::get_mut(&mut links.rounds[0]).expect("nobody else has it")
-    }
-
-    #[test]
-    fn sweeps_solve_the_balance() {
-        let (albedo, lit) = ([0.8, 0.5], [3.0, 1.0]);
-        let mut links = two_elements();
-        links.balance(&albedo.map(Rgb::splat), &lit.map(direct), None, &[]);
-        // Both equations, solved by hand.
-        let own = 0.5 * albedo[1] * (lit[1] + albedo[0] * lit[0]);
-        let first = own / (1.0 - 0.5 * albedo[0] * albedo[1]);
-        let second = albedo[0] * (lit[0] + first);
-        for (bounced, exact) in links.bounced.iter().zip([first, second]) {
-            assert!((bounced.x / exact - 1.0).abs() < 1e-3, "{bounced} {exact}");
-        }
-    }
-
-    /// Through red glass element 0 sees only the red of element 1: E_0 = ½ a_1 D_1 there, as if it
-    /// were black otherwise.
-    #[test]
-    fn coloured_links_bring_coloured_light() {
-        let mut links = two_elements();
-        let lack = Rgb::new(0.0, 1.0, 0.25);
-        only_round(&mut links).tints.push(Tint { from: 0, to: 1, lack });
-        links.balance(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct), None, &[]);
-        let expected = 0.5 * (Rgb::ONE - lack);
-        assert!(links.bounced[0].abs_diff_eq(expected, 1e-5), "{}", links.bounced[0]);
-        assert_eq!(links.bounced[1], Rgb::ZERO);
-    }
-
-    #[test]
-    fn links_bring_no_more_than_is_sent() {
-        for left in [Rgb::new(0.0, 0.0, 14.0), Rgb::new(0.3, 0.6, 0.1), Rgb::ZERO, Rgb::ONE] {
-            for has_tint in [false, true] {
-                let (share, lack) = tint(left, has_tint);
-                assert!((0.0..=1.0).contains(&share), "{share}");
-                assert!(lack.min_element() >= 0.0 && lack.max_element() <= 1.0, "{lack}");
-            }
-        }
-        let left = Rgb::new(0.3, 0.6, 0.1);
-        let (share, lack) = tint(left, true);
-        assert!(((Rgb::ONE - lack) * share).abs_diff_eq(left, 1e-6), "nothing is lost on average");
-    }
-
-    #[test]
-    fn rays_from_inside_a_body_do_not_count() {
-        let mut links = two_elements();
-        only_round(&mut links).links[1] = COVERED;
-        links.balance(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct), None, &[]);
-        // Half of the rays of element 0 start inside: the other half is all that it sees.
-        assert!((links.bounced[0].x - 1.0).abs() < 1e-3, "{}", links.bounced[0]);
-    }
-
-    #[test]
-    fn links_come_back_and_damage_is_found() {
-        for elements in [3, 70_000] {
-            let start: Vec<u32> = (0..=elements as u32).collect();
-            let links = (0..elements as u32).map(|e| [e, DARK, COVERED][e as usize % 3]);
-            let bent = vec![Rgb::Y; elements];
-            let tints = [0, 2].map(|from| Tint { from, to: 1, lack: Rgb::X }).to_vec();
-            let spots = vec![CellSpot::MIDDLE; elements];
-            let round = Round { start, links: links.collect(), spots, bent, tints };
-            let bounced = vec![Rgb::splat(2.0); elements];
-            let links = Links { rounds: vec![Arc::new(round)], bounced };
-            let mut to = Writer::new(u64::MAX);
-            links.save(elements, &mut to);
-            let bytes = to.finish().expect("there is room");
-            let again = Links::restore(elements, &mut Reader::new(&bytes)).expect("sound");
-            assert_eq!(again.rounds[0].links, links.rounds[0].links);
-            assert_eq!(again.rounds[0].bent, links.rounds[0].bent);
-            assert_eq!(again.rounds[0].tints, links.rounds[0].tints);
-            assert_eq!(again.bounced, links.bounced);
-            // Of fewer elements than the links lead to.
-            assert!(Links::restore(elements - 1, &mut Reader::new(&bytes)).is_err());
-        }
-    }
-}
+mod tests;

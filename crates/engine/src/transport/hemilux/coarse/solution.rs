@@ -7,7 +7,7 @@ use super::caustic_light::{self, CausticLight};
 use super::direct::{DirectLight, Lighting, SampledLight};
 use super::elements::ElementIndex;
 use super::far_sides::FarSides;
-use super::guide::Guide;
+use super::guide::{Guide, aims_of};
 use super::links::{Linking, Links};
 use super::mesh::{CoarseMesh, MeshValues};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
@@ -443,21 +443,22 @@ impl CoarseSolution {
         let Some(hit) = self.world.rays.closest(Eye::Light, start, direction) else {
             return Rgb::ZERO;
         };
-        let Some(passage) = self.world.reach(hit, direction, aim.is_some()) else {
+        let aim = aim.map(|aim| aim.patch);
+        let straight = aim.is_some_and(|aim| self.mesh.patch_at(&hit) != Some(aim));
+        let Some(passage) = self.world.reach(hit, direction, straight) else {
             return Rgb::ZERO;
         };
         let mut weight = 1.0;
         if let Some(guide) = guide {
-            // Aimed rays are not bent.
-            let met = passage.met().filter(|_| !passage.is_bent);
-            let met = met.and_then(|met| Some((met, self.mesh.patch_at(&met)?)));
-            if aim.is_some_and(|aim| Some(aim.patch) != met.map(|(_, patch)| patch)) {
+            let (mut density, mut is_met) = (0.0, aim.is_none());
+            let aims = aims_of(&self.world, &self.mesh, (&hit, direction), &passage);
+            for met in aims.iter().flatten() {
+                is_met |= aim == Some(met.patch);
+                density += guide.density(start, normal, met.patch, met.distance, met.cosine);
+            }
+            if !is_met {
                 return Rgb::ZERO;
             }
-            let density = met.map_or(0.0, |(met, patch)| {
-                let cosine = self.world.rays.spot(&met).normal.dot(direction);
-                guide.density(start, normal, patch, passage.way, cosine)
-            });
             let height = normal.dot(direction).max(f32::MIN_POSITIVE);
             weight = height / (height * (1.0 - aimed_share) + aimed_share * PI * density);
         }
