@@ -4,9 +4,9 @@
 //! rays, as through a pane that is modelled as one sheet, and not by caustics and rays that chance bends.
 
 use crate::radiometry::Rgb;
-use crate::scene::{Material, Scene, Triangle};
+use crate::scene::{Material, Scene};
 use glam::{DVec3, Vec3};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// Most thickness, over the area of a face divided by its diagonal: of a square a fiftieth of a side.
 const MOST_THICKNESS: f64 = 0.03;
@@ -24,14 +24,27 @@ pub fn straighten(scene: &mut Scene) {
     let solid = |material: &Material| {
         material.volume.is_some() && material.clear_share() > 0.0 && material.roughness == 0.0
     };
-    for number in 0..scene.materials.len() {
-        if !solid(&scene.materials[number]) {
-            continue;
+    if !scene.materials.iter().any(solid) {
+        return;
+    }
+    // In the order of their numbers: so have the sheets' materials.
+    let mut of_materials: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    for (number, triangle) in scene.triangles.iter().enumerate() {
+        if solid(&scene.materials[triangle.material as usize]) {
+            of_materials.entry(triangle.material).or_default().push(number);
         }
-        for body in bodies(scene, number as u32) {
+    }
+    for (number, own) in of_materials {
+        // Panes of one thickness, in hundredths of a millimetre, share a material.
+        let mut sheets: HashMap<i64, u32> = HashMap::new();
+        for body in bodies(scene, own) {
             let Some(thickness) = thickness(scene, &body) else { continue };
-            let sheet = scene.materials.len() as u32;
-            scene.materials.push(as_sheet(&scene.materials[number], thickness as f32));
+            let hundredths = (thickness * 1e5).round();
+            let sheet = *sheets.entry(hundredths as i64).or_insert_with(|| {
+                let sheet = as_sheet(&scene.materials[number as usize], (hundredths * 1e-5) as f32);
+                scene.materials.push(sheet);
+                scene.materials.len() as u32 - 1
+            });
             body.into_iter().for_each(|triangle| scene.triangles[triangle].material = sheet);
         }
     }
@@ -47,12 +60,9 @@ fn as_sheet(material: &Material, thickness: f32) -> Material {
     sheet
 }
 
-/// Numbers of the listed triangles of a material, in the bodies that they bound: what shares a corner's
-/// place is of one body.
-fn bodies(scene: &Scene, material: u32) -> Vec<Vec<usize>> {
-    let of_material = |(_, triangle): &(usize, &Triangle)| triangle.material == material;
-    let own: Vec<usize> =
-        scene.triangles.iter().enumerate().filter(of_material).map(|(number, _)| number).collect();
+/// Listed triangles, by their numbers, in the bodies that they bound: what shares a corner's place is of one
+/// body.
+fn bodies(scene: &Scene, own: Vec<usize>) -> Vec<Vec<usize>> {
     let mut places: HashMap<[u32; 3], usize> = HashMap::new();
     // Each place's body is that of a place before it, or its own.
     let mut before: Vec<usize> = Vec::new();
@@ -142,7 +152,7 @@ fn thickness(scene: &Scene, body: &[usize]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Vertex, Volume};
+    use crate::scene::{Triangle, Vertex, Volume};
     use glam::Quat;
 
     /// Corners of the sides of a cube, counter-clockwise seen from outside: bits are x, y and z.
@@ -186,10 +196,13 @@ mod tests {
         add(&mut scene, Vec3::X * 3.0, Vec3::new(0.4, 0.5, 0.1), 0.0);
         add(&mut scene, Vec3::X * 6.0, Vec3::new(0.4, 0.5, 0.006), 0.002);
         add(&mut scene, Vec3::X * 9.0, Vec3::new(0.04, 0.04, 0.006), 0.0);
+        // Another like the first.
+        add(&mut scene, Vec3::X * 12.0, Vec3::new(0.4, 0.5, 0.006), 0.0);
         straighten(&mut scene);
-        assert_eq!(sheets(&scene), 12, "the first alone is one");
+        assert_eq!(sheets(&scene), 24, "the first and the last are panes");
+        assert_eq!(scene.materials.len(), 2, "which share a material");
         assert!(scene.triangles[..12].iter().all(|triangle| triangle.material == 1));
-        assert!(scene.triangles[12..].iter().all(|triangle| triangle.material == 0));
+        assert!(scene.triangles[12..48].iter().all(|triangle| triangle.material == 0));
         // Both faces together let through what 6 mm do, absorption in a centimetre as given.
         let tint = scene.materials[1].base_color;
         let both = tint * tint;

@@ -1,5 +1,6 @@
 //! Guiding of gather rays: small patches that reflect much more than most, such as the inside of a
-//! lampshade, are met by few rays spread over the hemisphere, so some rays are aimed at them.
+//! lampshade, are met by few rays spread over the hemisphere, so some rays are aimed at them; and so with
+//! what bends or mirrors much light, such as frosted glass in a window.
 
 use super::elements::{ElementIndex, Elements};
 use super::links::Links;

@@ -455,7 +455,6 @@ mod tests {
             let [guided, noise] = found(&specimen.coarse);
             specimen.coarse.guide = None;
             let [plain, plain_noise] = found(&specimen.coarse);
-            println!("{roughness}: {guided} ± {noise} beside {plain} ± {plain_noise}");
             assert!(noise < 0.01 * guided && plain_noise < 0.02 * plain);
             assert!((guided / plain - 1.0).abs() < 0.03, "{roughness}: {guided} beside {plain}");
         }
