@@ -2,7 +2,7 @@
 //! socket, one connection a request.
 
 use serde_json::Value;
-use std::io::{self, BufRead, BufReader, Read, Write};
+use std::io::{self, BufRead, BufReader, Read, Seek, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -108,14 +108,19 @@ impl Server {
 
     /// A server that `command` starts; it must print where it listens, as `hemilux serve` does.
     pub fn spawn(command: &mut Command) -> Self {
-        Self::try_spawn(command).expect("the server says where it listens")
+        Self::try_spawn(command)
+            .unwrap_or_else(|said| panic!("the server ends before it listens; it said: {said}"))
     }
 
-    /// A server that `command` starts; `None` where it ends before it listens.
-    pub fn try_spawn(command: &mut Command) -> Option<Self> {
+    /// A server that `command` starts.
+    ///
+    /// # Errors
+    /// What it wrote to standard error, where it ends before it listens.
+    pub fn try_spawn(command: &mut Command) -> Result<Self, String> {
+        let mut log = tempfile::tempfile().expect("a temporary file");
         let mut child = command
             .stdout(Stdio::piped())
-            .stderr(Stdio::null())
+            .stderr(log.try_clone().expect("a file can be opened twice"))
             .spawn()
             .expect("the server starts");
         let mut line = String::new();
@@ -124,10 +129,13 @@ impl Server {
         let Some(address) = line.trim().strip_prefix("http://") else {
             child.kill().expect("it can be killed");
             child.wait().expect("it ends");
-            return None;
+            let mut said = String::new();
+            log.rewind().expect("a file can be read again");
+            log.read_to_string(&mut said).expect("what it said is text");
+            return Err(said);
         };
         let address = address.to_owned();
-        Some(Self { id: child.id(), child: Some(child), address, _folder: None })
+        Ok(Self { id: child.id(), child: Some(child), address, _folder: None })
     }
 
     /// A server that somebody else started and will end.

@@ -53,7 +53,7 @@ impl<'a> Place<'a> {
         let deadline = Instant::now() + PATIENCE;
         loop {
             let mut command = self.command(&serve_command(self.folder, &arguments));
-            if let Some(server) = Server::try_spawn(&mut command) {
+            if let Ok(server) = Server::try_spawn(&mut command) {
                 return server;
             }
             assert!(self.disk.is_some() && Instant::now() < deadline, "the server does not start");

@@ -82,6 +82,14 @@ impl SqliteStore {
     pub(super) async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
         Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
     }
+
+    /// Writes the log of what was written back into the database and empties it; whether it could
+    /// before the patience with whoever reads it ran out.
+    pub(super) async fn empty_log(&self) -> Result<bool, StoreError> {
+        let busy: i64 =
+            sqlx::query_scalar("PRAGMA wal_checkpoint(TRUNCATE)").fetch_one(&self.writer).await?;
+        Ok(busy == 0)
+    }
 }
 
 /// A pool whose connections are sound. Where the disk is full or fails, SQLite ends a transaction

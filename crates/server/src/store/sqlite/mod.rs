@@ -255,6 +255,15 @@ impl Store for SqliteStore {
     async fn close(&self) {
         self.leases.close().await;
         self.reader.close().await;
+        // SQLite writes its log back into the database when the last connection closes. One that
+        // was still being made when its task was ended may outlive the writer: a log that stays is
+        // read into whatever database is put in this one's place, which ruins it.
+        if !matches!(self.empty_log().await, Ok(true)) {
+            tracing::warn!(
+                "what was written last stands in the file that ends in -wal: keep it beside the \
+                 database"
+            );
+        }
         self.writer.close().await;
     }
 }

@@ -97,6 +97,20 @@ async fn a_folder_of_a_later_release_is_refused() {
 }
 
 #[tokio::test]
+async fn a_closed_store_leaves_an_empty_log_whoever_else_has_the_file_open() {
+    let folder = Folder::new();
+    let store = SqliteStore::open(&folder.file()).await.unwrap();
+    let log = folder.file().with_file_name("db-wal");
+    assert!(std::fs::metadata(&log).unwrap().len() > 0, "nothing was written to the log");
+    let other = SqliteConnectOptions::new().filename(folder.file());
+    let other = SqlitePoolOptions::new().connect_with(other).await.unwrap();
+    sqlx::query("SELECT count(*) FROM jobs").execute(&other).await.unwrap();
+    store.close().await;
+    assert_eq!(std::fs::metadata(&log).unwrap().len(), 0);
+    other.close().await;
+}
+
+#[tokio::test]
 async fn what_is_no_database_is_named() {
     let folder = Folder::new();
     std::fs::write(folder.file(), vec![b'x'; 8192]).unwrap();
