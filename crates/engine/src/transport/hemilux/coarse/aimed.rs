@@ -5,7 +5,7 @@
 
 use super::direct::DirectLight;
 use super::elements::ElementIndex;
-use super::guide::Guide;
+use super::guide::{Guide, Met};
 use super::links::{LEAST_TINT, Links};
 use super::mesh::CoarseMesh;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
@@ -153,7 +153,8 @@ impl Aimed {
             return None;
         }
         let cosine = world.rays.spot(&met).normal.dot(aim.direction);
-        let density = guide.density(lit.start, lit.lit_normal, aim.patch, passage.way, cosine);
+        let met = Met { patch: aim.patch, distance: passage.way, cosine };
+        let density = guide.density(lit.start, lit.lit_normal, &met);
         let weight = left * lit.lit_normal.dot(aim.direction) / (PI * density);
         (weight.is_finite() && weight > 0.0).then_some(Found { element: to.0, weight })
     }

@@ -14,6 +14,7 @@ use crate::transport::patch_points::PatchPoints;
 use glam::Vec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
+use std::f32::consts::PI;
 
 /// An element is bright if its radiosity is over so many times the mean that others see.
 const BRIGHT_FACTOR: f32 = 8.0;
@@ -76,6 +77,26 @@ pub fn aims_of(
     let first = if bends { met(hit, hit.distance) } else { None };
     let end = passage.met().filter(|_| !passage.is_bent && (!bends || passage.way > hit.distance));
     [first, end.and_then(|end| met(&end, passage.way))]
+}
+
+/// Weight of a ray of the hemisphere's cosine distribution or of one aimed at a bright patch `aim`, over
+/// that of the former alone, by the balance heuristic (Veach 1997): `aims` are the patches at which it may
+/// have been aimed, `density` the density per solid angle of aiming at one, `height` the ray's cosine to the
+/// normal where it starts, `shares` those of either kind among all rays. `None` for a ray that was aimed
+/// at another patch than it met.
+pub fn balanced(
+    (aim, aims): (Option<PatchIndex>, &[Option<Met>; 2]),
+    density: impl Fn(&Met) -> f32,
+    height: f32,
+    shares: [f32; 2],
+) -> Option<f32> {
+    let (mut aimed, mut is_met) = (0.0, aim.is_none());
+    for met in aims.iter().flatten() {
+        is_met |= aim == Some(met.patch);
+        aimed += density(met);
+    }
+    let height = height.max(f32::MIN_POSITIVE);
+    is_met.then(|| height / (shares[0] * height + shares[1] * PI * aimed))
 }
 
 /// A direction towards a bright patch.
@@ -185,20 +206,11 @@ impl Guide {
         above.then_some(Aim { direction, patch: self.patches[pick] })
     }
 
-    /// Density per solid angle at which [`Guide::aim`] picks a place of a patch, `distance` away,
-    /// where the ray to it makes an angle with that `cosine` to the patch's normal; zero for those
-    /// that are not bright.
-    pub fn density(
-        &self,
-        point: Vec3,
-        normal: Vec3,
-        patch: PatchIndex,
-        distance: f32,
-        cosine: f32,
-    ) -> f32 {
-        let Some(number) = self.number(patch) else { return 0.0 };
-        let probability = self.tree.probability(number, point, normal);
-        self.density_of(number, probability, distance, cosine)
+    /// Density per solid angle at which [`Guide::aim`] picks a place of a patch that a ray from there met;
+    /// zero for those that are not bright.
+    pub fn density(&self, point: Vec3, normal: Vec3, met: &Met) -> f32 {
+        let Some(number) = self.number(met.patch) else { return 0.0 };
+        self.density_of(number, self.tree.probability(number, point, normal), met)
     }
 
     /// The number of a bright patch.
@@ -206,16 +218,11 @@ impl Guide {
         self.number.get(&patch).map(|number| *number as usize)
     }
 
-    /// Density per solid angle of a place of the patch with that number, which is picked with that
-    /// probability; distance and cosine as in [`Guide::density`].
-    pub(super) fn density_of(
-        &self,
-        number: usize,
-        probability: f32,
-        distance: f32,
-        cosine: f32,
-    ) -> f32 {
-        probability * distance * distance * self.per_area[number] / cosine.abs().max(1e-6)
+    /// Density per solid angle of a place that a ray met of the patch with that number, which is picked
+    /// with that probability.
+    pub(super) fn density_of(&self, number: usize, probability: f32, met: &Met) -> f32 {
+        probability * met.distance * met.distance * self.per_area[number]
+            / met.cosine.abs().max(1e-6)
     }
 
     /// Balls around the bright patches, each with its normal and the power that others receive of it.
@@ -360,6 +367,7 @@ fn received(
 
 #[cfg(test)]
 mod tests {
+    use super::Met;
     use crate::patches::{Cut, PatchIndex};
     use crate::rays::Eye;
     use crate::scene::made;
@@ -401,7 +409,8 @@ mod tests {
                 if mesh.patch_at(&hit) == Some(aim.patch) {
                     met += 1;
                     let cosine = world.rays.spot(&hit).normal.dot(aim.direction);
-                    let density = guide.density(point, normal, aim.patch, hit.distance, cosine);
+                    let met = Met { patch: aim.patch, distance: hit.distance, cosine };
+                    let density = guide.density(point, normal, &met);
                     assert!(density > 0.0 && density.is_finite());
                 }
             }

@@ -71,7 +71,7 @@ struct Round {
     /// from.
     tints: Vec<Tint>,
     /// Which of them were bent on the way, and by what.
-    ways: Vec<BentLink>,
+    bent_links: Vec<BentLink>,
 }
 
 /// A link whose light is coloured on its way.
@@ -105,7 +105,7 @@ struct OnTheWay {
     /// Σ π × radiance of sky and emitters by way of what bends light.
     bent: Rgb,
     tints: Vec<Tint>,
-    ways: Vec<BentLink>,
+    bent_links: Vec<BentLink>,
 }
 
 /// Where links are traced.
@@ -168,13 +168,13 @@ impl Links {
     /// Bytes that they take, about.
     pub fn held_bytes(&self) -> u64 {
         let of_round = |round: &Arc<Round>| {
-            let Round { start, links, spots, bent, tints, ways } = &**round;
+            let Round { start, links, spots, bent, tints, bent_links } = &**round;
             size_of_val(&**start)
                 + size_of_val(&**links)
                 + size_of_val(&**spots)
                 + size_of_val(&**bent)
                 + size_of_val(&**tints)
-                + size_of_val(&**ways)
+                + size_of_val(&**bent_links)
         };
         let rounds: usize = self.rounds.iter().map(of_round).sum();
         (rounds + size_of_val(&*self.bounced)) as u64
@@ -216,13 +216,13 @@ impl Links {
             links.extend(own.iter().map(|(link, _)| *link));
             spots.extend(own.iter().map(|(_, spot)| *spot));
         }
-        let (mut bent, mut tints, mut ways) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut bent, mut tints, mut bent_links) = (Vec::new(), Vec::new(), Vec::new());
         if world.has_clear() || linking.follows_mirrors {
             bent = found.iter().map(|(_, way)| way.bent).collect();
             tints = found.iter().flat_map(|(_, way)| way.tints.iter().copied()).collect();
-            ways = found.into_iter().flat_map(|(_, way)| way.ways).collect();
+            bent_links = found.into_iter().flat_map(|(_, way)| way.bent_links).collect();
         }
-        self.rounds.push(Arc::new(Round { start, links, spots, bent, tints, ways }));
+        self.rounds.push(Arc::new(Round { start, links, spots, bent, tints, bent_links }));
     }
 
     /// Solves the radiosity equation E_bounced = Σ ρ_link (E_direct + E_bounced)_link / N over the
@@ -365,7 +365,7 @@ impl Links {
 
     /// Links so far that were bent on their way.
     pub fn bent_links(&self) -> impl Iterator<Item = &BentLink> {
-        self.rounds.iter().flat_map(|round| &round.ways)
+        self.rounds.iter().flat_map(|round| &round.bent_links)
     }
 
     /// Number of links of an element.
@@ -383,12 +383,12 @@ impl Links {
         to.slice(&self.bounced);
         to.value(self.rounds.len() as u64);
         for round in &self.rounds {
-            let Round { start, links, spots, bent, tints, ways } = &**round;
+            let Round { start, links, spots, bent, tints, bent_links } = &**round;
             to.slice(start);
             to.slice(bent);
             to.slice(spots);
             to.slice(tints);
-            to.slice(ways);
+            to.slice(bent_links);
             if fits_two_bytes(elements) {
                 // The two marks are the largest numbers, in two bytes as in four.
                 to.slice(&links.iter().map(|link| *link as u16).collect::<Vec<_>>());
@@ -419,12 +419,12 @@ impl Links {
             if !tints.iter().all(is_sound) || !tints.is_sorted_by_key(|tint| tint.from) {
                 return damaged("the colours of its links are not of these elements");
             }
-            let ways: Vec<BentLink> = from.slice()?;
+            let bent_links: Vec<BentLink> = from.slice()?;
             let is_sound = |way: &BentLink| {
                 let ends = [way.from, way.by].iter().all(|end| (*end as usize) < elements);
                 ends && way.light.is_finite()
             };
-            if !ways.iter().all(is_sound) {
+            if !bent_links.iter().all(is_sound) {
                 return damaged("its bent links are not of these elements");
             }
             if start[0] != 0 || !start.is_sorted() {
@@ -442,7 +442,7 @@ impl Links {
             if links.iter().any(|link| *link as usize >= elements && *link < COVERED) {
                 return damaged("a link leads nowhere");
             }
-            rounds.push(Arc::new(Round { start, links, spots, bent, tints, ways }));
+            rounds.push(Arc::new(Round { start, links, spots, bent, tints, bent_links }));
         }
         if bounced.len() != if rounds.is_empty() { 0 } else { elements } {
             return damaged("its links are not of these elements");
@@ -508,7 +508,7 @@ impl Linking<'_> {
             && by < COVERED
         {
             let light = importance(light);
-            way.ways.push(BentLink { from: ray.from, by, to: to.0, light });
+            way.bent_links.push(BentLink { from: ray.from, by, to: to.0, light });
         }
         if passage.is_bent || is_coloured { (to.0, to.1.apart()) } else { to }
     }

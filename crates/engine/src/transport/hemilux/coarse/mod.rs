@@ -15,7 +15,7 @@ mod solution;
 pub use caustic_light::MOST_TRIANGLES;
 pub use direct::SampledLight;
 pub use elements::Elements;
-pub use guide::aims_of;
+pub use guide::{Met, aims_of, balanced};
 pub use mesh::CoarseMesh;
 pub use outlook::Outlook;
 pub use solution::{CoarseSolution, PATCH_POINTS};

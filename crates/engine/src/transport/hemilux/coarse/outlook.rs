@@ -2,9 +2,8 @@
 //! about the same place: it can afford to weigh every patch by what that sends there, which a walk down a
 //! tree of bounds tells less well.
 
-use super::guide::{Aim, Guide};
+use super::guide::{Aim, Guide, Met};
 use crate::emitters::LightBounds;
-use crate::patches::PatchIndex;
 use glam::Vec3;
 
 /// Most patches that are weighed one by one; the tree of all picks where there are more.
@@ -49,14 +48,13 @@ impl<'a> Outlook<'a> {
 
     /// Density per solid angle at which [`Outlook::aim`] picks a place of a patch, as
     /// [`Guide::density`] says it of the tree.
-    pub fn density(&self, point: Vec3, patch: PatchIndex, distance: f32, cosine: f32) -> f32 {
+    pub fn density(&self, point: Vec3, met: &Met) -> f32 {
         if self.cumulative.is_empty() {
-            return self.guide.density(point, self.normal, patch, distance, cosine);
+            return self.guide.density(point, self.normal, met);
         }
-        let Some(number) = self.guide.number(patch) else { return 0.0 };
+        let Some(number) = self.guide.number(met.patch) else { return 0.0 };
         let before = number.checked_sub(1).map_or(0.0, |before| self.cumulative[before]);
-        let probability = self.cumulative[number] - before;
-        self.guide.density_of(number, probability, distance, cosine)
+        self.guide.density_of(number, self.cumulative[number] - before, met)
     }
 }
 
@@ -102,7 +100,8 @@ mod tests {
                     return 0.0;
                 }
                 let cosine = world.rays.spot(&hit).normal.dot(aim.direction);
-                f64::from(damage / outlook.density(point, aim.patch, hit.distance, cosine))
+                let met = Met { patch: aim.patch, distance: hit.distance, cosine };
+                f64::from(damage / outlook.density(point, &met))
             };
             (0..20_000).map(one).sum::<f64>() / 20_000.0
         };

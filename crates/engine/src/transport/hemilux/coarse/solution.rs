@@ -7,7 +7,7 @@ use super::caustic_light::{self, CausticLight};
 use super::direct::{DirectLight, Lighting, SampledLight};
 use super::elements::ElementIndex;
 use super::far_sides::FarSides;
-use super::guide::{Guide, aims_of};
+use super::guide::{Guide, Met, aims_of, balanced};
 use super::links::{Linking, Links};
 use super::mesh::{CoarseMesh, MeshValues};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
@@ -450,17 +450,14 @@ impl CoarseSolution {
         };
         let mut weight = 1.0;
         if let Some(guide) = guide {
-            let (mut density, mut is_met) = (0.0, aim.is_none());
             let aims = aims_of(&self.world, &self.mesh, (&hit, direction), &passage);
-            for met in aims.iter().flatten() {
-                is_met |= aim == Some(met.patch);
-                density += guide.density(start, normal, met.patch, met.distance, met.cosine);
-            }
-            if !is_met {
+            let density = |met: &Met| guide.density(start, normal, met);
+            let shares = [1.0 - aimed_share, aimed_share];
+            let Some(balanced) = balanced((aim, &aims), density, normal.dot(direction), shares)
+            else {
                 return Rgb::ZERO;
-            }
-            let height = normal.dot(direction).max(f32::MIN_POSITIVE);
-            weight = height / (height * (1.0 - aimed_share) + aimed_share * PI * density);
+            };
+            weight = balanced;
         }
         weight * PI * self.arriving_as_diffuse(hit, passage, next)
     }

@@ -7,7 +7,7 @@ use crate::random::{Stream, pcg};
 use crate::rays::{Eye, Hit, Ray};
 use crate::sampling::{Afresh, Seed, Shifted, cosine_local, frame};
 use crate::surface::{Passage, World};
-use crate::transport::hemilux::coarse::{CoarseSolution, Outlook, aims_of};
+use crate::transport::hemilux::coarse::{CoarseSolution, Met, Outlook, aims_of, balanced};
 use crate::transport::hemilux::fragments::VisibleSurfaces;
 use crate::transport::hemilux::gloss::arriving;
 use glam::{Vec2, Vec3};
@@ -266,24 +266,10 @@ impl Record {
         (&Ray { origin, direction }, hit): (&Ray, &Hit),
         passage: &Passage,
     ) -> Option<f32> {
-        let [hemisphere, aimed_at_bright] = batch.shares;
-        let Some(outlook) = &batch.outlook else { return Some(1.0 / hemisphere) };
+        let Some(outlook) = &batch.outlook else { return Some(1.0 / batch.shares[0]) };
         let aims = aims_of(&coarse.world, &coarse.mesh, (hit, direction), passage);
-        let mut aims = aims.iter().flatten().peekable();
-        if aims.peek().is_none() && ray.aim.is_none() {
-            return Some(1.0 / hemisphere);
-        }
-        let (mut density, mut is_met) = (0.0, ray.aim.is_none());
-        for aim in aims {
-            is_met |= ray.aim == Some(aim.patch);
-            density += outlook.density(origin, aim.patch, aim.distance, aim.cosine);
-        }
-        if !is_met {
-            return None;
-        }
-        // The balance heuristic (Veach 1997): what either way of picking it makes of a place.
-        let height = self.normal.dot(direction).max(f32::MIN_POSITIVE);
-        Some(height / (hemisphere * height + aimed_at_bright * PI * density))
+        let density = |met: &Met| outlook.density(origin, met);
+        balanced((ray.aim, &aims), density, self.normal.dot(direction), batch.shares)
     }
 
     /// Takes what a ray met into the horizon, if it is the nearest in its sector.

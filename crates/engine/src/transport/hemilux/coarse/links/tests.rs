@@ -14,7 +14,7 @@ fn two_elements() -> Links {
         spots: vec![CellSpot::MIDDLE; 3],
         bent: Vec::new(),
         tints: Vec::new(),
-        ways: Vec::new(),
+        bent_links: Vec::new(),
     };
     Links { rounds: vec![Arc::new(round)], bounced: Vec::new() }
 }
@@ -81,8 +81,8 @@ fn links_come_back_and_damage_is_found() {
         let bent = vec![Rgb::Y; elements];
         let tints = [0, 2].map(|from| Tint { from, to: 1, lack: Rgb::X }).to_vec();
         let spots = vec![CellSpot::MIDDLE; elements];
-        let ways = vec![BentLink { from: 0, by: 2, to: DARK, light: 0.5 }];
-        let round = Round { start, links: links.collect(), spots, bent, tints, ways };
+        let bent_links = vec![BentLink { from: 0, by: 2, to: DARK, light: 0.5 }];
+        let round = Round { start, links: links.collect(), spots, bent, tints, bent_links };
         let bounced = vec![Rgb::splat(2.0); elements];
         let links = Links { rounds: vec![Arc::new(round)], bounced };
         let mut to = Writer::new(u64::MAX);
@@ -92,7 +92,7 @@ fn links_come_back_and_damage_is_found() {
         assert_eq!(again.rounds[0].links, links.rounds[0].links);
         assert_eq!(again.rounds[0].bent, links.rounds[0].bent);
         assert_eq!(again.rounds[0].tints, links.rounds[0].tints);
-        assert_eq!(again.rounds[0].ways, links.rounds[0].ways);
+        assert_eq!(again.rounds[0].bent_links, links.rounds[0].bent_links);
         assert_eq!(again.bounced, links.bounced);
         // Of fewer elements than the links lead to.
         assert!(Links::restore(elements - 1, &mut Reader::new(&bytes)).is_err());
