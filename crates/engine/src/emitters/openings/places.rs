@@ -10,7 +10,7 @@ use crate::sampling::cosine_direction;
 use crate::surface::World;
 use glam::Vec3;
 use rayon::prelude::*;
-use std::cmp::Reverse;
+use std::cmp::{Ordering, Reverse};
 use std::f32::consts::PI;
 
 /// Sites of a dark leaf, at most.
@@ -27,10 +27,10 @@ const COVERED: f32 = 0.98;
 /// Share of directions that go through openings; the others are drawn by the sky's light.
 pub const THROUGH_OPENINGS: f32 = 0.8;
 
-/// A box of space, halved or a leaf.
+/// A box of space, cut in two or a leaf.
 enum Node {
     /// Places below `at` along `axis` are in node `below`, others in the one behind it.
-    Halved { axis: usize, at: f32, below: u32 },
+    Cut { axis: usize, at: f32, below: u32 },
     /// Not dark there.
     Open,
     /// Openings that are seen from there, and whether directions through them help.
@@ -50,6 +50,24 @@ pub struct Places {
     nodes: Vec<Node>,
     /// By group of normals, the root of its tree; `None` where no site is.
     roots: [Option<u32>; 6],
+}
+
+/// A gap between two sites.
+struct Gap {
+    /// Along this axis.
+    axis: usize,
+    /// Its middle.
+    at: f32,
+    /// How wide it is.
+    width: f32,
+    /// How mixed the sites on either side of it are, or how unequal in number where all are alike.
+    mixed: f32,
+}
+
+/// How mixed sites are of which so many are shaded: how many of them differ from one drawn by chance (Gini's
+/// impurity), each counted.
+fn mixed(shaded: usize, count: usize) -> f32 {
+    2.0 * shaded as f32 * (count - shaded) as f32 / count as f32
 }
 
 /// What a tree is made of.
@@ -89,7 +107,7 @@ impl Places {
         let mut node = self.roots[group_of(normal)]?;
         loop {
             match &self.nodes[node as usize] {
-                Node::Halved { axis, at, below } => {
+                Node::Cut { axis, at, below } => {
                     node = below + u32::from(point[*axis] >= *at);
                 }
                 Node::Open => return None,
@@ -109,34 +127,72 @@ fn group_of(normal: Vec3) -> usize {
 }
 
 impl Maker<'_> {
-    /// Makes a node of sites, halving the box along its longest side until none is shaded, or they
-    /// are few and all are. `around`
-    /// are the openings that the box is known to see which it is a half of.
+    /// Makes a node of sites, cutting the box until none is shaded, or they are few and all are. `around`
+    /// are the openings that the box is known to see which it is a part of.
     fn grow(&mut self, node: usize, sites: &mut [usize], around: &[u8]) {
         let seen = self.seen_from(sites, around);
         let shaded = sites.iter().filter(|site| self.sites[**site].is_shaded()).count();
         let is_pure = shaded == 0 || shaded == sites.len();
-        if is_pure && (shaded == 0 || sites.len() <= LEAF_SITES) {
+        let is_done = is_pure && (shaded == 0 || sites.len() <= LEAF_SITES);
+        let cut = if is_done { None } else { self.cut(sites, is_pure) };
+        let Some(Gap { axis, at, .. }) = cut else {
             self.nodes[node] = self.leaf(sites, &seen);
             return;
-        }
+        };
+        sites.sort_unstable_by(|a, b| self.order(axis, *a, *b));
+        let middle = sites.partition_point(|site| self.sites[*site].start[axis] < at);
+        let below = self.nodes.len() as u32;
+        self.nodes[node] = Node::Cut { axis, at, below };
+        self.nodes.extend([Node::Open, Node::Open]);
+        let (lower, upper) = sites.split_at_mut(middle);
+        self.grow(below as usize, lower, &seen);
+        self.grow(below as usize + 1, upper, &seen);
+    }
+
+    /// Where sites are best cut: in half along the longest side of their box where they are all alike, else
+    /// where shaded ones are best told from others, as a window's reveal from the wall beside it. In the
+    /// middle of the gap between two sites, the widest one of equals, since nothing is known of what lies
+    /// in it. `None` where all are at one place.
+    fn cut(&self, sites: &[usize], are_alike: bool) -> Option<Gap> {
         let places = sites.iter().map(|site| self.sites[*site].start);
         let (low, high) = places
             .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), place| {
                 (low.min(place), high.max(place))
             });
-        let axis = (high - low).max_position();
-        let middle = sites.len() / 2;
-        sites.select_nth_unstable_by(middle, |a, b| {
-            self.sites[*a].start[axis].total_cmp(&self.sites[*b].start[axis]).then(a.cmp(b))
-        });
-        let at = self.sites[sites[middle]].start[axis];
-        let below = self.nodes.len() as u32;
-        self.nodes[node] = Node::Halved { axis, at, below };
-        self.nodes.extend([Node::Open, Node::Open]);
-        let (lower, upper) = sites.split_at_mut(middle);
-        self.grow(below as usize, lower, &seen);
-        self.grow(below as usize + 1, upper, &seen);
+        let longest = (high - low).max_position();
+        let axes = if are_alike { longest..longest + 1 } else { 0..3 };
+        axes.flat_map(|axis| self.gaps(sites, axis, are_alike))
+            .min_by(|a, b| a.mixed.total_cmp(&b.mixed).then(b.width.total_cmp(&a.width)))
+    }
+
+    /// The gaps between sites along an axis.
+    fn gaps(&self, sites: &[usize], axis: usize, are_alike: bool) -> Vec<Gap> {
+        let mut sites = sites.to_vec();
+        sites.sort_unstable_by(|a, b| self.order(axis, *a, *b));
+        let (count, mut below) = (sites.len(), 0);
+        let shaded = sites.iter().filter(|site| self.sites[**site].is_shaded()).count();
+        let mut gaps = Vec::new();
+        for (number, pair) in sites.windows(2).enumerate() {
+            let number = number + 1;
+            below += usize::from(self.sites[pair[0]].is_shaded());
+            let [low, high] = [0, 1].map(|k| self.sites[pair[k]].start[axis]);
+            let at = low + 0.5 * (high - low);
+            if !(low < at) {
+                continue;
+            }
+            let mixed = match are_alike {
+                true => number.abs_diff(count / 2) as f32,
+                false => mixed(below, number) + mixed(shaded - below, count - number),
+            };
+            gaps.push(Gap { axis, at, width: high - low, mixed });
+        }
+        gaps
+    }
+
+    /// The order of two sites along an axis.
+    fn order(&self, axis: usize, one: usize, other: usize) -> Ordering {
+        let at = |site: usize| self.sites[site].start[axis];
+        at(one).total_cmp(&at(other)).then(one.cmp(&other))
     }
 
     /// The openings that most views of sites went through and, where views are few, those that are
@@ -162,7 +218,8 @@ impl Maker<'_> {
 
     /// A leaf that sees these openings.
     fn leaf(&self, sites: &[usize], openings: &[u8]) -> Node {
-        if !sites.first().is_some_and(|site| self.sites[*site].is_shaded()) {
+        let shaded = sites.iter().filter(|site| self.sites[**site].is_shaded()).count();
+        if sites.is_empty() || 2 * shaded < sites.len() {
             return Node::Open;
         }
         let mut seen = [0; MOST_SEEN];

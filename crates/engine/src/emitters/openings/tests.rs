@@ -3,7 +3,7 @@ use crate::emitters::DirectLights;
 use crate::radiometry::importance;
 use crate::random::{Numbers, Stream};
 use crate::scene::gltf::{ImportLimits, Resources, import};
-use crate::scene::made::real::{RealScene, checker, window};
+use crate::scene::made::real::{RealScene, checker, wide_window, window};
 use std::f32::consts::TAU;
 use std::sync::Arc;
 
@@ -31,6 +31,29 @@ fn a_window_is_found_where_it_is() {
     assert!(openings.seen_from(back, Vec3::Z).is_some());
     let outside = world.rays.place(Vec3::new(2.0, 1.5, -0.201));
     assert!(openings.seen_from(outside, Vec3::NEG_Z).is_none());
+}
+
+/// The reveal of a window, which sees much of the sky, faces where a wall of the room does, but what it sees
+/// says nothing of that: every place of the wall knows the window.
+#[test]
+fn walls_know_a_window_up_to_its_reveal() {
+    let world = world(wide_window());
+    let openings = Openings::find(&world).expect("there is a window");
+    let all = (0..40).flat_map(|i| (0..40).map(move |j| [i, j].map(|k| (k as f32 + 0.5) / 40.0)));
+    let (mut without, mut places) = (0, 0);
+    for [along, up] in all {
+        let (height, depth) = (2.7 * up, 3.5 * along);
+        let walls = [
+            (Vec3::new(0.001, height, depth), Vec3::X),
+            (Vec3::new(3.999, height, depth), Vec3::NEG_X),
+            (Vec3::new(4.0 * along, height, 0.001), Vec3::Z),
+        ];
+        for (place, normal) in walls {
+            places += 1;
+            without += u32::from(openings.seen_from(world.rays.place(place), normal).is_none());
+        }
+    }
+    assert_eq!(without, 0, "of {places} places");
 }
 
 #[test]

@@ -20,6 +20,8 @@ pub use parts::RealScene;
 pub use random_room::random_room;
 pub use screens::screens;
 pub use water::water;
+#[cfg(test)]
+pub use window::wide_window;
 pub use window::{glazed, window};
 
 /// All of them, the random ones by a seed.

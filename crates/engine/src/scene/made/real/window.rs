@@ -6,24 +6,34 @@ use super::parts::{RealScene, daylight, matte, panel, seen_from};
 use crate::scene::Material;
 use glam::Vec3;
 
-/// Lines of the house along x, y and z, metres: the outsides of walls 20 cm thick, their insides,
-/// and the window of 40 × 40 cm in the wall to the south.
-const XS: [f32; 6] = [-0.2, 0.0, 1.8, 2.2, 4.0, 4.2];
-const YS: [f32; 6] = [-0.2, 0.0, 1.2, 1.6, 2.7, 2.9];
+/// Lines of the house along x, y and z, metres: the outsides of walls 20 cm thick, and their insides.
+const XS: [f32; 4] = [-0.2, 0.0, 4.0, 4.2];
+const YS: [f32; 4] = [-0.2, 0.0, 2.7, 2.9];
 const ZS: [f32; 4] = [-0.2, 0.0, 3.5, 3.7];
+/// Where along x and y the window is in the wall to the south: 40 × 40 cm.
+const WINDOW: [[f32; 2]; 2] = [[1.8, 2.2], [1.2, 1.6]];
+/// One of 220 × 130 cm.
+#[cfg(test)]
+const WIDE_WINDOW: [[f32; 2]; 2] = [[0.9, 3.1], [0.9, 2.2]];
 /// Where the pane stands in the wall.
 const PANE_Z: f32 = 3.6;
 
 /// A closed room of 4 × 2.7 × 3.5 m with a window of 40 × 40 cm to the south, through which an
 /// afternoon's sun and sky shine; the camera looks away from it.
 pub fn window() -> RealScene {
-    house("window", "a room lit through one window of 40 cm by sun and sky", |_| ())
+    house("window", "a room lit through one window of 40 cm by sun and sky", WINDOW, |_| ())
+}
+
+/// The same with a window as wide as half of the wall.
+#[cfg(test)]
+pub fn wide_window() -> RealScene {
+    house("wide_window", "a room lit through a wide window by sun and sky", WIDE_WINDOW, |_| ())
 }
 
 /// The same with a pane in the middle of the window's wall, before which the wall is in the sun; frosted where
 /// it has a roughness.
 pub fn glazed(roughness: f32) -> RealScene {
-    house("glazed", "the same window with a pane of glass", |writer| {
+    house("glazed", "the same window with a pane of glass", WINDOW, |writer| {
         let glass = Material {
             name: "glass".into(),
             roughness,
@@ -32,14 +42,21 @@ pub fn glazed(roughness: f32) -> RealScene {
             ..Material::default()
         };
         let glass = writer.material(&glass);
-        let (low, high) = (Vec3::new(XS[2], YS[2], PANE_Z), Vec3::new(XS[3], YS[3], PANE_Z));
+        let [low, high] = [0, 1].map(|end| Vec3::new(WINDOW[0][end], WINDOW[1][end], PANE_Z));
         let pane = panel(low, Vec3::X * (high.x - low.x), Vec3::Y * (high.y - low.y));
         writer.body("pane", &Mesh::quads([&pane]), glass);
     })
 }
 
-/// The room, and what `furnish` adds.
-fn house(name: &str, why: &'static str, furnish: impl FnOnce(&mut GlbWriter)) -> RealScene {
+/// The room with a window there along x and y, and what `furnish` adds.
+fn house(
+    name: &str,
+    why: &'static str,
+    [across, up]: [[f32; 2]; 2],
+    furnish: impl FnOnce(&mut GlbWriter),
+) -> RealScene {
+    let xs = [XS[0], XS[1], across[0], across[1], XS[2], XS[3]];
+    let ys = [YS[0], YS[1], up[0], up[1], YS[2], YS[3]];
     let mut writer = GlbWriter::default();
     let plaster = matte(&mut writer, "plaster", [0.72, 0.7, 0.66]);
     let wood = matte(&mut writer, "floor", [0.45, 0.32, 0.22]);
@@ -48,7 +65,7 @@ fn house(name: &str, why: &'static str, furnish: impl FnOnce(&mut GlbWriter)) ->
         let open = x == 2 && y == 2 && z == 2;
         !(inside || open)
     };
-    let quads = boundary([&XS, &YS, &ZS], solid);
+    let quads = boundary([&xs, &ys, &ZS], solid);
     let is_floor = |quad: &&Quad| quad.corners.iter().all(|corner| corner.y == 0.0);
     let floor = Mesh::quads(quads.iter().filter(is_floor));
     writer.body("floor", &floor, wood);
