@@ -177,7 +177,7 @@ impl Maker<'_> {
             below += usize::from(self.sites[pair[0]].is_shaded());
             let [low, high] = [0, 1].map(|k| self.sites[pair[k]].start[axis]);
             let at = low + 0.5 * (high - low);
-            if !(low < at) {
+            if at <= low {
                 continue;
             }
             let mixed = match are_alike {

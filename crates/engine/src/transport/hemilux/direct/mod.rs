@@ -1,5 +1,6 @@
 //! Direct light on every fragment (tier 3).
 
+mod allocation;
 mod shadows;
 mod sums;
 

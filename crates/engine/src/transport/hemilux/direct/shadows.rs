@@ -2,7 +2,7 @@
 //! share of it that shadow rays find unoccluded. There are few rays where they agree, and many
 //! where they do not.
 
-use super::sums::{SAME_SHARE, ShadowSums, StoredShadowSums, alike};
+use super::sums::{ShadowSums, StoredShadowSums, alike};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::{DirectLights, TRIES};
 use crate::filter::Plane;
@@ -20,7 +20,7 @@ const FIRST_RAYS: u32 = 1;
 const MORE_RAYS: u32 = 6;
 /// Shares of these rays that a fragment gets at least and at most, by how far one ray of it may be
 /// off: the edge of a patch of sun in a room asks for more than all the rest.
-const SHARES_OF_MORE: [f32; 2] = [0.25, 128.0];
+pub(super) const SHARES_OF_MORE: [f32; 2] = [0.25, 128.0];
 /// The same in the first pass of a hasty job.
 const MORE_RAYS_IN_HASTE: u32 = 2;
 /// Shadow rays of every fragment in each pass where the setting `adaptive` is off.
@@ -33,7 +33,7 @@ const ORDINARY_PIXELS: u32 = 250_000;
 /// A fragment where rays agree gets another one once in so many passes.
 const RECHECK_PASSES: u32 = 4;
 /// Pixels in each direction whose rays are compared, and shared.
-const NEIGHBOUR_REACH: i32 = 2;
+pub(super) const NEIGHBOUR_REACH: i32 = 2;
 /// A fragment with at least so many rays of its own takes none of its neighbours.
 const ENOUGH_RAYS: u32 = 2048;
 /// A fragment with at least so many rays takes those of adjacent pixels only.
@@ -46,14 +46,14 @@ const PLACES: [(f32, u32); 2] = [(0.1, 16), (0.5, 64)];
 /// Cosine between normals of fragments in one plane, at least.
 const IN_PLANE: f32 = 0.98;
 /// Fragments of a parallel task.
-const CHUNK: usize = 1024;
+pub(super) const CHUNK: usize = 1024;
 /// Shadow rays that are traced together, at least.
 const BATCH: usize = 512;
 /// Factor by which neighbours are taken to lower the variance where they are too few to measure it.
 const NEIGHBOUR_VARIANCE_FACTOR: f32 = 0.15;
 /// Direct light on all fragments of a picture.
 pub struct DirectLighting {
-    sums: Vec<ShadowSums>,
+    pub(super) sums: Vec<ShadowSums>,
     /// Rays of a disputed fragment: in the first pass, and in each later one.
     more_rays: [u32; 2],
     /// Whether more rays go where they disagree, by the setting of that name.
@@ -109,12 +109,18 @@ impl DirectLighting {
         if !self.adaptive || !lights.is_exact() {
             let rays = if lights.is_exact() { EVEN_RAYS } else { MANY_RAYS };
             self.sums.iter_mut().for_each(|sums| sums.disputed = true);
-            self.cast(caster, |_, _| rays);
+            self.cast(caster, |_, _, _| rays);
         } else if self.passes == 0 {
-            self.cast(caster, |_, _| FIRST_RAYS);
+            self.cast(caster, |_, _, _| FIRST_RAYS);
             self.mark_disputed(visible);
-            let more = self.more_rays[0];
-            self.cast(caster, |_, sums| if sums.is_uneven() { more } else { 0 });
+            let half = self.more_rays[0] / 2;
+            self.cast(caster, |_, _, sums| if sums.is_uneven() { half } else { 0 });
+            let worth = self.worth_around(visible);
+            self.cast(caster, |index, fragment, _| {
+                // Rounded up or down in turn.
+                let turn = GOLDEN_RATIO * f64::from(fragment.pixel);
+                (half as f32 * worth[index] + turn.fract() as f32).floor() as u32
+            });
         } else {
             self.mark_disputed(visible);
             let mean = self.mean_deviation(visible);
@@ -128,7 +134,7 @@ impl DirectLighting {
             };
             let scale = self.scale_to(most, visible, &wanted);
             let passes = self.passes;
-            self.cast(caster, |fragment, sums| {
+            self.cast(caster, |_, fragment, sums| {
                 if scale == 1.0 {
                     return match sums.is_uneven() {
                         true => wanted(fragment, sums).round() as u32,
@@ -145,43 +151,20 @@ impl DirectLighting {
         self.passes += 1;
     }
 
-    /// Factor by which the wanted rays of all fragments become no more than `most`, at most 1.
-    fn scale_to(
-        &self,
-        most: f64,
-        visible: &VisibleSurfaces,
-        wanted: &(impl Fn(&Fragment, &ShadowSums) -> f32 + Sync),
-    ) -> f32 {
-        if most.is_infinite() {
-            return 1.0;
-        }
-        let pairs = visible.fragments.iter().zip(&self.sums);
-        let all: f64 = pairs.map(|(fragment, sums)| f64::from(wanted(fragment, sums))).sum();
-        (most / all.max(1.0)).min(1.0) as f32
-    }
-
-    /// Mean over the fragments where rays disagree of what one more ray of each may be off in the
-    /// picture; positive.
-    fn mean_deviation(&self, visible: &VisibleSurfaces) -> f32 {
-        let of = |(sums, fragment): (&ShadowSums, &Fragment)| {
-            let deviation = f64::from(sums.deviation() * fragment.weight());
-            if sums.is_uneven() { (deviation, 1.0) } else { (0.0, 0.0) }
-        };
-        // One after the other: sums in parallel would depend on the number of threads.
-        let pairs = self.sums.iter().zip(&visible.fragments).map(of);
-        let (sum, count) = pairs.fold((0.0, 0.0), |all, one| (all.0 + one.0, all.1 + one.1));
-        ((sum / f64::max(count, 1.0)) as f32).max(f32::MIN_POSITIVE)
-    }
-
     /// Casts as many shadow rays from each fragment as `count` says.
-    fn cast(&mut self, caster: &Caster<'_>, count: impl Fn(&Fragment, &ShadowSums) -> u32 + Sync) {
+    fn cast(
+        &mut self,
+        caster: &Caster<'_>,
+        count: impl Fn(usize, &Fragment, &ShadowSums) -> u32 + Sync,
+    ) {
         let fragments = &caster.visible.fragments;
         let chunks = self.sums.par_chunks_mut(CHUNK).zip(fragments.par_chunks(CHUNK));
         let rays: u64 = chunks
-            .map(|(sums, fragments)| {
+            .enumerate()
+            .map(|(chunk, (sums, fragments))| {
                 let (mut rays, mut batch) = (0, Batch::default());
                 for (index, fragment) in fragments.iter().enumerate() {
-                    let count = count(fragment, &sums[index]);
+                    let count = count(chunk * CHUNK + index, fragment, &sums[index]);
                     let dark = caster.lights.is_exact() && sums[index].is_dark();
                     if count > 0 && !dark {
                         caster.aim(index, &mut sums[index], fragment, count, &mut batch);
@@ -196,32 +179,6 @@ impl DirectLighting {
             })
             .sum();
         self.rays += rays;
-    }
-
-    /// Marks the fragments whose own or neighbouring rays disagree.
-    fn mark_disputed(&mut self, visible: &VisibleSurfaces) {
-        let sums = &self.sums;
-        let disputed: Vec<bool> = (0..sums.len())
-            .into_par_iter()
-            .with_min_len(CHUNK)
-            .map(|index| {
-                let mine = &sums[index];
-                if mine.is_disputed() {
-                    return true;
-                }
-                if mine.known_rays() == 0 {
-                    return false;
-                }
-                let mut disagrees = false;
-                around(visible, index, NEIGHBOUR_REACH, |other, _, _| {
-                    let other = &sums[other];
-                    let off = other.blocked_share() - mine.blocked_share();
-                    disagrees |= other.known_rays() > 0 && off.abs() > SAME_SHARE;
-                });
-                disagrees
-            })
-            .collect();
-        self.sums.iter_mut().zip(disputed).for_each(|(sums, disputed)| sums.disputed = disputed);
     }
 
     /// Direct irradiance of a fragment and its estimated variance; where its own rays are few, with
@@ -469,7 +426,7 @@ impl Batch {
 
 /// Calls `each` with the fragments of neighbouring pixels that lie in the plane of fragment
 /// `index`, and how many pixels they are to the right and down.
-fn around(
+pub(super) fn around(
     visible: &VisibleSurfaces,
     index: usize,
     reach: i32,

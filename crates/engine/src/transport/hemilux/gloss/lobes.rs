@@ -36,7 +36,7 @@ const MOST_LOOKED_AT: usize = 4096;
 /// Each so-manieth of them then: no multiple of the pixels in a row of most pictures.
 const LOOKED_AT_EVERY: usize = 13;
 /// Most lobe rays in a pass, as a multiple of the mean, where lobes scatter most.
-const MOST_RAYS_FACTOR: f32 = 16.0;
+const MOST_RAYS_FACTOR: f32 = 128.0;
 /// Pixels in each direction that share rays.
 const NEIGHBOUR_REACH: i32 = 2;
 /// Lobes share rays if they look less than 1/√this beside each other, as a share of the angle at
