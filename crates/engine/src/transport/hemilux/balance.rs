@@ -10,6 +10,9 @@ const MOST_SHADOW_PASSES: u32 = 4;
 /// Time of a gather ray and of a shadow ray, in that of a lobe ray with its ray to the lights, as
 /// measured in four scenes: .2 to .9, most often .7, and .2 to .3.
 const RAY_COSTS: [f64; 2] = [0.7, 0.2];
+/// How many times as much an error of records counts as one of single pixels: it is smooth, blotches as wide as
+/// records are apart, which the eye sees and no denoiser takes away.
+const SMOOTH_COUNTS: f64 = 2.0;
 /// Most of the camera's rays in a pixel at an edge in an iteration.
 const MOST_EDGE_RAYS: u32 = 32;
 /// How many of them there are where edges make half of the squared error.
@@ -70,10 +73,11 @@ impl Balance {
     /// Shares time out so that it goes where it lowers the error most. Until it is found anew, gather
     /// rays, shadow rays and lobe rays get what brings the time t of each nearest to being in proportion
     /// to e√t, e the error that it leaves: where errors fall with the root of the time, that makes the
-    /// sum of their squares least. There are rays at edges by the error of those over that of all else;
+    /// sum of their squares least, with those of records counted more than once. There are rays at edges by the error of those over that of all else;
     /// more rays for records where noise counts, and more records where interpolation does.
     pub fn of(errors: &Errors, done: WorkDone) -> Self {
         let [noise, bent, shadows, lobes, edges] = errors.by_cause;
+        let [noise, bent] = [noise, bent].map(|smooth| SMOOTH_COUNTS * smooth);
         let least = f64::MIN_POSITIVE;
         let gather = RAY_COSTS[0] * done.gather_rays as f64;
         let (shadow_passes, shadow_rays) = done.shadows;
@@ -95,7 +99,7 @@ impl Balance {
         let edge_rays = EDGE_RAYS * edges / but_edges.sqrt().max(least);
         let but_noise = squares(&[bent, shadows, lobes, edges]);
         let refine_every = but_noise / (4.0 * noise * noise).max(least);
-        let all = squares(&errors.by_cause);
+        let all = squares(&[noise, bent, shadows, lobes, edges]);
         let enough = done.rays_per_record * (noise / bent.max(least)).powi(2) / NOISE_OF_NEW;
         let refills = bent * bent > REFILLED_FROM * all;
         Self {
@@ -152,16 +156,17 @@ mod tests {
         let bent = balance([0.002, 0.02, 0.0, 0.0, 0.0]);
         assert_eq!((bent.refine_every, bent.new_rays), (25, 32));
         assert_eq!(balance([0.02, 0.02, 0.0, 0.0, 0.0]).new_rays, 667);
-        let edges = balance([0.01, 0.0, 0.0, 0.0, 0.01]);
+        // What is smooth counts twice.
+        let edges = balance([0.005, 0.0, 0.0, 0.0, 0.01]);
         assert_eq!((edges.edge_rays, edges.new_rays), (12, 0));
         // Lobes have a third of the time and are worth three quarters: all of what two iterations take.
-        let lobes = balance([0.01, 0.0, 0.0, 0.03, 0.0]);
+        let lobes = balance([0.005, 0.0, 0.0, 0.03, 0.0]);
         assert_eq!((lobes.lobe_passes, lobes.shadow_passes, lobes.edge_rays), (5, 1, 0));
-        let shadows = balance([0.03, 0.0, 0.03, 0.01, 0.0]);
+        let shadows = balance([0.015, 0.0, 0.03, 0.01, 0.0]);
         assert_eq!((shadows.shadow_passes, shadows.lobe_passes), (2, 0));
         // What costs a tenth is worth less, for the same error, but done more often.
         let cheap = WorkDone { shadows: (4, 350_000), ..DONE };
-        let errors = Errors { by_cause: [0.03, 0.0, 0.03, 0.01, 0.0], ..Errors::default() };
+        let errors = Errors { by_cause: [0.015, 0.0, 0.03, 0.01, 0.0], ..Errors::default() };
         assert_eq!(Balance::of(&errors, cheap).shadow_passes, 4);
     }
 
