@@ -18,6 +18,9 @@ import truth as truths
 from truth import SIZE
 
 TARGETS = (0.10, 0.05, 0.03, 0.02, 0.01)
+# On diffuse scenes: the default method, path tracing by the same engine, and the paper's method at its best and
+# as printed.
+OURS = ["hemilux", "ray-traced", "stochastic,constant_radiance=corrected", "stochastic,preset=paper"]
 AGREEING = 0.005  # difference of means up to which a peer's converged picture counts as truth too
 
 
@@ -35,8 +38,8 @@ def arguments():
     parser.add_argument(
         "--methods",
         nargs="+",
-        help="methods of ours, each with settings of its own; the engine, and on diffuse scenes"
-        " the paper's method",
+        help="methods of ours, each with settings of its own; hemilux, and on diffuse scenes"
+        " ray-traced and the paper's method, too",
     )
     parser.add_argument("--set", nargs="*", default=[], help="settings of ours, name=value")
     parser.add_argument("--repetitions", type=int, default=3)
@@ -57,7 +60,7 @@ def arguments():
 def methods_on(options, name):
     if options.methods:
         return options.methods
-    return ["hemilux", "stochastic,preset=paper"] if name in compared.DIFFUSE else ["hemilux"]
+    return OURS if name in compared.DIFFUSE else ["hemilux"]
 
 
 def peers_on(options, name):
@@ -70,7 +73,7 @@ def peers_on(options, name):
 def efforts(options, ours):
     """Budgets in seconds for us, samples a pixel for peers."""
     if ours:
-        budgets = [0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5, 10, 20, 30, 60]
+        budgets = [0.016, 0.05, 0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5, 10, 20, 30, 60, 120, 300]
         return [budget for budget in budgets if budget <= options.seconds]
     return [4**level for level in range(10)]
 
