@@ -33,6 +33,9 @@ pub struct Arguments {
     /// Numbers of iterations after which a picture is judged.
     #[arg(long, value_delimiter = ',', default_values_t = [1, 4, 16])]
     iterations: Vec<u64>,
+    /// Time budgets after which one is judged, seconds.
+    #[arg(long, value_delimiter = ',')]
+    seconds: Vec<f64>,
     /// Seconds of path tracing for each half of a reference.
     #[arg(long, default_value_t = 20.0)]
     reference_seconds: f64,
@@ -55,7 +58,10 @@ pub struct Arguments {
 struct Row {
     room: u32,
     side: u32,
+    /// As many as were asked for, or were done in the time.
     iterations: u64,
+    /// The time budget, where that ended it.
+    seconds_asked: Option<f64>,
     seconds_solve: f64,
     /// rRMSE, free of the reference's noise; below 0 where the picture is as good as the reference.
     error: f64,
@@ -77,6 +83,38 @@ impl Row {
     fn ratio(&self) -> f64 {
         self.predicted / self.error
     }
+
+    /// After what it was judged.
+    fn after(&self) -> String {
+        after(match self.seconds_asked {
+            Some(seconds) => by_time(seconds),
+            None => by_iterations(self.iterations),
+        })
+    }
+}
+
+fn by_iterations(iterations: u64) -> Limits {
+    Limits { iterations: Some(iterations), ..Limits::default() }
+}
+
+fn by_time(seconds: f64) -> Limits {
+    Limits { seconds: Some(seconds), ..Limits::default() }
+}
+
+/// What ends a job, in words.
+fn after(limits: Limits) -> String {
+    match (limits.iterations, limits.seconds) {
+        (Some(iterations), _) => iterations.to_string(),
+        (None, seconds) => format!("{} s", seconds.unwrap_or(f64::INFINITY)),
+    }
+}
+
+impl Arguments {
+    /// After what pictures are judged.
+    fn limits(&self) -> impl Iterator<Item = Limits> {
+        let iterations = self.iterations.iter().map(|iterations| by_iterations(*iterations));
+        iterations.chain(self.seconds.iter().map(|seconds| by_time(*seconds)))
+    }
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -90,7 +128,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         rows.extend(measure(room, arguments, device.as_mut())?);
         std::fs::write(&arguments.json, serde_json::to_string_pretty(&rows)? + "\n")?;
     }
-    let text = format!("{}\n{}", summary(&rows), table(&rows, &arguments.iterations));
+    let text = format!("{}\n{}", summary(&rows), table(&rows, arguments));
     results::publish(arguments.page.as_deref(), &[("random rooms".into(), text)])
 }
 
@@ -104,13 +142,14 @@ fn measure(room: u32, arguments: &Arguments, device: &mut dyn Device) -> Result<
     let regions = Regions::new(&view.scene, &view.camera()?, (side, side), 16, 1);
     let [counted, ..] = regions.beside_no_emitter(side).masks;
     let mut rows = Vec::new();
-    for iterations in &arguments.iterations {
-        let limits = Limits { iterations: Some(*iterations), ..Limits::default() };
+    for limits in arguments.limits() {
+        let (after, seconds_asked) = (after(limits), limits.seconds);
         let Rendered { picture, stats, .. } = view.render(device, ("hemilux", limits), 1)?;
         let row = Row {
             room,
             side,
-            iterations: *iterations,
+            iterations: stats.figures.iterations,
+            seconds_asked,
             seconds_solve: stats.seconds_solve,
             error: error(reference.squared_error(&picture, &counted)),
             predicted: stats.figures.estimated_error.unwrap_or(f64::NAN),
@@ -119,13 +158,13 @@ fn measure(room: u32, arguments: &Arguments, device: &mut dyn Device) -> Result<
             diagnostics: stats.diagnostics.iter().map(|(k, v)| (k.to_string(), *v)).collect(),
         };
         eprintln!(
-            "{} after {iterations}: {} ({} predicted), mean {:.3}",
+            "{} after {after}: {} ({} predicted), mean {:.3}",
             made.name,
             percent(row.error),
             percent(row.predicted),
             row.mean_ratio
         );
-        let file = arguments.references.join(format!("{}-{iterations}.exr", made.name));
+        let file = arguments.references.join(format!("{}-{after}.exr", made.name));
         std::fs::write(file, picture.to_exr()?)?;
         rows.push(row);
     }
@@ -143,7 +182,7 @@ fn summary(rows: &[Row]) -> String {
     let named = |rows: &mut dyn Iterator<Item = &&Row>| {
         let named = rows
             .take(NAMED)
-            .map(|row| format!("{:.2} (room {} after {})", row.ratio(), row.room, row.iterations));
+            .map(|row| format!("{:.2} (room {} after {})", row.ratio(), row.room, row.after()));
         named.collect::<Vec<_>>().join(", ")
     };
     format!(
@@ -167,15 +206,16 @@ fn summary(rows: &[Row]) -> String {
     )
 }
 
-/// Medians over rooms by number of iterations.
-fn table(rows: &[Row], iterations: &[u64]) -> String {
+/// Medians over rooms by number of iterations, or by time.
+fn table(rows: &[Row], arguments: &Arguments) -> String {
     let mut table =
         Table::new(&["iterations", "seconds", "error", "predicted/actual", "off in the mean"]);
-    for count in iterations {
-        let own: Vec<&Row> = rows.iter().filter(|row| row.iterations == *count).collect();
+    for limits in arguments.limits() {
+        let after = after(limits);
+        let own: Vec<&Row> = rows.iter().filter(|row| row.after() == after).collect();
         let of = |figure: &dyn Fn(&Row) -> f64| median(own.iter().map(|row| figure(row)).collect());
         table.add(vec![
-            count.to_string(),
+            after,
             format!("{:.2}", of(&|row| row.seconds_solve)),
             percent(of(&|row| row.error)),
             format!("{:.2}", of(&|row| row.ratio())),

@@ -82,6 +82,25 @@ fn a_draft_is_in_place_and_says_how_far_it_is_off() {
     }
 }
 
+/// Whatever fits into the time, larger pixels, their light on the surfaces that the pixels asked for see, or
+/// the picture itself, its predicted error is the actual one within a factor of 2.5.
+#[test]
+fn whatever_fits_says_how_far_it_is_off() {
+    let glb = made::cornell();
+    let size = [420, 420];
+    let (reference, _) = done(&request(&glb, size, by_iterations(8)));
+    let counted = away_from_light(&reference.picture, 5.0);
+    for seconds in [0.1, 0.2, 0.4, 0.8] {
+        let (rendered, _) = done(&request(&glb, size, by_time(seconds)));
+        assert_eq!([rendered.picture.width, rendered.picture.height], size);
+        let actual = relative_rmse(&rendered.picture, &reference.picture, &counted);
+        let predicted = rendered.stats.figures.estimated_error.expect("it is not black");
+        let (ratio, shrink) = (predicted / actual, shrink(&rendered));
+        let what = format!("{seconds} s, pixels {shrink}: {predicted} beside {actual}");
+        assert!((0.4..2.5).contains(&ratio) && actual < 0.3, "{what}");
+    }
+}
+
 #[test]
 fn a_draft_becomes_the_picture_where_there_is_time() {
     let (rendered, _) = done(&request(&made::cornell(), [720, 720], by_time(6.0)));

@@ -1,7 +1,7 @@
 //! Parts of triangles, and what a material is on the mean over one: what a pixel, or a sample of
 //! one, sees of a texture that is finer than itself.
 
-use super::pyramid::{Lookup, Pyramids, Weight};
+use super::pyramid::{Lookup, Pyramids, Weight, axes, slots};
 use super::{Appearance, Scene, TextureSlot, Triangle};
 use crate::radiometry::Rgb;
 use glam::{Vec2, Vec3, Vec4};
@@ -62,6 +62,19 @@ impl Scene {
         self.shading_normal_by(triangle, part.at.to_array(), |slot| {
             self.mean_texel(pyramids, (slot, Weight::Even), triangle, part)
         })
+    }
+
+    /// Texels that a part of a triangle is long, of the texture of which it is longest; 0 without any.
+    pub fn texels_along(&self, triangle: &Triangle, part: &Part) -> f32 {
+        let of = |slot: &TextureSlot| {
+            let [a, b, c] = self.coordinates(slot, triangle);
+            let across = |edge: Vec2| (b - a) * edge.x + (c - a) * edge.y;
+            let texture = &self.textures[slot.texture as usize];
+            let size = Vec2::new(texture.width as f32, texture.height as f32);
+            axes(part.edges.map(|edge| slot.linear * across(edge) * size)).1
+        };
+        let material = &self.materials[triangle.material as usize];
+        slots(material).map(|(slot, _)| of(slot)).fold(0.0, f32::max)
     }
 
     fn mean_texel(

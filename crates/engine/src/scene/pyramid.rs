@@ -164,7 +164,7 @@ impl Pyramids {
 
 /// The longer axis of a parallelogram as a unit vector, and the widths along and across it: the
 /// singular values of its edges. A square has its side as both.
-fn axes([a, b]: [Vec2; 2]) -> (Vec2, f32, f32) {
+pub(super) fn axes([a, b]: [Vec2; 2]) -> (Vec2, f32, f32) {
     // The symmetric matrix ((p, q), (q, r)) of the sums over both edges.
     let (p, q, r) = (a.x * a.x + b.x * b.x, a.x * a.y + b.x * b.y, a.y * a.y + b.y * b.y);
     let (mean, half) = (0.5 * (p + r), 0.5 * (p - r));
@@ -175,27 +175,31 @@ fn axes([a, b]: [Vec2; 2]) -> (Vec2, f32, f32) {
     (axis.normalize_or(Vec2::X), long, short)
 }
 
+/// Textures that say what a material reflects or emits, with how much their texels count.
+pub(super) fn slots(material: &Material) -> impl Iterator<Item = (&TextureSlot, Weight)> {
+    let emission = material.emission_texture.as_ref().filter(|_| material.emits());
+    let normal = material.normal_map.as_ref().map(|map| &map.slot);
+    let slots = [
+        (normal, Weight::Even),
+        (material.base_color_texture.as_ref(), Weight::of(material)),
+        (material.metallic_roughness_texture.as_ref(), Weight::Even),
+        (material.specular_texture.as_ref(), Weight::Even),
+        (material.specular_color_texture.as_ref(), Weight::Even),
+        (material.transmission_texture.as_ref(), Weight::Even),
+        (emission, Weight::Even),
+    ];
+    let layers = material.layering.iter().flat_map(|layering| layering.slots());
+    let passed = material.translucency.iter().flat_map(|translucency| translucency.slots());
+    let layers = layers.chain(passed).map(|slot| (slot, Weight::Even));
+    slots.into_iter().filter_map(|(slot, weight)| Some((slot?, weight))).chain(layers)
+}
+
 /// Ways in which textures are read whose means may be asked for, without repetition.
 fn needed(scene: &Scene) -> Vec<(u32, Encoding, Weight)> {
     let used = scene.used_materials();
     let mut all = Vec::new();
     for (material, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
-        let emission = material.emission_texture.as_ref().filter(|_| material.emits());
-        let normal = material.normal_map.as_ref().map(|map| &map.slot);
-        let slots = [
-            (normal, Weight::Even),
-            (material.base_color_texture.as_ref(), Weight::of(material)),
-            (material.metallic_roughness_texture.as_ref(), Weight::Even),
-            (material.specular_texture.as_ref(), Weight::Even),
-            (material.specular_color_texture.as_ref(), Weight::Even),
-            (material.transmission_texture.as_ref(), Weight::Even),
-            (emission, Weight::Even),
-        ];
-        let layers = material.layering.iter().flat_map(|layering| layering.slots());
-        let passed = material.translucency.iter().flat_map(|translucency| translucency.slots());
-        let layers = layers.chain(passed).map(|slot| (slot, Weight::Even));
-        let slots = slots.into_iter().filter_map(|(slot, weight)| Some((slot?, weight)));
-        for (slot, weight) in slots.chain(layers) {
+        for (slot, weight) in slots(material) {
             let way = (slot.texture, slot.encoding, weight);
             if !all.contains(&way) {
                 all.push(way);

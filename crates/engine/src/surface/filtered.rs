@@ -10,6 +10,11 @@ use crate::scene::pyramid::Pyramids;
 use glam::Vec3;
 
 impl World {
+    /// Texels that a part of a triangle is long, of the texture of which it is longest.
+    pub fn texels_along(&self, triangle: u32, part: &Part) -> f32 {
+        self.scene.texels_along(&self.scene.triangle(triangle), part)
+    }
+
     /// What a part of a triangle reflects.
     pub fn parameters_over(&self, pyramids: &Pyramids, triangle: u32, part: &Part) -> Parameters {
         let finish = self.finish(triangle);

@@ -179,3 +179,25 @@ fn any_part_can_be_asked_for() {
     let bytes = pyramids.of[0][0].levels.iter().map(|level| level.texels.len() * 8).sum::<usize>();
     assert!(bytes > 0 && bytes as u64 <= Pyramids::needed_bytes(&scene), "{bytes}");
 }
+
+/// A part is as many texels long as it is in the texture, however it lies there; without a texture it is
+/// none.
+#[test]
+fn parts_are_measured_in_texels() {
+    let textured = scene(random_texture(64, 16), Material::default());
+    let at = Vec2::splat(0.3);
+    let cases = [
+        ([Vec2::X * 0.125, Vec2::Y * 0.125], 8.0),
+        ([Vec2::X * 0.01, Vec2::Y * 0.25], 4.0),
+        ([Vec2::Y * 0.25, Vec2::X * 0.01], 4.0),
+        ([Vec2::ZERO; 2], 0.0),
+    ];
+    for (edges, texels) in cases {
+        let found = textured.texels_along(&textured.triangles[0], &Part { at, edges });
+        assert!((found - texels).abs() < 1e-4, "{edges:?}: {found}");
+    }
+    let mut plain = scene(random_texture(64, 16), Material::default());
+    plain.materials[0] = Material::default();
+    let part = Part { at, edges: [Vec2::X, Vec2::Y] };
+    assert_eq!(plain.texels_along(&plain.triangles[0], &part), 0.0);
+}

@@ -45,6 +45,15 @@ const CAUSE_FACTORS: [f64; 5] = [0.45, 0.9, 1.8, 1.5, 7.5];
 /// beyond what they know: about the ratios that predictions are judged by (docs/tiers.md).
 const CAUSES_BETWEEN: [f64; 2] = [0.67, 1.5];
 
+/// What arrives at a fragment, as far as it goes to the camera from there.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Arriving {
+    /// Irradiance.
+    pub irradiance: Rgb,
+    /// Mean radiance that its lobes show.
+    pub lobes: Rgb,
+}
+
 /// A pixel's radiance with its estimated variance.
 #[derive(Clone, Copy)]
 struct PixelEstimate {
@@ -73,6 +82,14 @@ pub struct Errors {
 }
 
 impl Errors {
+    /// Goes over to other pixels, whose edges have so many times the variance.
+    pub fn with_edges(&mut self, factor: f64) {
+        let edges = self.by_cause[4];
+        self.by_cause[4] *= factor.sqrt();
+        let square = self.total * self.total + (factor - 1.0) * edges * edges;
+        self.total = square.max(0.0).sqrt();
+    }
+
     /// Takes in what the larger pixels of a draft lose.
     pub fn lost(&mut self, by_draft: f64) {
         self.by_draft = by_draft;
@@ -184,6 +201,21 @@ impl PictureInputs<'_> {
 
     /// Radiance that a fragment reflects, and its variance by all causes but edges.
     fn fragment(&self, gloss: &[(Rgb, Rgb)], index: usize) -> (Rgb, [Rgb; 4]) {
+        let fragment = &self.visible.fragments[index];
+        let (arriving, variances) = self.irradiance(index);
+        let factor = fragment.diffuse / PI;
+        let mut radiance = factor * arriving.max(Rgb::ZERO);
+        let [noise, bent, shadows] = variances.map(|own| factor * factor * own);
+        let mut variance = [noise, bent, shadows, Rgb::ZERO];
+        if let Some((mean, own)) = gloss.get(index) {
+            radiance += *mean * fragment.lobe_factor;
+            variance[3] = *own * fragment.lobe_factor * fragment.lobe_factor;
+        }
+        (radiance, variance)
+    }
+
+    /// Irradiance of a fragment, and its variance by noise of records, bent irradiance and shadows.
+    fn irradiance(&self, index: usize) -> (Rgb, [Rgb; 3]) {
         let PictureInputs { visible, coarse, options, .. } = *self;
         let fragment = &visible.fragments[index];
         let (direct, direct_variance) = if options.light {
@@ -196,21 +228,23 @@ impl PictureInputs<'_> {
             IndirectLight { irradiance, noise: irradiance * COARSE_ERROR, bent: Rgb::ZERO }
         });
         let caustics = self.caustics(fragment);
-        let factor = fragment.diffuse / PI;
         let arriving = direct + bounced.irradiance + caustics.irradiance;
-        let mut radiance = factor * arriving.max(Rgb::ZERO);
-        let square = factor * factor;
-        let mut variance = [
-            square * bounced.noise * bounced.noise,
-            square * bounced.bent,
-            square * (direct_variance + caustics.scatter * caustics.scatter),
-            Rgb::ZERO,
-        ];
-        if let Some((mean, own)) = gloss.get(index) {
-            radiance += *mean * fragment.lobe_factor;
-            variance[3] = *own * fragment.lobe_factor * fragment.lobe_factor;
+        let shadows = direct_variance + caustics.scatter * caustics.scatter;
+        (arriving, [bounced.noise * bounced.noise, bounced.bent, shadows])
+    }
+
+    /// What arrives at each fragment.
+    pub fn arriving(&self) -> Vec<Arriving> {
+        let mut gloss = Vec::new();
+        if self.gloss.len() > 0 {
+            gloss = self.gloss.of_fragments(self.visible, self.options.lobe_filter);
         }
-        (radiance, variance)
+        let of = |index: usize| Arriving {
+            irradiance: self.irradiance(index).0,
+            lobes: gloss.get(index).map_or(Rgb::ZERO, |(mean, _)| *mean),
+        };
+        let count = self.visible.fragments.len();
+        (0..count).into_par_iter().with_min_len(1024).map(of).collect()
     }
 }
 

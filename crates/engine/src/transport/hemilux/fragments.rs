@@ -21,6 +21,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Rows of pixels that are rasterised together, a parallel task.
 const BAND: u32 = 16;
@@ -31,8 +32,11 @@ pub const MOST_SAMPLES: u32 = 64;
 const GOLDEN_RATIO: f32 = 0.618_034;
 /// Of samples that belong to none.
 const NO_FRAGMENT: usize = usize::MAX;
-/// Squares along and across a pixel that sees one facet alone, over which textures are averaged.
-const SQUARES: u32 = 4;
+/// Squares along and across a pixel that sees one facet alone, over which textures are averaged: of one
+/// that sees few texels, some, and many.
+const SQUARES: [u32; 3] = [2, 3, 4];
+/// Texels along a pixel, at most, for the first and second of [`SQUARES`].
+const MOST_TEXELS: [f32; 2] = [1.0, 1.5];
 /// Places in a sample's square that are looked at for one of a lobe that shares its pixel.
 const EDGE_TRIES: u32 = 4;
 /// Rays of a lobe that share its part of a pixel at first where textures say how it reflects. Later
@@ -175,7 +179,7 @@ pub struct VisibleSurfaces {
     samples: Vec<Vec2>,
     /// Middles of the squares that a pixel is cut into where all of it sees one facet: textures are
     /// averaged over these, without gaps.
-    squares: Vec<Vec2>,
+    squares: [Vec<Vec2>; 3],
     /// Fragments in the order of their pixels.
     pub fragments: Vec<Fragment>,
     /// Lobes in the order of their pixels.
@@ -198,6 +202,8 @@ pub struct VisibleSurfaces {
     /// One over this, times a constant, is the variance of a surface's share of a pixel: the power
     /// 3/2 of the number of samples, and of the number of rays of [`edges::Edges`], added up.
     pub edge_weight: f32,
+    /// Seconds that rasterising took, and that it took to group what is seen by surfaces.
+    pub seconds: [f64; 2],
 }
 
 impl VisibleSurfaces {
@@ -225,7 +231,7 @@ impl VisibleSurfaces {
             placed,
             placing,
             instance_pixels: InstancePixels::new(world, camera, [width, height]),
-            squares: squares(SQUARES),
+            squares: SQUARES.map(squares),
             samples,
             pyramids: world.pyramids(),
             cut,
@@ -239,25 +245,34 @@ impl VisibleSurfaces {
             coverage: Vec::new(),
             strays: Vec::new(),
             edge_weight: 0.0,
+            seconds: [0.0; 2],
         };
         visible.edge_weight = (visible.samples.len() as f32).powf(1.5);
+        let began = Instant::now();
         let bands: Vec<_> = (0..height.div_ceil(BAND))
             .into_par_iter()
             .map(|band| visible.band(world, &view, band * BAND))
             .collect();
+        visible.seconds = shares(began.elapsed().as_secs_f64(), &bands);
+        visible.join(&bands);
+        visible
+    }
+
+    /// Joins what all bands see.
+    fn join(&mut self, bands: &[band::Band]) {
         let mut firsts = vec![0];
-        for band in &bands {
+        for band in bands {
             let first = firsts[firsts.len() - 1];
-            visible.start.extend(band.ends.iter().map(|end| end + first as u32));
-            visible.shine.extend(&band.shine);
-            visible.background.extend(&band.background);
-            visible.coverage.extend(&band.coverage);
-            let groups = visible.groups.len() as u32;
-            visible.lobes.extend(band.lobes.iter().map(|lobe| Lobe {
+            self.start.extend(band.ends.iter().map(|end| end + first as u32));
+            self.shine.extend(&band.shine);
+            self.background.extend(&band.background);
+            self.coverage.extend(&band.coverage);
+            let groups = self.groups.len() as u32;
+            self.lobes.extend(band.lobes.iter().map(|lobe| Lobe {
                 fragment: lobe.fragment + first as u32,
                 groups: lobe.groups.map(|at| at + groups),
             }));
-            visible.groups.extend(&band.groups);
+            self.groups.extend(&band.groups);
             firsts.push(first + band.fragments.len());
         }
         // By all threads, since most of the time goes into memory that is new.
@@ -266,10 +281,9 @@ impl VisibleSurfaces {
             bands[band].fragments[index - firsts[band]]
         };
         let total = firsts[bands.len()];
-        visible.fragments = (0..total).into_par_iter().with_min_len(1024).map(fragment).collect();
-        visible.places =
-            FragmentPlaces::new(&visible.fragments, |fragment| (fragment.point, fragment.normal));
-        visible
+        self.fragments = (0..total).into_par_iter().with_min_len(1024).map(fragment).collect();
+        self.places =
+            FragmentPlaces::new(&self.fragments, |fragment| (fragment.point, fragment.normal));
     }
 
     /// A surface point of a fragment, off the surface by the rounding error: that of its n-th sample;
@@ -347,6 +361,11 @@ impl VisibleSurfaces {
         let Some((facet, back)) = item::decode(fragment.code) else { return fragment.normal };
         let normal = self.placed(facet).normal;
         if back { -normal } else { normal }
+    }
+
+    /// Sub-pixel samples of each pixel.
+    pub fn samples(&self) -> usize {
+        self.samples.len()
     }
 
     /// Share of the pixel's samples that a lobe has.
@@ -538,6 +557,13 @@ impl VisibleSurfaces {
         let rest = std::iter::successors(Some(mask), |mask| Some(mask & mask.wrapping_sub(1)));
         rest.take_while(|mask| *mask != 0).map(|mask| self.samples[mask.trailing_zeros() as usize])
     }
+}
+
+/// Seconds that all bands took together, shared out by what each of their two parts took.
+fn shares(seconds: f64, bands: &[band::Band]) -> [f64; 2] {
+    let parts = [0, 1].map(|k| bands.iter().map(|band| band.seconds[k]).sum::<f64>());
+    let all = (parts[0] + parts[1]).max(f64::MIN_POSITIVE);
+    parts.map(|part| seconds * part / all)
 }
 
 /// Middles of so many squares along and across a pixel, from its middle.

@@ -2,7 +2,7 @@
 
 use super::{
     ALIKE_DIFFUSE, BAND, Fragment, GOLDEN_RATIO, IN_PLANE_COSINE, IN_PLANE_PIXELS, Lobe,
-    MOST_SAMPLES, NO_FRAGMENT, SMOOTH_COSINE, STEP_PIXELS, SampleGroup, SampleMeans,
+    MOST_SAMPLES, MOST_TEXELS, NO_FRAGMENT, SMOOTH_COSINE, STEP_PIXELS, SampleGroup, SampleMeans,
     VisibleSurfaces,
 };
 use crate::hemicube::item;
@@ -13,9 +13,11 @@ use crate::raster::{Target, fill};
 use crate::rays::Hit;
 use crate::surface::World;
 use glam::{Vec2, Vec3};
+use std::time::Instant;
 
 impl VisibleSurfaces {
     pub(super) fn band(&self, world: &World, view: &View, first_row: u32) -> Band {
+        let began = Instant::now();
         let rows = BAND.min(self.height - first_row);
         let pixels = (rows * self.width) as usize;
         let count = self.samples.len();
@@ -32,6 +34,7 @@ impl VisibleSurfaces {
                 }
             }
         }
+        let rasterised = Instant::now();
         let mut band = Band {
             fragments: Vec::with_capacity(pixels + pixels / 8),
             lobes: Vec::new(),
@@ -40,6 +43,7 @@ impl VisibleSurfaces {
             shine: Vec::with_capacity(pixels),
             background: Vec::new(),
             coverage: Vec::new(),
+            seconds: [(rasterised - began).as_secs_f64(), 0.0],
         };
         let shows_background = !world.background.is_black(&world.environment);
         let shows_alpha = world.background.is_transparent();
@@ -71,6 +75,7 @@ impl VisibleSurfaces {
             band.shine.push(shine);
             band.ends.push(band.fragments.len() as u32);
         }
+        band.seconds[1] = rasterised.elapsed().as_secs_f64();
         band
     }
 
@@ -144,7 +149,7 @@ impl VisibleSurfaces {
         let mut shine = Rgb::ZERO;
         let first = fragments.len();
         for (number, group) in groups.iter().enumerate() {
-            let seen = self.samples_of(group);
+            let seen = self.samples_of(world, pixel, group);
             let Some((one, own)) = self.fragment_of(world, pixel, group.code, seen) else {
                 continue;
             };
@@ -188,7 +193,7 @@ impl VisibleSurfaces {
     /// Whether two fragments that are near each other in the picture lie on one smooth surface, by
     /// place and normal: the chord of an arc is across the mean of the normals at its ends. What is
     /// parallel, but behind, has other shadows.
-    pub(super) fn is_same_surface(&self, one: &Fragment, other: &Fragment) -> bool {
+    pub fn is_same_surface(&self, one: &Fragment, other: &Fragment) -> bool {
         let reach = STEP_PIXELS * self.frame.footprint(other.point, self.height);
         let between = 0.5 * (one.normal + other.normal);
         one.glossy == other.glossy
@@ -207,17 +212,34 @@ impl VisibleSurfaces {
         normal.dot(other_normal) > IN_PLANE_COSINE && normal.dot(other_place - place).abs() < least
     }
 
+    /// Middles of the squares over which textures are averaged in a pixel that sees a facet alone: more
+    /// of them where it sees more texels.
+    fn squares_of(&self, world: &World, pixel: u32, code: u32) -> &[Vec2] {
+        let Some((facet, _)) = item::decode(code) else { return &self.squares[0] };
+        let source = self.cut.source(FacetIndex(facet));
+        if !varies(world, source) {
+            return &self.squares[0];
+        }
+        let texels = world.texels_along(source, &self.part(facet, (pixel, Vec2::ZERO), 1.0));
+        // Not a number is as many as can be.
+        let enough = MOST_TEXELS.iter().position(|most| texels <= *most);
+        &self.squares[enough.unwrap_or(MOST_TEXELS.len())]
+    }
+
     /// The samples of a group, as places in the pixel.
     pub(super) fn samples_of(
         &self,
+        world: &World,
+        pixel: u32,
         group: &SampleGroup,
     ) -> SeenPart<impl Iterator<Item = Vec2> + Clone> {
         let (mask, all) = (group.mask, self.samples.len() as f32);
         let count = mask.count_ones() as usize;
         let is_whole = count == self.samples.len();
         // Each sample stands for as much of the pixel.
-        let (masked, squares) = if is_whole { (0, &self.squares[..]) } else { (mask, &[][..]) };
-        let side = (if is_whole { self.squares.len() as f32 } else { all }).sqrt().recip();
+        let (masked, squares) =
+            if is_whole { (0, self.squares_of(world, pixel, group.code)) } else { (mask, &[][..]) };
+        let side = (if is_whole { squares.len() as f32 } else { all }).sqrt().recip();
         SeenPart {
             share: count as f32 * all.recip(),
             middle: self.offsets(mask).sum::<Vec2>() / count as f32,
@@ -245,8 +267,7 @@ impl VisibleSurfaces {
         let source_at = self.cut.to_source(FacetIndex(facet), at);
         let side = if back { -1.0 } else { 1.0 };
         let normal = world.smooth_normal(source, source_at, flat, side);
-        let varies = finish.varies || world.material(source).normal_map.is_some();
-        let (diffuse, lobe_factor, shine, shading_normal) = if varies {
+        let (diffuse, lobe_factor, shine, shading_normal) = if varies(world, source) {
             let means = self.means(world, (facet, back), pixel, seen);
             let normal = means.normal.normalize_or(normal);
             (means.diffuse, means.lobe_factor, means.shine, normal)
@@ -307,6 +328,11 @@ impl VisibleSurfaces {
     }
 }
 
+/// Whether anything that a fragment shows varies over a triangle.
+fn varies(world: &World, source: u32) -> bool {
+    world.varies(source) || world.material(source).normal_map.is_some()
+}
+
 /// What is seen of a facet in a pixel.
 pub(super) struct SeenPart<I> {
     /// Share of the pixel.
@@ -352,4 +378,6 @@ pub(super) struct Band {
     pub background: Vec<Rgb>,
     /// Empty where the picture shows no alpha.
     pub coverage: Vec<f32>,
+    /// Seconds that rasterising took, and grouping by surfaces.
+    pub seconds: [f64; 2],
 }

@@ -38,7 +38,7 @@ impl VisibleSurfaces {
             let (mut passed, mut all) = (Rgb::ZERO, 0.0);
             let mine = groups.iter().zip(of_group).filter(|(_, of)| **of == near);
             for (group, _) in mine {
-                let seen = self.samples_of(group);
+                let seen = self.samples_of(world, own.pixel, group);
                 let share = seen.share;
                 passed += self.passed(world, own.pixel, group.code, seen) * share;
                 all += share;

@@ -2,6 +2,7 @@
 
 mod drafts;
 mod passes;
+mod picture;
 
 use super::audit::{Audit, Audited};
 use super::balance::{Balance, WorkDone};
@@ -9,8 +10,8 @@ use super::clock::Clock;
 use super::coarse::{CoarseSolution, PATCH_POINTS};
 use super::crowd_bake;
 use super::direct::DirectLighting;
-use super::draft::{self, Draft};
-use super::estimate::{self, Errors, PictureInputs};
+use super::draft::{Draft, Full};
+use super::estimate;
 use super::fragments::edges::Edges;
 use super::fragments::{Fragment, VisibleSurfaces};
 use super::gather::{Gathering, IrradianceCache, PilotSampling, Spacing, least_scale};
@@ -34,6 +35,7 @@ use crate::transport::checkpoints;
 use crate::transport::ray_traced::Caustics;
 use crate::transport::run::Run;
 use crate::transport::solver::{Estimate, Solver};
+use picture::DrawnPicture;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f32::consts::PI;
@@ -72,16 +74,6 @@ fn scale(iteration: u64) -> f32 {
         .powi(REFILL_ITERATIONS.iter().filter(|at| **at <= iteration).count() as i32)
 }
 
-/// The last picture that was drawn, kept until another iteration is done.
-#[derive(Default)]
-struct DrawnPicture {
-    /// After how many iterations.
-    iterations: Option<u64>,
-    picture: Picture,
-    /// Its estimated error.
-    errors: Option<Errors>,
-}
-
 /// The solver of a job: the state of the three tiers and of the lobes, and the last picture.
 pub struct Tiers {
     world: Arc<World>,
@@ -90,8 +82,12 @@ pub struct Tiers {
     camera: Camera,
     /// Where the picture has larger pixels than were asked for.
     draft: Option<Draft>,
+    /// What those asked for see, once there is time to find it.
+    full: Option<Full>,
     /// What each part had taken before the present draft or picture.
     spent_before: BTreeMap<&'static str, f64>,
+    /// What the drafts so far took.
+    taken: Vec<drafts::Taken>,
     coarse: CoarseSolution,
     /// Variance of the picture's radiance that the links' noise makes, the same over wide areas.
     link_variance: f64,
@@ -114,8 +110,10 @@ pub struct Tiers {
     pub reused_iterations: u64,
     clock: Clock,
     drawn: DrawnPicture,
-    /// What the last picture took.
+    /// What the last picture took, without bringing a draft to the size that was asked for.
     picture_seconds: Option<f64>,
+    /// What that took.
+    enlarging_seconds: Option<f64>,
     /// What the last iteration took.
     iteration_seconds: Option<f64>,
     pace: Pace,
@@ -175,7 +173,9 @@ impl Tiers {
             visible,
             camera,
             draft,
+            full: None,
             spent_before: BTreeMap::new(),
+            taken: Vec::new(),
             coarse,
             cache: IrradianceCache::default(),
             options,
@@ -187,6 +187,7 @@ impl Tiers {
             clock,
             drawn: DrawnPicture::default(),
             picture_seconds: None,
+            enlarging_seconds: None,
             iteration_seconds: None,
             pace: Pace::default(),
             next_check: 1,
@@ -327,7 +328,7 @@ impl Tiers {
 
     /// Finds how later iterations share out their time, by what is wrong with the present picture.
     fn share_out(&mut self) {
-        let Some(errors) = self.draw().errors else { return };
+        let Some(errors) = self.look().errors else { return };
         let done = WorkDone {
             iterations: self.done,
             gather_rays: self.cache.rays(),
@@ -430,47 +431,6 @@ impl Tiers {
         let sums: Vec<f64> = chunks.map(of_chunk).collect();
         (sums.iter().sum::<f64>() / (3 * visible.shine.len()) as f64) as f32
     }
-
-    /// The present picture, drawn unless it is there already.
-    fn draw(&mut self) -> &mut DrawnPicture {
-        let iterations = self.done;
-        if self.drawn.iterations == Some(iterations) {
-            return &mut self.drawn;
-        }
-        self.clock.start();
-        let began = Instant::now();
-        let bounced = if self.options.gather {
-            self.cache.smooth(&self.visible, self.options.gather_fit);
-            self.cache.irradiance(&self.visible)
-        } else {
-            vec![None; self.visible.fragments.len()]
-        };
-        self.clock.lap("seconds_smooth");
-        let (mut picture, mut errors) = estimate::measure(&PictureInputs {
-            visible: &self.visible,
-            lights: &self.lights,
-            coarse: &self.coarse,
-            bounced: &bounced,
-            direct: &self.direct,
-            gloss: &self.gloss,
-            options: &self.options,
-            link_variance: self.link_variance,
-        });
-        if let Some(errors) = &mut errors {
-            errors.audited(self.audit.judge(&self.visible, self.seed, &picture));
-        }
-        if let Some(draft) = self.draft {
-            let shine = &self.visible.shine;
-            if let Some(errors) = &mut errors {
-                errors.lost(draft::loss(&picture, shine, errors.mean, errors.total));
-            }
-            picture = draft.enlarged(picture, shine, (&self.world, &self.camera));
-        }
-        self.clock.lap("seconds_picture");
-        self.picture_seconds = Some(began.elapsed().as_secs_f64());
-        self.drawn = DrawnPicture { iterations: Some(iterations), picture, errors };
-        &mut self.drawn
-    }
 }
 
 impl Solver for Tiers {
@@ -497,6 +457,7 @@ impl Solver for Tiers {
         self.iteration_seconds = Some(iteration);
         // The last picture, and the least that is worth while before it.
         let picture = self.picture_seconds.unwrap_or(PICTURE_SHARE * iteration);
+        let picture = picture + self.enlarging_seconds();
         run.standing.picture_seconds = picture + LEAST_REST * iteration;
         Ok(None)
     }
@@ -514,7 +475,7 @@ impl Solver for Tiers {
     }
 
     fn estimate(&mut self) -> Estimate {
-        let errors = self.draw().errors;
+        let errors = self.look().errors;
         errors.map_or(Estimate::Never, |errors| Estimate::Error(errors.total))
     }
 
@@ -524,7 +485,7 @@ impl Solver for Tiers {
     }
 
     fn picture(&mut self) -> Picture {
-        self.draw().picture.clone()
+        self.draw()
     }
 
     /// The coarse solution and the records are for any camera; direct light and lobes are of the

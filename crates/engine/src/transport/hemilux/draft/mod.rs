@@ -1,6 +1,11 @@
 //! Drafts: pictures of fewer and larger pixels, with which jobs of little time begin. A draft tells how
 //! long a whole picture would take; if that fits, its records go on to it, and else the draft is what
-//! there is when the time is up, brought to the size that was asked for.
+//! there is when the time is up, brought to the size that was asked for: its light to the surfaces that
+//! each pixel sees, where there is time to find these, or else its pixels.
+
+mod upsampling;
+
+pub use upsampling::{Full, Lit, loss_of_light, noise_of_light};
 
 use crate::image::Picture;
 use crate::measurement::Frame;
@@ -15,11 +20,12 @@ use rayon::prelude::*;
 /// Jobs begin with a draft whose time budget is less than this for each pixel, seconds: the first
 /// iteration may take as long.
 const SECONDS_PER_PIXEL: f64 = 12e-6;
-/// Time budgets for each pixel, seconds, in which the whole picture may well fit, and a smaller draft
-/// tells whether it does.
-const ENOUGH_PER_PIXEL: f64 = 3e-6;
+/// Time budgets for each pixel, seconds, in which more than a first draft fits.
+const ENOUGH_PER_PIXEL: f64 = 1.5e-6;
 /// Sides of a first draft's pixels, in the picture's, where there is less time than that and more.
 const FIRST_SHRINKS: [u32; 2] = [4, 8];
+/// Columns and rows that one in the larger pixels has at least.
+const LEAST_FIRST_SIDE: u32 = 32;
 /// Pictures with a side below this have no drafts.
 const LEAST_SIDE: u32 = 128;
 /// Scenes of more triangles have none: what these take does not go by the pixels.
@@ -51,9 +57,16 @@ impl Draft {
         let each = seconds / (f64::from(width) * f64::from(height));
         let is_large = width.min(height) >= LEAST_SIDE;
         let is_light = request.scene.triangle_count() <= MOST_TRIANGLES;
-        let shrink = FIRST_SHRINKS[usize::from(each >= ENOUGH_PER_PIXEL)];
+        let has_enough =
+            each >= ENOUGH_PER_PIXEL && width.min(height) >= FIRST_SHRINKS[1] * LEAST_FIRST_SIDE;
+        let shrink = FIRST_SHRINKS[usize::from(has_enough)];
         let draft = Self { full: [width, height], shrink };
         (each < SECONDS_PER_PIXEL && is_large && is_light).then_some(draft)
+    }
+
+    #[cfg(test)]
+    pub fn of_size(full: [u32; 2], shrink: u32) -> Self {
+        Self { full, shrink }
     }
 
     /// Columns and rows.
@@ -61,12 +74,14 @@ impl Draft {
         self.full.map(|side| side.div_ceil(self.shrink))
     }
 
-    /// The finest draft after this one that can be expected to be done in `left` seconds, where
-    /// `takes` says how many one with so many times the pixels takes; one of shrink 1 is the picture
-    /// itself. `None` where none can.
-    pub fn next(&self, takes: impl Fn(f64) -> f64, left: f64) -> Option<Self> {
-        let mut finer = (0..self.shrink.ilog2()).map(|level| Self { shrink: 1 << level, ..*self });
-        finer.find(|other| takes(f64::from(self.shrink / other.shrink).powi(2)) <= left)
+    /// Another one of the same picture.
+    pub fn with_pixels(&self, shrink: u32) -> Self {
+        Self { shrink, ..*self }
+    }
+
+    /// Columns and rows of the picture that was asked for.
+    pub fn full_size(&self) -> [u32; 2] {
+        self.full
     }
 
     /// The draft's picture in the size that was asked for; `shine` is what it shows of emitters, whose
@@ -100,10 +115,10 @@ impl Draft {
     }
 }
 
-/// Relative error that larger pixels make, about: that between a draft and the same in pixels twice as
-/// large, brought back to its size. Edges have it grow by as much from this draft to the picture. `shine`
-/// and `mean` are of the draft, and `noise` is its relative error.
-pub fn loss(picture: &Picture, shine: &[Rgb], mean: f64, noise: f64) -> f64 {
+/// Relative error that larger pixels make, about, noise and all: that between a draft and the same in
+/// pixels twice as large, brought back to its size. Edges have it grow by as much from this draft to the
+/// picture. `shine` and `mean` are of the draft.
+pub fn loss(picture: &Picture, shine: &[Rgb], mean: f64) -> f64 {
     let from = [picture.width, picture.height];
     let dim: Vec<Rgb> =
         picture.pixels.iter().zip(shine).map(|(all, shine)| *all - *shine).collect();
@@ -117,8 +132,12 @@ pub fn loss(picture: &Picture, shine: &[Rgb], mean: f64, noise: f64) -> f64 {
             count += 3.0;
         }
     }
-    let square = sum / f64::max(count, 1.0) / (mean * mean).max(f64::MIN_POSITIVE);
-    (square - SMOOTHED_NOISE * noise * noise).max(0.0).sqrt()
+    (sum / f64::max(count, 1.0) / (mean * mean).max(f64::MIN_POSITIVE)).sqrt()
+}
+
+/// A loss without what of it is noise, of which a draft has so much.
+pub fn without_noise(loss: f64, noise: f64) -> f64 {
+    (loss * loss - SMOOTHED_NOISE * noise * noise).max(0.0).sqrt()
 }
 
 /// Radiance of the emitter that a ray of the camera meets first, if it does.
@@ -155,9 +174,14 @@ impl Mapping {
         Self { step: stretch * from / to, first: 0.5 * (1.0 - stretch) * from }
     }
 
+    /// The middle of a pixel, in a draft's pixels from the middle of its first.
+    fn at(&self, pixel: Vec2) -> Vec2 {
+        (pixel + 0.5) * self.step + self.first - 0.5
+    }
+
     /// The four pixels of a draft around the middle of a pixel, with the weights of each there.
     fn around(&self, pixel: Vec2, [width, height]: [u32; 2]) -> [(usize, f32); 4] {
-        let at = (pixel + 0.5) * self.step + self.first - 0.5;
+        let at = self.at(pixel);
         let low = at.floor();
         let part = at - low;
         let last = Vec2::new((width - 1) as f32, (height - 1) as f32);
@@ -206,15 +230,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn the_finest_that_fits_comes_next() {
-        let draft = Draft { full: [500, 500], shrink: 4 };
-        let takes = |pixels: f64| 0.1 * pixels;
-        let shrink = |left| draft.next(takes, left).map(|next| next.shrink);
-        assert_eq!([shrink(10.0), shrink(0.6), shrink(0.1)], [Some(1), Some(2), None]);
-        assert_eq!(Draft { shrink: 1, ..draft }.next(takes, 10.0), None);
-    }
-
     /// An even picture loses nothing, stripes lose all, and noise is not taken for either.
     #[test]
     fn edges_are_what_drafts_lose() {
@@ -224,13 +239,13 @@ mod tests {
             Picture::new(size[0], size[1], pixels)
         };
         let shine = vec![Rgb::ZERO; 1600];
-        assert_eq!(loss(&of(&|_, _| 1.0), &shine, mean, 0.0), 0.0);
+        assert_eq!(loss(&of(&|_, _| 1.0), &shine, mean), 0.0);
         let stripes = of(&|x, _| if x % 2 == 0 { 0.5 } else { 1.5 });
-        let all = loss(&stripes, &shine, mean, 0.0);
+        let all = loss(&stripes, &shine, mean);
         assert!((all - 0.5).abs() < 0.01, "{all}");
         let noisy =
             of(&|x, y| 1.0 + 0.1 * (crate::random::pcg(x + 40 * y) as f32 / 2f32.powi(31) - 1.0));
-        let left = loss(&noisy, &shine, mean, 0.1 / 3f64.sqrt());
+        let left = without_noise(loss(&noisy, &shine, mean), 0.1 / 3f64.sqrt());
         assert!(left < 0.02, "{left}");
     }
 }
