@@ -231,6 +231,7 @@ mod tests {
     use super::*;
     use crate::scene::{Material, Triangle, Vertex};
     use std::f32::consts::PI;
+    use std::f64::consts::GOLDEN_RATIO;
 
     fn lights(kind: LightKind, range: Option<f32>) -> (PunctualLights, Rays) {
         soft_lights(kind, range, 0.0)
@@ -300,7 +301,7 @@ mod tests {
     fn pairs(count: u32) -> impl Iterator<Item = [f32; 2]> {
         (0..count).map(move |k| {
             let at = f64::from(k) + 0.5;
-            [(at / f64::from(count)) as f32, (at * 0.618_033_988_749_895).fract() as f32]
+            [(at / f64::from(count)) as f32, (at * GOLDEN_RATIO).fract() as f32]
         })
     }
 

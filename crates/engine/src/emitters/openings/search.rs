@@ -9,7 +9,7 @@ use crate::scene::Scene;
 use crate::surface::World;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
-use std::f32::consts::TAU;
+use std::f32::consts::{GOLDEN_RATIO, TAU};
 
 /// Sites that look around.
 const SITES: u64 = 2048;
@@ -215,7 +215,7 @@ fn into_the_open(world: &World, start: Vec3, direction: Vec3) -> f32 {
 /// Share of all directions from a place that leave the scene: a spiral's points are well spread
 /// over the sphere.
 fn openness(world: &World, place: Vec3) -> f32 {
-    let golden = TAU * 0.618_034;
+    let golden = TAU * GOLDEN_RATIO;
     let free = (0..ALL_ROUND).filter(|k| {
         let height = 1.0 - 2.0 * (*k as f32 + 0.5) / ALL_ROUND as f32;
         let across = (1.0 - height * height).sqrt();

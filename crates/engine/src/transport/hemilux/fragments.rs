@@ -20,6 +20,7 @@ use crate::surface::{Surface, World};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::borrow::Cow;
+use std::f32::consts::GOLDEN_RATIO;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -27,9 +28,6 @@ use std::time::Instant;
 const BAND: u32 = 16;
 /// Most sub-pixel samples: each has a bit of a fragment's mask.
 pub const MOST_SAMPLES: u32 = 64;
-/// Multiples of it are well spread modulo 1, so that samples that are near each other in a pixel do
-/// not pass the same holes.
-const GOLDEN_RATIO: f32 = 0.618_034;
 /// Of samples that belong to none.
 const NO_FRAGMENT: usize = usize::MAX;
 /// Squares along and across a pixel that sees one facet alone, over which textures are averaged: of one
@@ -253,37 +251,8 @@ impl VisibleSurfaces {
             .into_par_iter()
             .map(|band| visible.band(world, &view, band * BAND))
             .collect();
-        visible.seconds = shares(began.elapsed().as_secs_f64(), &bands);
-        visible.join(&bands);
+        visible.join(&bands, began.elapsed().as_secs_f64());
         visible
-    }
-
-    /// Joins what all bands see.
-    fn join(&mut self, bands: &[band::Band]) {
-        let mut firsts = vec![0];
-        for band in bands {
-            let first = firsts[firsts.len() - 1];
-            self.start.extend(band.ends.iter().map(|end| end + first as u32));
-            self.shine.extend(&band.shine);
-            self.background.extend(&band.background);
-            self.coverage.extend(&band.coverage);
-            let groups = self.groups.len() as u32;
-            self.lobes.extend(band.lobes.iter().map(|lobe| Lobe {
-                fragment: lobe.fragment + first as u32,
-                groups: lobe.groups.map(|at| at + groups),
-            }));
-            self.groups.extend(&band.groups);
-            firsts.push(first + band.fragments.len());
-        }
-        // By all threads, since most of the time goes into memory that is new.
-        let fragment = |index: usize| {
-            let band = firsts.partition_point(|first| *first <= index) - 1;
-            bands[band].fragments[index - firsts[band]]
-        };
-        let total = firsts[bands.len()];
-        self.fragments = (0..total).into_par_iter().with_min_len(1024).map(fragment).collect();
-        self.places =
-            FragmentPlaces::new(&self.fragments, |fragment| (fragment.point, fragment.normal));
     }
 
     /// A surface point of a fragment, off the surface by the rounding error: that of its n-th sample;
@@ -557,13 +526,6 @@ impl VisibleSurfaces {
         let rest = std::iter::successors(Some(mask), |mask| Some(mask & mask.wrapping_sub(1)));
         rest.take_while(|mask| *mask != 0).map(|mask| self.samples[mask.trailing_zeros() as usize])
     }
-}
-
-/// Seconds that all bands took together, shared out by what each of their two parts took.
-fn shares(seconds: f64, bands: &[band::Band]) -> [f64; 2] {
-    let parts = [0, 1].map(|k| bands.iter().map(|band| band.seconds[k]).sum::<f64>());
-    let all = (parts[0] + parts[1]).max(f64::MIN_POSITIVE);
-    parts.map(|part| seconds * part / all)
 }
 
 /// Middles of so many squares along and across a pixel, from its middle.

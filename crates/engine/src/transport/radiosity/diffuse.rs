@@ -15,7 +15,7 @@ use crate::transport::options::MeshSettings;
 use crate::transport::settled;
 use crate::transport::solver::Solver;
 use glam::Vec2;
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::{GOLDEN_RATIO, PI, TAU};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
@@ -105,7 +105,7 @@ pub fn shot_from(
             let shift = Vec2::new(draw(Stream::PointU, 0), draw(Stream::PointV, 0));
             // The additive recurrence of the plastic number.
             let xi = (shift + Vec2::new(0.754_877_7, 0.569_840_3) * *number as f32).fract();
-            let turn = (*number as f32 * 0.618_034).fract();
+            let turn = (*number as f32 * GOLDEN_RATIO).fract();
             (scene.point_on_patch(PatchIndex(patch as u32), xi), TAU * turn, Vec2::ZERO)
         }
         Point::Random(counter) => {

@@ -13,6 +13,7 @@ use crate::sampling::{BAYER, Seed, Shifted};
 use crate::surface::World;
 use crate::transport::hemilux::fragments::{Fragment, VisibleSurfaces};
 use rayon::prelude::*;
+use std::f64::consts::GOLDEN_RATIO;
 
 /// Shadow rays of every fragment in the first pass, interleaved over tiles of 4 × 4 pixels.
 const FIRST_RAYS: u32 = 1;
@@ -38,8 +39,6 @@ pub(super) const NEIGHBOUR_REACH: i32 = 2;
 const ENOUGH_RAYS: u32 = 2048;
 /// A fragment with at least so many rays takes those of adjacent pixels only.
 const FEW_RAYS: u32 = 32;
-/// Its multiples are spread evenly modulo 1.
-const GOLDEN_RATIO: f64 = 0.618_033_988_75;
 /// Where the light without occlusion of adjacent pixels differs by more than this share, it is the mean over
 /// so many places.
 const PLACES: [(f32, u32); 2] = [(0.1, 16), (0.5, 64)];

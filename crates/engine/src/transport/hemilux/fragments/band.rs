@@ -1,8 +1,8 @@
 //! How bands of rows are rasterised and their samples grouped into fragments.
 
 use super::{
-    ALIKE_DIFFUSE, BAND, Fragment, GOLDEN_RATIO, IN_PLANE_COSINE, IN_PLANE_PIXELS, Lobe,
-    MOST_SAMPLES, MOST_TEXELS, NO_FRAGMENT, SMOOTH_COSINE, STEP_PIXELS, SampleGroup, SampleMeans,
+    ALIKE_DIFFUSE, BAND, Fragment, IN_PLANE_COSINE, IN_PLANE_PIXELS, Lobe, MOST_SAMPLES,
+    MOST_TEXELS, NO_FRAGMENT, SMOOTH_COSINE, STEP_PIXELS, SampleGroup, SampleMeans,
     VisibleSurfaces,
 };
 use crate::hemicube::item;
@@ -12,7 +12,10 @@ use crate::radiometry::Rgb;
 use crate::raster::{Target, fill};
 use crate::rays::Hit;
 use crate::surface::World;
+use crate::transport::hemilux::places::FragmentPlaces;
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use std::f32::consts::GOLDEN_RATIO;
 use std::time::Instant;
 
 impl VisibleSurfaces {
@@ -77,6 +80,35 @@ impl VisibleSurfaces {
         }
         band.seconds[1] = rasterised.elapsed().as_secs_f64();
         band
+    }
+
+    /// Joins what all bands see, which took so many seconds.
+    pub(super) fn join(&mut self, bands: &[Band], seconds: f64) {
+        self.seconds = shares(seconds, bands);
+        let mut firsts = vec![0];
+        for band in bands {
+            let first = firsts[firsts.len() - 1];
+            self.start.extend(band.ends.iter().map(|end| end + first as u32));
+            self.shine.extend(&band.shine);
+            self.background.extend(&band.background);
+            self.coverage.extend(&band.coverage);
+            let groups = self.groups.len() as u32;
+            self.lobes.extend(band.lobes.iter().map(|lobe| Lobe {
+                fragment: lobe.fragment + first as u32,
+                groups: lobe.groups.map(|at| at + groups),
+            }));
+            self.groups.extend(&band.groups);
+            firsts.push(first + band.fragments.len());
+        }
+        // By all threads, since most of the time goes into memory that is new.
+        let fragment = |index: usize| {
+            let band = firsts.partition_point(|first| *first <= index) - 1;
+            bands[band].fragments[index - firsts[band]]
+        };
+        let total = firsts[bands.len()];
+        self.fragments = (0..total).into_par_iter().with_min_len(1024).map(fragment).collect();
+        self.places =
+            FragmentPlaces::new(&self.fragments, |fragment| (fragment.point, fragment.normal));
     }
 
     /// Code of what a sample of a pixel sees, whose code as rasterised is given.
@@ -326,6 +358,13 @@ impl VisibleSurfaces {
         }
         means
     }
+}
+
+/// Seconds that all bands took together, shared out by what each of their two parts took.
+fn shares(seconds: f64, bands: &[Band]) -> [f64; 2] {
+    let parts = [0, 1].map(|k| bands.iter().map(|band| band.seconds[k]).sum::<f64>());
+    let all = (parts[0] + parts[1]).max(f64::MIN_POSITIVE);
+    parts.map(|part| seconds * part / all)
 }
 
 /// Whether anything that a fragment shows varies over a triangle.

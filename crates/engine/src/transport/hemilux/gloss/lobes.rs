@@ -16,6 +16,7 @@ use crate::transport::hemilux::coarse::CoarseSolution;
 use crate::transport::hemilux::fragments::{Lobe, VisibleSurfaces};
 use glam::Vec3;
 use rayon::prelude::*;
+use std::f64::consts::GOLDEN_RATIO;
 
 /// Lobe rays of a whole pixel in a pass, with as many rays to the lights.
 const RAYS_PER_PIXEL: f32 = 2.0;
@@ -49,9 +50,6 @@ const LIKE_EXPONENTS: f32 = 1.3;
 const ALIKE_VARIANCES: f32 = 6.0;
 /// The same from which they do not count: 4.9 standard deviations.
 const UNLIKE_VARIANCES: f32 = 24.0;
-
-/// Its multiples are spread evenly modulo 1.
-const GOLDEN_RATIO: f32 = 0.618_034;
 
 /// Bound on rays of a lobe read from a checkpoint: more than any run traces, so a larger number
 /// means damage.
@@ -331,7 +329,7 @@ impl Gloss {
             };
             // Rounded up or down in turn, so that what is worth a fourth of a ray gets one in every
             // fourth pass.
-            let turn = f64::from(GOLDEN_RATIO) * (index as f64 + f64::from(self.passes));
+            let turn = GOLDEN_RATIO * (index as f64 + f64::from(self.passes));
             let rounded = |times: f32| (times + turn.fract() as f32).floor();
             let least = if sums.rays < RAYS_TO_REST && share == 1.0 { 1.0 } else { 0.0 };
             let most = MOST_RAYS_FACTOR * mean_rays(visible, lobe) as f32;

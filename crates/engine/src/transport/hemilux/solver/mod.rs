@@ -1,8 +1,10 @@
 //! The three tiers at work: what an iteration does, and the picture after it.
 
 mod drafts;
+mod drawn;
 mod passes;
 mod picture;
+mod prospects;
 
 use super::audit::{Audit, Audited};
 use super::balance::{Balance, WorkDone};
@@ -35,7 +37,8 @@ use crate::transport::checkpoints;
 use crate::transport::ray_traced::Caustics;
 use crate::transport::run::Run;
 use crate::transport::solver::{Estimate, Solver};
-use picture::DrawnPicture;
+use drawn::DrawnPicture;
+use prospects::Taken;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f32::consts::PI;
@@ -87,7 +90,7 @@ pub struct Tiers {
     /// What each part had taken before the present draft or picture.
     spent_before: BTreeMap<&'static str, f64>,
     /// What the drafts so far took.
-    taken: Vec<drafts::Taken>,
+    taken: Vec<Taken>,
     coarse: CoarseSolution,
     /// Variance of the picture's radiance that the links' noise makes, the same over wide areas.
     link_variance: f64,

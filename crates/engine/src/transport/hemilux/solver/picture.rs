@@ -1,32 +1,15 @@
 //! The picture after an iteration, and how far it may be off.
 
 use super::super::draft::{Draft, Lit, loss, loss_of_light, noise_of_light, without_noise};
-use super::super::estimate::{self, Arriving, Errors, PictureInputs};
+use super::super::estimate::{self, PictureInputs};
 use super::Tiers;
+use super::drawn::DrawnPicture;
 use crate::image::Picture;
 use std::time::Instant;
 
 /// Seconds for each pixel that bringing a draft to the size that was asked for is assumed to take, until
 /// it has been timed.
 const ENLARGING_SECONDS: f64 = 1.2e-7;
-
-/// The last picture that was drawn, kept until another iteration is done.
-#[derive(Default)]
-pub(super) struct DrawnPicture {
-    /// After how many iterations.
-    pub iterations: Option<u64>,
-    /// As large as the draft, where there is one.
-    picture: Picture,
-    /// Its estimated error.
-    pub errors: Option<Errors>,
-    /// Of a draft: what arrives at its fragments.
-    arriving: Vec<Arriving>,
-    /// Of a draft: relative errors that its pixels make where they are shown in the size that was asked
-    /// for, and that its light makes, noise and all.
-    pub losses: [f64; 2],
-    /// A draft in the size that was asked for.
-    enlarged: Option<Picture>,
-}
 
 impl Tiers {
     /// The present picture in the size that was asked for, drawn unless it is there already.

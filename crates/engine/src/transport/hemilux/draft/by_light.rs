@@ -5,7 +5,7 @@
 use super::super::coarse::CoarseSolution;
 use super::super::estimate::{Arriving, Errors};
 use super::super::fragments::{Fragment, VisibleSurfaces};
-use super::{Draft, Mapping};
+use super::by_pixels::{Draft, Mapping};
 use crate::image::Picture;
 use crate::patches::Cut;
 use crate::radiometry::Rgb;
