@@ -67,12 +67,13 @@ impl Tiers {
     fn begin_anew(&mut self, next: Draft, run: &mut Run<'_>) {
         self.spent_before = self.clock.spent.clone();
         self.clock.start();
+        // Not in memory beside those of the picture itself.
+        self.full = self.full.take().filter(|_| next.shrink > 1);
         let cut = self.coarse.mesh.cut.clone();
         let samples = self.options.samples;
         self.visible = VisibleSurfaces::new(&self.world, cut, &self.camera, next.size(), samples);
         self.clock.lap("seconds_fragments");
         self.draft = Some(next).filter(|next| next.shrink > 1);
-        self.full = self.full.take().filter(|_| self.draft.is_some());
         self.hasty = self.hasty_at_last || self.draft.is_some();
         let (lights, options) = (&self.lights, &self.options);
         self.direct = DirectLighting::new(lights, &self.visible, options.adaptive, self.hasty);
