@@ -164,7 +164,8 @@ fn measure(room: u32, arguments: &Arguments, device: &mut dyn Device) -> Result<
             percent(row.predicted),
             row.mean_ratio
         );
-        let file = arguments.references.join(format!("{}-{after}.exr", made.name));
+        let file =
+            arguments.references.join(format!("{}-{}.exr", made.name, after.replace(' ', "")));
         std::fs::write(file, picture.to_exr()?)?;
         rows.push(row);
     }

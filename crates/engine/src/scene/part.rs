@@ -67,11 +67,10 @@ impl Scene {
     /// Texels that a part of a triangle is long, of the texture of which it is longest; 0 without any.
     pub fn texels_along(&self, triangle: &Triangle, part: &Part) -> f32 {
         let of = |slot: &TextureSlot| {
-            let [a, b, c] = self.coordinates(slot, triangle);
-            let across = |edge: Vec2| (b - a) * edge.x + (c - a) * edge.y;
             let texture = &self.textures[slot.texture as usize];
             let size = Vec2::new(texture.width as f32, texture.height as f32);
-            axes(part.edges.map(|edge| slot.linear * across(edge) * size)).1
+            let (_, edges) = self.in_texture(slot, triangle, part);
+            axes(edges.map(|edge| slot.linear * edge * size)).1
         };
         let material = &self.materials[triangle.material as usize];
         slots(material).map(|(slot, _)| of(slot)).fold(0.0, f32::max)
@@ -84,10 +83,20 @@ impl Scene {
         triangle: &Triangle,
         part: &Part,
     ) -> Vec4 {
+        let texture = &self.textures[slot.texture as usize];
+        let (middle, edges) = self.in_texture(slot, triangle, part);
+        pyramids.mean(&Lookup { texture, slot, weight, middle, edges })
+    }
+
+    /// Middle and edges of a part of a triangle in the mesh's texture coordinates.
+    fn in_texture(
+        &self,
+        slot: &TextureSlot,
+        triangle: &Triangle,
+        part: &Part,
+    ) -> (Vec2, [Vec2; 2]) {
         let [a, b, c] = self.coordinates(slot, triangle);
         let across = |edge: Vec2| (b - a) * edge.x + (c - a) * edge.y;
-        let texture = &self.textures[slot.texture as usize];
-        let (middle, edges) = (a + across(part.at), part.edges.map(across));
-        pyramids.mean(&Lookup { texture, slot, weight, middle, edges })
+        (a + across(part.at), part.edges.map(across))
     }
 }

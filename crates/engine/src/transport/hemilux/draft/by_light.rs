@@ -36,7 +36,8 @@ const LEAST_SHARE: f32 = 0.05;
 const STEP_ERROR: f64 = 1.0 / 3.0;
 /// The same of light that changes within pixels, whose steps may be anywhere.
 const UNRESOLVED_ERROR: f64 = 2.0;
-/// Weight of a pixel that is a whole column or row away, in that of one that is in place.
+/// Weight of a pixel that is a whole column or row away, in that of one that is in place, which of twelve
+/// more has the inverse of this at most.
 const LEAST_WEIGHT: f32 = 1e-3;
 
 /// What the pixels that were asked for see.
@@ -140,10 +141,12 @@ fn beside(pixel: usize, [width, height]: [u32; 2]) -> impl Iterator<Item = (usiz
 }
 
 impl Fragment {
-    /// Radiance that it sends to the camera by what arrives, times its share of the pixel.
+    /// Radiance that it sends to the camera by what arrives, times its share of the pixel. What lobes
+    /// near by show is nothing to one without any.
     fn reflected(&self, arriving: &Arriving) -> Rgb {
         let diffuse = self.diffuse / PI * arriving.irradiance.max(Rgb::ZERO);
-        (diffuse + arriving.lobes * self.lobe_factor) * self.share
+        let lobes = if self.glossy { arriving.lobes * self.lobe_factor } else { Rgb::ZERO };
+        (diffuse + lobes) * self.share
     }
 }
 
@@ -246,7 +249,7 @@ impl Grid {
             let cell = low + step;
             let off = (cell.as_vec2() - at).abs();
             let weight = match wider {
-                true => off.length_squared().recip(),
+                true => off.length_squared().max(LEAST_WEIGHT).recip(),
                 false => ((1.0 - off.x) * (1.0 - off.y)).max(LEAST_WEIGHT),
             };
             let is_inside = (0..columns).contains(&cell.x) && (0..rows).contains(&cell.y);
@@ -315,6 +318,36 @@ mod tests {
             assert!((low..high).contains(&error), "{error}");
             assert!((0.4..4.0).contains(&(predicted / error)), "{predicted} beside {error}");
         }
+    }
+
+    /// A pixel that lies exactly on one of the draft has finite weights, however far is looked.
+    #[test]
+    fn weights_are_finite_in_place() {
+        let (from, to) = ([17, 17], [129, 129]);
+        let grid = Grid { size: from, mapping: Mapping::new(from, to) };
+        let middle = Vec2::splat(64.0);
+        assert_eq!(grid.mapping.at(middle), Vec2::splat(8.0));
+        for wider in [false, true] {
+            let weights: Vec<f32> = grid.around(middle, wider).map(|(_, weight)| weight).collect();
+            assert!(
+                weights.iter().all(|weight| weight.is_finite() && *weight > 0.0),
+                "{weights:?}"
+            );
+            assert!(weights.len() >= 4);
+        }
+    }
+
+    /// Where nothing of a surface is near, lobes beside it lend their light to lobes alone.
+    #[test]
+    fn what_has_no_lobe_shows_none() {
+        let specimen = Specimen::new(&crate::scene::made::cornell(), 200);
+        let (visible, _) = lit(&specimen, 4, &|_| Rgb::ONE);
+        let mut one = visible.fragments[0];
+        (one.glossy, one.share, one.lobe_factor) = (false, 1.0, Rgb::ONE);
+        let arriving = Arriving { irradiance: Rgb::ZERO, lobes: Rgb::splat(100.0) };
+        assert_eq!(one.reflected(&arriving), Rgb::ZERO);
+        one.glossy = true;
+        assert_eq!(one.reflected(&arriving), arriving.lobes);
     }
 
     /// More samples leave less at edges, and so do smaller pixels.

@@ -27,10 +27,7 @@ impl Tiers {
         let (losses, errors) = (drawn.losses, drawn.errors.unwrap_or_default());
         let [noise, bent, shadows, lobes, edges] = errors.by_cause;
         let scatter = noise.hypot(bent).hypot(shadows).hypot(lobes).hypot(errors.by_links);
-        let surfaces = match &self.full {
-            Some(_) => 0.0,
-            None => Full::takes(&draft, &self.visible),
-        };
+        let surfaces = self.full.is_none().then(|| Full::takes(&draft, &self.visible));
         let prospects = Prospects {
             draft,
             taken: &self.taken,
@@ -56,7 +53,8 @@ impl Tiers {
         let began = Instant::now();
         let cut = self.coarse.mesh.cut.clone();
         self.full = Some(Full::new(&self.world, cut, &self.camera, draft.full_size()));
-        self.drawn = DrawnPicture::default();
+        // What is wrong with the draft is known still, but not how it looks.
+        self.drawn.iterations = None;
         self.clock.lap("seconds_fragments");
         // None of it says how long those of another draft take.
         let spent = began.elapsed().as_secs_f64();

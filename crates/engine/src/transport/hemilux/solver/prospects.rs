@@ -44,7 +44,7 @@ pub struct Prospects<'a> {
     /// The drafts so far, this one last.
     pub taken: &'a [Taken],
     /// Seconds that finding the surfaces takes which the pixels asked for see; none where they are known.
-    pub surfaces: f64,
+    pub surfaces: Option<f64>,
     /// Seconds that it takes to bring a draft to the size that was asked for.
     pub enlarging: f64,
     /// Relative errors by the draft's pixels and by its light.
@@ -59,7 +59,7 @@ pub struct Prospects<'a> {
 impl Prospects<'_> {
     /// What leaves the least error after so many seconds of that which fits into them.
     pub fn best(&self, left: f64) -> Next {
-        let now = Next { shrink: self.draft.shrink, by_light: self.surfaces == 0.0 };
+        let now = Next { shrink: self.draft.shrink, by_light: self.surfaces.is_none() };
         let whole = Next { shrink: 1, by_light: true };
         if self.takes(whole) <= COMFORTABLE * left {
             return whole;
@@ -95,7 +95,7 @@ impl Prospects<'_> {
 
     /// Seconds that it can be expected to take.
     fn takes(&self, next: Next) -> f64 {
-        let surfaces = if next.by_light { self.surfaces } else { 0.0 };
+        let surfaces = if next.by_light { self.surfaces.unwrap_or_default() } else { 0.0 };
         let beside = if next.shrink > 1 { surfaces + self.enlarging } else { 0.0 };
         if next.shrink == self.draft.shrink {
             return beside;
@@ -128,7 +128,7 @@ mod tests {
         Prospects {
             draft: Draft::of_size([500, 500], taken[taken.len() - 1].shrink),
             taken,
-            surfaces: 0.1,
+            surfaces: Some(0.1),
             enlarging: 0.02,
             losses: [0.2, 0.04],
             scatter: 0.03,
@@ -166,7 +166,7 @@ mod tests {
     #[test]
     fn what_is_wrong_decides() {
         let taken = [Taken { shrink: 8, parts: PARTS_TAKEN }];
-        let lossy = Prospects { surfaces: 0.0, ..prospects(&taken) };
+        let lossy = Prospects { surfaces: None, ..prospects(&taken) };
         let next = lossy.best(0.5);
         assert!(next.by_light && (2..8).contains(&next.shrink), "{next:?}");
         let noisy = Prospects { losses: [1e-4; 2], scatter: 0.3, ..lossy };
