@@ -20,7 +20,7 @@ const WITH_PICTURE: f64 = 1.2;
 
 /// Share of the time that is left in which the picture itself comes next, whatever drafts may promise: what
 /// they lose stays.
-const COMFORTABLE: f64 = 0.5;
+const COMFORTABLE: f64 = 0.25;
 
 /// What the parts of a draft took, seconds, and the side of its pixels.
 #[derive(Clone, Copy)]
