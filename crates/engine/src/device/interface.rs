@@ -52,6 +52,14 @@ pub enum DeviceError {
         /// What the driver said.
         reason: String,
     },
+    /// The device is there but does not do what it should.
+    #[error("{device} cannot be used: {reason}")]
+    Unfit {
+        /// The device.
+        device: String,
+        /// What is wrong, and what to do.
+        reason: String,
+    },
     /// There is no such device here.
     #[error("no device {0:?} here; `hemilux devices` lists them")]
     Unknown(String),

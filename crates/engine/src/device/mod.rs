@@ -31,8 +31,8 @@ pub fn list() -> Vec<DeviceDescription> {
     devices
 }
 
-/// Opens a device: `cpu`, `auto` (a real GPU if there is one, else the processor) or the index of
-/// a wgpu adapter.
+/// Opens a device: `cpu`, `auto` (a real GPU if there is one that can be opened, else the
+/// processor) or the index of a wgpu adapter.
 ///
 /// # Errors
 /// [`DeviceError::Unknown`] where there is no such device.
@@ -41,10 +41,13 @@ pub fn open(id: &str) -> Result<Box<dyn Device>, DeviceError> {
         "cpu" => Ok(Box::new(cpu::CpuDevice::new(None)?)),
         "auto" => {
             #[cfg(feature = "wgpu")]
-            if let Some(gpu) =
-                list().iter().find(|d| d.kind.ends_with("_gpu") && d.kind != "software_gpu")
+            for gpu in
+                list().iter().filter(|d| d.kind.ends_with("_gpu") && d.kind != "software_gpu")
             {
-                return open(&gpu.id);
+                match open(&gpu.id) {
+                    Ok(device) => return Ok(device),
+                    Err(error) => tracing::warn!(%error, "this GPU is left out"),
+                }
             }
             open("cpu")
         }

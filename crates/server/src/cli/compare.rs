@@ -87,7 +87,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(size) = arguments.size {
         check_size(&scene, &camera, size)?;
     }
-    let device_id = devices::choose_one(&arguments.device).map_err(Failure::usage)?;
+    let device_ids = devices::candidates(&arguments.device).map_err(Failure::usage)?;
     // What can't be written should be known before the minutes of measuring.
     std::fs::create_dir_all(&arguments.out).map_err(|error| {
         Failure::failed(format!("cannot make the folder {:?}: {error}", arguments.out))
@@ -96,7 +96,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let interrupted = Arc::new(AtomicBool::new(false));
     listen_for_interrupt(interrupted.clone());
     let begun = Instant::now();
-    let mut open = || devices::open(&device_id);
+    let mut open = || devices::open_first(&device_ids);
     let mut say = |what: &str, share: f64| {
         if !arguments.quiet {
             let (seconds, percent) = (begun.elapsed().as_secs_f64(), 100.0 * share);

@@ -185,7 +185,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let options = arguments.parts.options(arguments.variant.clone());
     let scene = read_scene(&arguments.scene, &options)?;
-    let device_id = devices::choose_one(&arguments.device).map_err(Failure::usage)?;
+    let device_ids = devices::candidates(&arguments.device).map_err(Failure::usage)?;
     let camera = arguments.view.camera(&scene);
     let request = RenderRequest {
         scene: Arc::new(scene),
@@ -205,7 +205,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         options: arguments.settings.iter().cloned().collect::<BTreeMap<_, _>>(),
         begin: begin(arguments)?,
     };
-    let mut device = devices::open(&device_id).map_err(Failure::failed)?;
+    let mut device = devices::open_first(&device_ids).map_err(Failure::failed)?;
     let mut console = Console::new(arguments.quiet, arguments.checkpoint.clone());
     let rendered =
         catch_unwind(AssertUnwindSafe(|| render(device.as_mut(), &request, &mut console))).map_err(

@@ -64,24 +64,63 @@ pub fn choose(words: &[String]) -> Result<Vec<String>, String> {
     if chosen.is_empty() { Err("--devices names no device".into()) } else { Ok(chosen) }
 }
 
-/// The one device that the word of `--device` means: `auto` is the first discrete GPU, else any
-/// real GPU, else the CPU.
+/// The devices that the word of `--device` may mean, best first: for `auto` discrete GPUs, then
+/// other real GPUs, then the CPU device.
 ///
 /// # Errors
 /// A word that names no device here.
-pub fn choose_one(word: &str) -> Result<String, String> {
-    let ids = choose(&[word.to_owned()])?;
-    if let [only] = ids.as_slice() {
-        return Ok(only.clone());
+pub fn candidates(word: &str) -> Result<Vec<String>, String> {
+    let mut ids = choose(&[word.to_owned()])?;
+    if ids.len() > 1 {
+        let there = list();
+        let rank = |id: &String| {
+            let kind = there.iter().find(|device| device.id == *id).map_or("", |d| d.kind.as_str());
+            match kind {
+                "discrete_gpu" => 0,
+                "integrated_gpu" | "virtual_gpu" => 1,
+                _ => 2,
+            }
+        };
+        ids.sort_by_key(rank);
     }
-    let there = list();
-    let rank = |id: &String| {
-        let kind = there.iter().find(|device| device.id == *id).map_or("", |d| d.kind.as_str());
-        match kind {
-            "discrete_gpu" => 0,
-            "integrated_gpu" | "virtual_gpu" => 1,
-            _ => 2,
+    Ok(ids)
+}
+
+/// Opens the first of these devices that can be opened, and says on standard error which ones
+/// before it could not.
+///
+/// # Errors
+/// What the last one says, where none can.
+pub fn open_first(ids: &[String]) -> Result<Box<dyn Device>, String> {
+    let mut refusal = String::from("there is no device");
+    for (id, left) in ids.iter().zip((0..ids.len()).rev()) {
+        match open(id) {
+            Ok(device) => return Ok(device),
+            Err(error) if left > 0 => eprintln!("warning: device {id} is left out: {error}"),
+            Err(error) => refusal = error,
         }
-    };
-    ids.into_iter().min_by_key(rank).ok_or_else(|| "there is no device".into())
+    }
+    Err(refusal)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_next_device_is_taken_where_one_cannot_be_opened() {
+        let ids = |ids: &[&str]| ids.iter().map(|id| (*id).to_owned()).collect::<Vec<_>>();
+        let opened = open_first(&ids(&["999", "cpu"])).expect("the CPU device opens");
+        assert_eq!(opened.description().id, "cpu");
+        let refusal = open_first(&ids(&["cpu?", "999"])).err().expect("there are none");
+        assert!(refusal.contains("999"), "{refusal}");
+        assert!(open_first(&[]).is_err());
+    }
+
+    #[test]
+    fn auto_ends_with_the_cpu_device() {
+        let ids = candidates("auto").expect("there is always one");
+        assert_eq!(ids.last().map(String::as_str), Some("cpu"));
+        assert!(candidates("no such device").is_err());
+    }
 }

@@ -99,7 +99,7 @@ impl Gpu {
         let description = describe(index, adapter);
         let request = wgpu::DeviceDescriptor {
             label: Some("hemilux"),
-            required_features: adapter.features() & wgpu::Features::DEPTH_CLIP_CONTROL,
+            required_features: wgpu::Features::empty(),
             required_limits: adapter.limits(),
             ..Default::default()
         };

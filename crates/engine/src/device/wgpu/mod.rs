@@ -7,6 +7,7 @@
 //! counts and sums back.
 
 mod buffers;
+mod check;
 mod formats;
 mod gpu;
 mod layout;
@@ -37,15 +38,21 @@ pub struct WgpuDevice {
 }
 
 impl WgpuDevice {
-    /// Opens the adapter that [`list`] names by this index and compiles the kernels for it.
+    /// Opens the adapter that [`list`] names by this index, compiles the kernels for it and
+    /// shoots into a closed room to see whether they do there what they should.
     ///
     /// # Errors
     /// [`DeviceError::Unknown`] where there is no such adapter or it lacks what the kernels need,
-    /// [`DeviceError::Lost`] where the driver refuses.
+    /// [`DeviceError::Lost`] where the driver refuses, [`DeviceError::Unfit`] where light is lost in
+    /// the room.
     pub fn open(index: usize) -> Result<Self, DeviceError> {
         let gpu = Gpu::open(index)?;
         let pipelines = gpu.guarded(|| Pipelines::new(&gpu))?;
-        Ok(Self { gpu, pipelines })
+        let mut device = Self { gpu, pipelines };
+        let traces = device.begin(check::room(), &check::settings())?.trace(&check::shots())?;
+        check::judge(&traces)
+            .map_err(|reason| DeviceError::Unfit { device: device.description().name, reason })?;
+        Ok(device)
     }
 }
 

@@ -205,8 +205,9 @@ fn raster(gpu: &Gpu) -> (wgpu::BindGroupLayout, wgpu::RenderPipeline) {
             })],
         },
         primitive: wgpu::PrimitiveState {
-            // Shots half a millimetre from a wall see much of it before any near plane.
-            unclipped_depth: gpu.device.features().contains(wgpu::Features::DEPTH_CLIP_CONTROL),
+            // The near plane, 10⁻⁸ of the scene from the eye, also ends triangles that go on
+            // behind it. Without it, by `unclipped_depth`, NVIDIA's driver drops those whole.
+            unclipped_depth: false,
             ..Default::default()
         },
         depth_stencil: Some(wgpu::DepthStencilState {
