@@ -5,7 +5,7 @@
 //! Brushed microfacets have two widths: α along the brushing is α + (1 − α) strength², across it α.
 
 use super::distribution::visible_normal_of;
-use super::film::Film;
+use super::film::{Film, Filmed};
 use super::ggx::{Ggx, Microfacets};
 use super::reflection::{Parts, Reflection, direction_about};
 use super::side::Side;
@@ -16,9 +16,9 @@ use glam::{Vec2, Vec3};
 use std::f32::consts::{FRAC_1_PI, PI};
 
 /// Samples by which the albedo of brushed microfacets is found.
-const SAMPLES: u32 = 96;
+const SAMPLES: u32 = 48;
 /// Directions to sources by which what a film leaves is found, in height and around.
-const SOURCES: [u32; 2] = [4, 4];
+const SOURCES: [u32; 2] = [4, 2];
 
 /// The direction in which a surface is brushed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,20 +59,20 @@ impl Base {
         [self.facets.exponent(), along.exponent()]
     }
 
-    /// What the diffuse part and the lobe have of Fresnel's terms at an angle to the facets: what is
-    /// lost to the diffuse part, and the lobe's reflectance.
-    fn fresnel(&self, cosine: f32) -> (f32, Rgb) {
-        let Microfacets { f0, f90, dielectric, .. } = self.facets;
-        let grazing = (1.0 - cosine.clamp(0.0, 1.0)).powi(5);
-        let loss = dielectric[0] + (dielectric[1] - dielectric[0]) * grazing;
-        let lobe = f0 + (Rgb::splat(f90) - f0) * grazing;
-        if !self.film.is_there() {
-            return (loss, lobe);
-        }
-        let under_film = |f0: Rgb, f90: f32| self.film.reflectance(f0, cosine) * f90;
-        let strength = self.film.strength;
-        let most = under_film(Rgb::splat(dielectric[0]), dielectric[1]).max_element();
-        (loss + (most - loss) * strength, lobe.lerp(under_film(f0, f90), strength))
+    /// What is lost to the diffuse part; the largest of its channels counts.
+    fn loss(&self) -> Fresnel {
+        let [f0, f90] = self.facets.dielectric;
+        self.fresnel(Rgb::splat(f0), f90)
+    }
+
+    /// What the facets reflect.
+    fn reflectance(&self) -> Fresnel {
+        self.fresnel(self.facets.f0, self.facets.f90)
+    }
+
+    fn fresnel(&self, f0: Rgb, f90: f32) -> Fresnel {
+        let Film { strength, .. } = self.film;
+        Fresnel { f0, f90, film: self.film.is_there().then(|| (self.film.on(f0), strength)) }
     }
 
     /// Albedo of the diffuse part towards a viewer at an angle of that cosine.
@@ -81,14 +81,14 @@ impl Base {
             return self.facets.diffuse_albedo(cosine);
         }
         let viewer = Vec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine.max(0.0));
-        let mut loss = 0.0;
+        let (fresnel, mut loss) = (self.loss(), 0.0);
         for k in 0..SOURCES[0] * SOURCES[1] {
             let [row, column] = [k / SOURCES[1], k % SOURCES[1]];
             let height = ((row as f32 + 0.5) / SOURCES[0] as f32).sqrt();
             let (sin, cos) = (PI * (column as f32 + 0.5) / SOURCES[1] as f32).sin_cos();
             let across = (1.0 - height * height).sqrt();
             let half = viewer + Vec3::new(across * cos, across * sin, height);
-            loss += self.fresnel(viewer.dot(half.normalize_or(Vec3::Z))).0;
+            loss += fresnel.at(viewer.dot(half.normalize_or(Vec3::Z))).max_element();
         }
         self.facets.diffuse * (1.0 - loss / (SOURCES[0] * SOURCES[1]) as f32)
     }
@@ -115,7 +115,27 @@ impl Base {
         let white = |facets: Microfacets| {
             Microfacets { f0: Rgb::ONE, f90: 1.0, ..facets }.lobe_albedo(cosine)
         };
-        self.fresnel(cosine).1 * 0.5 * (white(self.facets) + white(along))
+        self.reflectance().at(cosine) * 0.5 * (white(self.facets) + white(along))
+    }
+}
+
+/// Fresnel's terms of facets, under a film or not.
+struct Fresnel {
+    f0: Rgb,
+    f90: f32,
+    /// The film on them, and its strength.
+    film: Option<(Filmed, f32)>,
+}
+
+impl Fresnel {
+    /// Reflectance at an angle of that cosine.
+    fn at(&self, cosine: f32) -> Rgb {
+        let grazing = (1.0 - cosine.clamp(0.0, 1.0)).powi(5);
+        let bare = self.f0 + (Rgb::splat(self.f90) - self.f0) * grazing;
+        let under = |(film, strength): &(Filmed, f32)| {
+            bare.lerp(film.reflectance(cosine) * self.f90, *strength)
+        };
+        self.film.as_ref().map_or(bare, under)
     }
 }
 
@@ -170,8 +190,11 @@ impl BaseReflection {
             return ggx.evaluate_with_pdf(viewer, source, 0.0);
         }
         let half = (viewer + source).normalize_or(self.side.shading_normal);
-        let (loss, fresnel) = self.base.fresnel(viewer.dot(half));
-        let diffuse = self.base.facets.diffuse * ((1.0 - loss) * FRAC_1_PI);
+        let cosine = viewer.dot(half);
+        let mut diffuse = self.base.facets.diffuse;
+        if diffuse != Rgb::ZERO {
+            diffuse *= (1.0 - self.base.loss().at(cosine).max_element()) * FRAC_1_PI;
+        }
         let (axes, widths) = self.axes();
         let [v, l, h] = [viewer, source, half].map(|direction| axes.local(direction));
         if v.z <= 0.0 || l.z <= 0.0 || !self.base.facets.is_glossy() {
@@ -182,7 +205,13 @@ impl BaseReflection {
         let slants = [v, l].map(|direction| slant(widths, direction));
         let visibility = 0.5 / (l.z * slants[0] + v.z * slants[1]).max(f32::MIN_POSITIVE);
         let pdf = distribution / (2.0 * (v.z + slants[0]));
-        (Parts { diffuse, lobe: fresnel * (distribution * visibility) }, pdf)
+        (
+            Parts {
+                diffuse,
+                lobe: self.base.reflectance().at(cosine) * (distribution * visibility),
+            },
+            pdf,
+        )
     }
 
     /// A direction by the microfacets that the viewer sees.
@@ -208,7 +237,7 @@ impl BaseReflection {
         if self.plain().is_some() || local.z <= 0.0 {
             return None;
         }
-        let mut sum = Rgb::ZERO;
+        let (fresnel, mut sum) = (self.base.reflectance(), Rgb::ZERO);
         for k in 0..SAMPLES {
             // A rank-1 lattice.
             let xi = [(k as f32 + 0.5) / SAMPLES as f32, (k as f32 * 0.618_034 + 0.25).fract()];
@@ -218,7 +247,7 @@ impl BaseReflection {
                 let slants = [local, source].map(|direction| slant(widths, direction));
                 let both = source.z * slants[0] + local.z * slants[1];
                 let left = source.z * (local.z + slants[0]) / both.max(f32::MIN_POSITIVE);
-                sum += self.base.fresnel(local.dot(half)).1 * left;
+                sum += fresnel.at(local.dot(half)) * left;
             }
         }
         Some(sum / SAMPLES as f32)
