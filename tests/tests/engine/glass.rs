@@ -235,8 +235,8 @@ fn a_room_with_glass_is_that_of_path_tracing() {
         side: 48,
         seed: 5,
     };
-    let reference = block_means(&shot.by("ray-traced", 2500), 8);
-    let ours = shot.by("hemilux", 48);
+    let reference = block_means(&shot.by("ray-traced", 1200), 8);
+    let ours = shot.by("hemilux", 24);
     let deviation = largest_deviation(&block_means(&ours, 8), &reference);
     println!("largest deviation of a block: {deviation:.4}");
     assert!(deviation < 0.04, "{deviation}");
@@ -258,7 +258,7 @@ fn a_room_with_dispersion_is_that_of_path_tracing() {
         seed: 6,
     };
     let reference = block_means(&shot(4.0).by("ray-traced", 1500), 8);
-    let ours = block_means(&shot(4.0).by("hemilux", 48), 8);
+    let ours = block_means(&shot(4.0).by("hemilux", 32), 8);
     let deviation = largest_deviation(&ours, &reference);
     println!("largest deviation of a block: {deviation:.4}");
     assert!(deviation < 0.05, "{deviation}");
@@ -295,9 +295,9 @@ fn a_box_of_coloured_panes_is_lit_inside() {
     let red = |picture: &Picture| -> Vec<Rgb> {
         block_means(picture, 8).into_iter().map(|block| Rgb::splat(block.x)).collect()
     };
-    let reference = red(&shot(tint).by("ray-traced", 1500));
+    let reference = red(&shot(tint).by("ray-traced", 1000));
     let [ours, planted] = [tint, Rgb::new(0.88, 0.2, 0.1)]
-        .map(|tint| largest_deviation(&red(&shot(tint).by("hemilux", 24)), &reference));
+        .map(|tint| largest_deviation(&red(&shot(tint).by("hemilux", 12)), &reference));
     println!("a box of panes: largest deviation {ours:.4}, planted {planted:.4}");
     assert!(ours < 0.02, "{ours}");
     assert!(planted > 0.04, "{planted}");

@@ -118,7 +118,7 @@ fn a_checker_finer_than_a_pixel_is_its_mean() {
     for (name, squares, camera) in cases {
         let scene = imported(&made::checker(squares));
         let flagship = Seeds::new(&scene, 1.0, &camera, ("hemilux", 8));
-        let paths = Seeds::new(&scene, 1.0, &camera, ("ray-traced", 512));
+        let paths = Seeds::new(&scene, 1.0, &camera, ("ray-traced", 192));
         let (rms, most) = block_error(&flagship.mean(), &paths.mean());
         // Single pixels of the reference have noise of their own.
         let [own, a, b] = [&flagship.all[0], &paths.all[0], &paths.all[1]];
@@ -153,7 +153,7 @@ fn a_wrong_checker_is_found() {
 #[test]
 fn nine_screens_light_a_room_as_their_texels_do() {
     let scene = imported(&made::screens(5));
-    let flagship = Seeds::new(&scene, 0.0, &CameraChoice::First, ("hemilux", 16));
+    let flagship = Seeds::new(&scene, 0.0, &CameraChoice::First, ("hemilux", 8));
     let paths = Seeds::new(&scene, 0.0, &CameraChoice::First, ("ray-traced", 384));
     let reference = paths.mean();
     let (rms, most) = block_error(&flagship.mean(), &reference);

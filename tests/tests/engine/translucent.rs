@@ -220,7 +220,7 @@ fn a_lampshade_shines_as_by_path_tracing() {
     let camera = towards([3.3, 1.9, 3.7], [1.9, 0.9, 1.9], 60.0);
     let environment = Environment::none();
     let view = View { scene: &scene, environment, camera, side: 48, options: &[] };
-    agrees("lampshade", &view, &planted, [24, 3000]);
+    agrees("lampshade", &view, &planted, [16, 2000]);
 }
 
 /// Also where the leaves are a crowd of triangles, of which nothing is listed.
@@ -242,7 +242,7 @@ fn leaves_shine_as_by_path_tracing() {
     for (name, options) in [("leaves", &[][..]), ("a crowd", &[("coarse_patches", "8")][..])] {
         let environment = environment.clone();
         let view = View { scene: &scene, environment, camera, side: 48, options };
-        agrees(name, &view, &planted, [24, 2000]);
+        agrees(name, &view, &planted, [12, 1000]);
     }
 }
 
@@ -266,7 +266,7 @@ fn light_leaves_a_box_of_paper() {
     let view =
         View { scene: &scene, environment: Environment::none(), camera, side: 48, options: &[] };
     // Few paths find the bulb in the box: larger blocks keep their noise low.
-    let [ours, reference] = [("hemilux", 24), ("ray-traced", 6000)]
+    let [ours, reference] = [("hemilux", 16), ("ray-traced", 3000)]
         .map(|(method, iterations)| block_means(&view.rendered(method, iterations), 16));
     assert!(reference.iter().map(|block| importance(*block)).sum::<f32>() > 1.0);
     let deviation = largest_deviation(&ours, &reference);
