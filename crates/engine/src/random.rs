@@ -53,6 +53,8 @@ pub enum Stream {
     Audit = 23,
     /// Rays of elements that are aimed at bright ones.
     Aimed = 24,
+    /// Rays of elements that find what lobes send.
+    FollowedLobe = 25,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

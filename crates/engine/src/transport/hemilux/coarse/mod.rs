@@ -1,6 +1,7 @@
 //! Tier 1: the light of the whole scene on a coarse mesh.
 
 mod aimed;
+mod by_lobes;
 mod caustic_light;
 mod direct;
 mod elements;

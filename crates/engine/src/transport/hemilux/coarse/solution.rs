@@ -3,6 +3,7 @@
 //! between elements. The camera sees it only through gather rays.
 
 use super::aimed::Aimed;
+use super::by_lobes::ByLobes;
 use super::caustic_light::{self, CausticLight};
 use super::direct::{DirectLight, Lighting, SampledLight};
 use super::elements::ElementIndex;
@@ -55,6 +56,8 @@ pub struct CoarseSolution {
     caustics: Option<CausticLight>,
     /// Whether links, and rays for bounced light, follow sharp mirrors.
     follows_mirrors: bool,
+    /// What lobes send to elements beyond what links say.
+    by_lobes: ByLobes,
     /// Bright patches that gather rays are aimed at, if any.
     pub guide: Option<Arc<Guide>>,
     /// Irradiance of the patches, direct and indirect.
@@ -94,6 +97,7 @@ impl CoarseSolution {
             aimed: None,
             caustics,
             follows_mirrors,
+            by_lobes: ByLobes::default(),
             guide: None,
             total: MeshValues::default(),
             indirect: MeshValues::default(),
@@ -128,6 +132,7 @@ impl CoarseSolution {
             aimed: self.aimed.clone(),
             caustics: None,
             follows_mirrors: self.follows_mirrors,
+            by_lobes: self.by_lobes.clone(),
             guide: self.guide.clone(),
             total: self.total.clone(),
             indirect: self.indirect.clone(),
@@ -140,7 +145,8 @@ impl CoarseSolution {
         let lists = size_of_val(&*self.sampled) + size_of_val(&*self.direct);
         let far_sides = self.far_sides.as_ref().map_or(0, |far| far.held_bytes());
         let aimed = self.aimed.as_ref().map_or(0, Aimed::held_bytes);
-        let shared = aimed + self.links.held_bytes() + self.mesh.held_bytes();
+        let shared =
+            aimed + self.by_lobes.held_bytes() + self.links.held_bytes() + self.mesh.held_bytes();
         values[0] + values[1] + lists as u64 + far_sides + shared
     }
 
@@ -231,9 +237,33 @@ impl CoarseSolution {
         }
         let albedo = &self.mesh.elements.albedo;
         let aimed = self.aimed.as_ref();
-        let beyond = aimed.map(|aimed| aimed.beyond(&self.links, albedo, &lit));
+        let mut beyond = aimed.map(|aimed| aimed.beyond(&self.links, albedo, &lit));
+        if let Some(by_lobes) = self.by_lobes.beyond() {
+            let all = beyond.get_or_insert_with(|| vec![Rgb::ZERO; by_lobes.len()]);
+            all.iter_mut().zip(&by_lobes).for_each(|(sum, more)| *sum += *more);
+        }
         self.links.solve(&self.mesh, &lit, far, beyond.as_deref());
         self.update_irradiance();
+    }
+
+    /// Finds what lobes send beyond what links say, by up to so many more rays of each element, and
+    /// solves again; `lacking` says what of it comes along a ray from a point in a direction.
+    pub fn follow_lobes(
+        &mut self,
+        seed: Seed,
+        rays: u32,
+        lacking: impl Fn(&Self, Vec3, Vec3, Afresh) -> Rgb + Sync,
+    ) {
+        if self.by_lobes.is_idle() {
+            return;
+        }
+        let mut by_lobes = std::mem::take(&mut self.by_lobes);
+        let (world, mesh) = (&*self.world, &*self.mesh);
+        by_lobes.trace((world, mesh), seed, rays, |start, direction, numbers| {
+            lacking(self, start, direction, numbers)
+        });
+        self.by_lobes = by_lobes;
+        self.solve();
     }
 
     /// Finds more of the light that comes by way of clear bodies.
@@ -256,6 +286,7 @@ impl CoarseSolution {
         if let Some(aimed) = &self.aimed {
             aimed.save(to);
         }
+        self.by_lobes.save(to);
         if let Some(caustics) = &self.caustics {
             caustics.save(to);
         }
@@ -269,6 +300,7 @@ impl CoarseSolution {
             0 => None,
             _ => Some(Aimed::restore(&self.world, &self.mesh, from)?),
         };
+        self.by_lobes = ByLobes::restore(self.sampled.len(), from)?;
         if let Some(caustics) = &mut self.caustics {
             caustics.restore(from)?;
         }
@@ -329,6 +361,7 @@ impl CoarseSolution {
             importance(*albedo * arriving(element) + passed.unwrap_or_default())
         });
         let mut radiosity: Vec<f32> = radiosity.collect();
+        self.by_lobes.share_out(&self.mesh, &self.links, &radiosity);
         if self.aimed.is_some() {
             self.leave_out_outliers(&mut radiosity);
         }
@@ -359,6 +392,25 @@ impl CoarseSolution {
     /// Irradiance that has bounced, at a place of the mesh.
     pub fn bounced(&self, place: FacetPlace) -> Rgb {
         self.mesh.value(&self.indirect, place)
+    }
+
+    /// How much of the bounced light at a hit comes from lobes, if that is found by one more ray.
+    pub fn share_by_lobes_nearby(&self, hit: &Hit) -> f32 {
+        let place = self.mesh.place_of(hit).filter(|place| self.mesh.is_near(*place, hit.distance));
+        let element = place.and_then(|place| self.mesh.element_on(place));
+        element.map_or(0.0, |element| self.by_lobes.share(element))
+    }
+
+    /// Radiance that links take a hit to send to all sides.
+    pub fn sent_by_links(&self, surface: &Surface, hit: &Hit) -> Rgb {
+        let Some(place) = self.mesh.place_of(hit) else { return Rgb::ZERO };
+        let arriving = self.mesh.value(&self.total, place);
+        let by_lamps = self.mesh.element_on(place).map(|element| {
+            let direct = &self.direct[element.at()];
+            direct.reflected_as - direct.irradiance
+        });
+        let reflected = (arriving + by_lamps.unwrap_or_default()).max(Rgb::ZERO);
+        surface.reflection().mean_albedo() * reflected / PI
     }
 
     /// Irradiance from the emitters, at a place of the mesh.

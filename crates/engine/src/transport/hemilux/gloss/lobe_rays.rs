@@ -6,7 +6,7 @@
 use crate::emitters::{AllUnoccluded, LobeAxis};
 use crate::radiometry::Rgb;
 use crate::rays::Hit;
-use crate::sampling::{Afresh, power_heuristic};
+use crate::sampling::{Afresh, Next, cosine_direction, power_heuristic};
 use crate::surface::{Passage, PassageEnd, Reflection, Surface};
 use crate::transport::hemilux::coarse::CoarseSolution;
 use glam::Vec3;
@@ -22,6 +22,9 @@ const LEAST_SURVIVAL: f32 = 0.1;
 const FOLLOWED_PER_SHARE: f32 = 2.0;
 /// Lower bound of that probability: its inverse, 10, is the largest weight of such a path.
 const LEAST_FOLLOWED: f32 = 0.1;
+/// Probability at which a hit in the near field finds what lobes send to it, as a multiple of the share
+/// of its light that comes from lobes.
+const TRACED_PER_SHARE: f32 = 2.0;
 /// Most lobes that a path follows one after the other.
 const MOST_LOBES: u32 = 8;
 
@@ -191,10 +194,12 @@ pub fn radiance_by_lobe(
         carried *= sight.left;
         let Some(next) = numbers.next.filter(|_| met.reflection().is_glossy() && lobe < MOST_LOBES)
         else {
-            found.radiance += carried * coarse.reflected_as_diffuse(&hit, Some(numbers));
+            let albedo = met.reflection().mean_albedo();
+            found.radiance += carried * by_albedo(coarse, (&met, albedo), &hit, numbers);
             break;
         };
-        found.radiance += carried * coarse.reflected_diffusely(&hit, -sight.direction, numbers);
+        let albedo = met.reflection().diffuse(-sight.direction);
+        found.radiance += carried * by_albedo(coarse, (&met, albedo), &hit, numbers);
         (surface, viewer) = (met.lobe_only(), -sight.direction);
         let albedo = surface.reflection().albedo(viewer).max_element();
         let survival = (SURVIVAL_PER_ALBEDO * albedo).clamp(LEAST_SURVIVAL, 1.0);
@@ -239,12 +244,15 @@ pub fn reflected_at(
     afresh: Option<Afresh>,
 ) -> Rgb {
     let Some(surface) = coarse.world.surface(hit) else { return Rgb::ZERO };
-    let numbers = afresh.filter(|_| surface.reflection().is_glossy());
-    let Some((numbers, next)) = numbers.and_then(|numbers| Some((numbers, numbers.next?))) else {
-        return coarse.by_albedo(&surface, surface.reflection().mean_albedo(), hit, afresh);
+    let Some(numbers) = afresh else {
+        return coarse.by_albedo(&surface, surface.reflection().mean_albedo(), hit, None);
     };
-    let diffuse =
-        coarse.by_albedo(&surface, surface.reflection().diffuse(-direction), hit, Some(numbers));
+    let Some(next) = numbers.next.filter(|_| surface.reflection().is_glossy()) else {
+        let albedo = surface.reflection().mean_albedo();
+        return by_albedo(coarse, (&surface, albedo), hit, numbers);
+    };
+    let albedo = surface.reflection().diffuse(-direction);
+    let diffuse = by_albedo(coarse, (&surface, albedo), hit, numbers);
     let probability = (FOLLOWED_PER_SHARE * (1.0 - surface.reflection().diffuse_share(-direction)))
         .clamp(LEAST_FOLLOWED, 1.0);
     if next.number() >= probability {
@@ -254,4 +262,64 @@ pub fn reflected_at(
     let path_numbers =
         LobePathNumbers { xi: numbers.bounce, numbers, tells_open_sky: false, is_mapped };
     diffuse + radiance_by_lobe(coarse, surface, -direction, path_numbers).radiance / probability
+}
+
+/// Radiance that a hit on a surface of that albedo reflects to all sides, found out afresh.
+fn by_albedo(
+    coarse: &CoarseSolution,
+    (surface, albedo): (&Surface, Rgb),
+    hit: &Hit,
+    numbers: Afresh,
+) -> Rgb {
+    coarse.by_albedo(surface, albedo, hit, Some(numbers))
+        + beyond_near_field(coarse, (surface, albedo), hit, numbers)
+}
+
+/// Radiance that a hit in the near field reflects of what lobes send to it beyond what one more ray finds
+/// there, which takes lobes to reflect to all sides alike. Found by a ray of its own, the more often
+/// the more of the light comes from lobes.
+fn beyond_near_field(
+    coarse: &CoarseSolution,
+    (surface, albedo): (&Surface, Rgb),
+    hit: &Hit,
+    numbers: Afresh,
+) -> Rgb {
+    let Some(next) = numbers.next.map(Next::after) else { return Rgb::ZERO };
+    let probability = (TRACED_PER_SHARE * coarse.share_by_lobes_nearby(hit)).min(1.0);
+    if albedo == Rgb::ZERO || next.number() >= probability {
+        return Rgb::ZERO;
+    }
+    let direction = cosine_direction(surface.shading_normal, next.afresh().bounce);
+    if surface.normal.dot(direction) <= 0.0 {
+        return Rgb::ZERO;
+    }
+    let lacking = lacking(coarse, surface.start(), direction, next.after().afresh());
+    albedo * lacking / probability
+}
+
+/// Radiance that comes from a lobe at the end of a ray beyond what links say, which take it to reflect
+/// to all sides alike. Sharp lobes are left out: maps and rays that follow mirrors have what they send.
+pub fn lacking(coarse: &CoarseSolution, start: Vec3, direction: Vec3, numbers: Afresh) -> Rgb {
+    let sight = coarse.world.look(start, direction);
+    let PassageEnd::Met(end) = sight.end else { return Rgb::ZERO };
+    let Some(met) = coarse.world.surface(&end).filter(|_| !sight.is_bent) else {
+        return Rgb::ZERO;
+    };
+    let is_followed = met.reflection().is_glossy() && !met.reflection().is_sharp();
+    if !is_followed || coarse.world.is_translucent(met.triangle) {
+        return Rgb::ZERO;
+    }
+    // One lobe: what comes behind it is taken from the links.
+    let numbers = Afresh { next: None, ..numbers };
+    let viewer = -sight.direction;
+    let diffuse = coarse.reflected_diffusely(&end, viewer, numbers);
+    let path_numbers = LobePathNumbers {
+        xi: numbers.bounce,
+        numbers,
+        tells_open_sky: false,
+        is_mapped: coarse.is_mapped(),
+    };
+    let by_links = coarse.sent_by_links(&met, &end);
+    let sent = diffuse + radiance_by_lobe(coarse, met, viewer, path_numbers).radiance;
+    sight.left * (sent - by_links)
 }

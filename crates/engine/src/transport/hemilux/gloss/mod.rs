@@ -7,6 +7,6 @@ mod open_sky;
 mod seen_through;
 mod sums;
 
-pub use lobe_rays::arriving;
+pub use lobe_rays::{arriving, lacking};
 pub use lobes::Gloss;
 pub use seen_through::of_camera;

@@ -17,7 +17,7 @@ use super::estimate;
 use super::fragments::edges::Edges;
 use super::fragments::{Fragment, VisibleSurfaces};
 use super::gather::{Gathering, IrradianceCache, PilotSampling, Spacing, least_scale};
-use super::gloss::{Gloss, of_camera};
+use super::gloss::{Gloss, lacking, of_camera};
 use super::link_noise::LinkNoise;
 use super::pace::{Kind, Pace};
 use super::settings::HemiluxSettings;
@@ -54,6 +54,8 @@ const REFILL_ITERATIONS: [u64; 4] = [1, 4, 12, 28];
 const REFILL_RADIUS_FACTOR: f32 = 0.85;
 /// Most rays of an element in one round of links, as a multiple of those in the first round.
 const MOST_ROUNDS: u32 = 64;
+/// Rays of an element that find what lobes send to it, in a round of links.
+const LOBE_RAYS: u32 = 8;
 /// Most rays of a record that is made in a later iteration, as a multiple of `gather_rays`, the
 /// most that a record gets in one iteration.
 const MOST_CATCH_UP: u32 = 8;
@@ -364,6 +366,10 @@ impl Tiers {
                 true => 0.5 * (found + 0.5 * self.link_variance),
                 false => found,
             };
+        }
+        // The first picture has no time for it.
+        if number > 0 {
+            self.coarse.follow_lobes(self.seed, LOBE_RAYS * rounds, lacking);
         }
     }
 
