@@ -24,8 +24,10 @@ const CULLED_BACK: u32 = u32::MAX - 1;
 const NOT_GLOSSY: u32 = u32::MAX;
 /// Bit of `Corner.item` and `Facet.divisions` of a facet that recedes; both are below it.
 const RECEDES: u32 = 1 << 31;
-/// Near value of the depth buffer relative to the size of the scene.
+/// Near value of the depth buffer relative to the size of the scene, or to that of so many of its
+/// facets in a row if that is less.
 const NEAR: f32 = 1e-8;
+const ORDINARY_EDGES: f32 = 1000.0;
 
 mod flag {
     pub const RANDOM_AZIMUTH: u32 = 1;
@@ -111,7 +113,7 @@ impl GpuSettings {
                 Some(Viewpoint::Eye(viewer) | Viewpoint::Direction(viewer)) => viewer,
                 None => Vec3::ZERO,
             },
-            near: near_value(&scene.positions),
+            near: near_value(scene),
             lobe_albedo,
         }
     }
@@ -135,10 +137,26 @@ fn flags(settings: &ShootingSettings, any_glossy: bool) -> u32 {
     all.iter().filter(|(set, _)| *set).fold(0, |flags, (_, flag)| flags | flag)
 }
 
-fn near_value(positions: &[Vec3]) -> f32 {
-    let low = positions.iter().copied().reduce(Vec3::min).unwrap_or(Vec3::ZERO);
-    let high = positions.iter().copied().reduce(Vec3::max).unwrap_or(Vec3::ONE);
-    ((high - low).max_element() * NEAR).max(f32::MIN_POSITIVE)
+/// A length below all distances in the scene that count. What lies far away from everything else must
+/// not make it larger, so it goes by ordinary facets, too.
+fn near_value(scene: &PatchedScene) -> f32 {
+    let positions = scene.positions.iter().copied();
+    let low = positions.clone().reduce(Vec3::min).unwrap_or(Vec3::ZERO);
+    let high = positions.reduce(Vec3::max).unwrap_or(Vec3::ONE);
+    let mut edges: Vec<f32> = scene
+        .facets
+        .iter()
+        .map(|facet| {
+            let [a, b, c] = facet.corners.map(|corner| scene.positions[corner as usize]);
+            a.distance(b).max(b.distance(c)).max(c.distance(a))
+        })
+        .collect();
+    let middle = edges.len() / 2;
+    let ordinary = match edges.is_empty() {
+        true => f32::INFINITY,
+        false => ORDINARY_EDGES * *edges.select_nth_unstable_by(middle, f32::total_cmp).1,
+    };
+    ((high - low).max_element().min(ordinary) * NEAR).max(f32::MIN_POSITIVE)
 }
 
 /// `Pass`.

@@ -205,7 +205,7 @@ fn raster(gpu: &Gpu) -> (wgpu::BindGroupLayout, wgpu::RenderPipeline) {
             })],
         },
         primitive: wgpu::PrimitiveState {
-            // The near plane, 10⁻⁸ of the scene from the eye, also ends triangles that go on
+            // The near plane, close to the eye as it is, also ends triangles that go on
             // behind it. Without it, by `unclipped_depth`, NVIDIA's driver drops those whole.
             unclipped_depth: false,
             ..Default::default()
