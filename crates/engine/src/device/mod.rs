@@ -35,7 +35,7 @@ pub fn list() -> Vec<DeviceDescription> {
 /// processor) or the index of a wgpu adapter.
 ///
 /// # Errors
-/// [`DeviceError::Unknown`] where there is no such device.
+/// [`DeviceError::Unknown`] where there is no such device, and what opening it says.
 pub fn open(id: &str) -> Result<Box<dyn Device>, DeviceError> {
     match id {
         "cpu" => Ok(Box::new(cpu::CpuDevice::new(None)?)),

@@ -62,6 +62,11 @@ impl ByLobes {
         if share >= LEAST_SHARE { share } else { 0.0 }
     }
 
+    /// Whether there are no lobes at all, so that nobody need ask for shares.
+    pub fn is_empty(&self) -> bool {
+        self.shares.is_empty()
+    }
+
     /// Whether no element has light by lobes that is to be followed.
     pub fn is_idle(&self) -> bool {
         self.shares.iter().all(|share| *share < LEAST_SHARE)
