@@ -39,6 +39,11 @@ impl Plane {
         self.squares += weight * weight;
     }
 
+    /// The weights of all pixels.
+    pub fn weight(&self) -> f32 {
+        self.moments.total
+    }
+
     /// Value of the plane in the middle, within the range of the pixels' values, and its variance
     /// by the residuals; no variance for fewer than five effective values, of which the plane takes
     /// three.

@@ -14,9 +14,12 @@ const RAY_COSTS: [f64; 2] = [0.7, 0.2];
 /// records are apart, which the eye sees and no denoiser takes away.
 const SMOOTH_COUNTS: f64 = 2.0;
 /// Most of the camera's rays in a pixel at an edge in an iteration.
-const MOST_EDGE_RAYS: u32 = 32;
-/// How many of them there are where edges make half of the squared error.
-const EDGE_RAYS: f64 = 12.0;
+const MOST_EDGE_RAYS: u32 = 128;
+/// Error by edges, over that of all else, down to which rays are drawn there: 2 % of the square.
+const EDGES_ASIDE: f64 = 0.15;
+/// Share of an iteration's time that rays at edges may take, and time of one in that of a lobe ray.
+pub const EDGE_TIME: f64 = 0.05;
+const EDGE_COST: f64 = 0.2;
 /// Most iterations from one in which records get more rays to the next.
 const MOST_REFINE_EVERY: u32 = 32;
 /// Share of the squared error from which interpolation between records asks for more records.
@@ -55,6 +58,32 @@ pub struct WorkDone {
     pub lobes: (u32, f64),
     /// Mean number of rays of a record.
     pub rays_per_record: f64,
+    /// At edges.
+    pub edges: EdgeWork,
+}
+
+/// What has been done at edges.
+#[derive(Clone, Copy)]
+pub struct EdgeWork {
+    /// Pixels.
+    pub pixels: usize,
+    /// Rasterised samples of each.
+    pub samples: u32,
+    /// Rays of each.
+    pub rays: u32,
+}
+
+impl EdgeWork {
+    /// How many more rays a pixel at an edge needs for edges to be a small part of the error: variances of
+    /// well-spread samples go by the power 3/2 of their number.
+    pub fn wanted(&self, errors: &Errors) -> f64 {
+        let [noise, bent, shadows, lobes, edges] = errors.by_cause;
+        let rest = noise.hypot(bent).hypot(shadows).hypot(lobes).hypot(errors.by_links);
+        let [samples, rays] = [self.samples, self.rays].map(|count| f64::from(count).powf(1.5));
+        let times = (edges / (EDGES_ASIDE * rest).max(f64::MIN_POSITIVE)).powi(2);
+        let wanted = ((samples + rays) * times - samples).max(0.0).powf(2.0 / 3.0);
+        (wanted - f64::from(self.rays)).max(0.0)
+    }
 }
 
 impl Default for Balance {
@@ -73,7 +102,8 @@ impl Balance {
     /// Shares time out so that it goes where it lowers the error most. Until it is found anew, gather
     /// rays, shadow rays and lobe rays get what brings the time t of each nearest to being in proportion
     /// to e√t, e the error that it leaves: where errors fall with the root of the time, that makes the
-    /// sum of their squares least, with those of records counted more than once. There are rays at edges by the error of those over that of all else;
+    /// sum of their squares least, with those of records counted more than once. Rays at edges are cheap: there
+    /// are as many as make edges a small part of the error, in a small part of the time;
     /// more rays for records where noise counts, and more records where interpolation does.
     pub fn of(errors: &Errors, done: WorkDone) -> Self {
         let [noise, bent, shadows, lobes, edges] = errors.by_cause;
@@ -95,8 +125,9 @@ impl Balance {
             ((wanted - time).max(0.0) / more * f64::from(passes) / time.max(least)).round() as u32
         };
         let squares = |causes: &[f64]| causes.iter().map(|cause| cause * cause).sum::<f64>();
-        let but_edges = squares(&[noise, bent, shadows, lobes]);
-        let edge_rays = EDGE_RAYS * edges / but_edges.sqrt().max(least);
+        let time = (gather + shadow_time + lobe_time) / done.iterations as f64;
+        let affordable = EDGE_TIME * time / (EDGE_COST * done.edges.pixels.max(1) as f64);
+        let edge_rays = (done.edges.wanted(errors) / more).min(affordable);
         let but_noise = squares(&[bent, shadows, lobes, edges]);
         let refine_every = but_noise / (4.0 * noise * noise).max(least);
         let all = squares(&[noise, bent, shadows, lobes, edges]);
@@ -134,6 +165,7 @@ mod tests {
         shadows: (4, 3_500_000),
         lobes: (4, 700_000.0),
         rays_per_record: 200.0,
+        edges: EdgeWork { pixels: 1000, samples: 16, rays: 0 },
     };
 
     fn balance(by_cause: [f64; 5]) -> Balance {
@@ -157,8 +189,13 @@ mod tests {
         assert_eq!((bent.refine_every, bent.new_rays), (25, 32));
         assert_eq!(balance([0.02, 0.02, 0.0, 0.0, 0.0]).new_rays, 667);
         // What is smooth counts twice.
-        let edges = balance([0.005, 0.0, 0.0, 0.0, 0.01]);
-        assert_eq!((edges.edge_rays, edges.new_rays), (12, 0));
+        // Half of the squared error at edges: 44 times as much weight there as by the samples alone, in two
+        // iterations; and no more than a twentieth of the time.
+        let edges = balance([0.01, 0.0, 0.0, 0.0, 0.01]);
+        assert_eq!((edges.edge_rays, edges.new_rays), (99, 0));
+        let many = EdgeWork { pixels: 10_000, ..DONE.edges };
+        let errors = Errors { by_cause: [0.01, 0.0, 0.0, 0.0, 0.01], ..Errors::default() };
+        assert_eq!(Balance::of(&errors, WorkDone { edges: many, ..DONE }).edge_rays, 13);
         // Lobes have a third of the time and are worth three quarters: all of what two iterations take.
         let lobes = balance([0.005, 0.0, 0.0, 0.03, 0.0]);
         assert_eq!((lobes.lobe_passes, lobes.shadow_passes, lobes.edge_rays), (5, 1, 0));
@@ -186,7 +223,7 @@ mod tests {
         let bounded = Balance {
             shadow_passes: 1,
             lobe_passes: 12,
-            edge_rays: 32,
+            edge_rays: 128,
             refine_every: 1,
             new_rays: 7,
         };

@@ -140,10 +140,10 @@ pub struct PictureInputs<'a> {
 
 /// The picture with its estimated error; `None` of a black picture.
 pub fn measure(known: &PictureInputs<'_>) -> (Picture, Option<Errors>) {
-    let PictureInputs { visible, options, .. } = *known;
+    let visible = known.visible;
     let mut gloss = Vec::new();
     if known.gloss.len() > 0 {
-        gloss = known.gloss.of_fragments(visible, options.lobe_filter);
+        gloss = known.gloss.of_fragments(visible);
     }
     let coverage = COVERAGE_VARIANCE / visible.edge_weight;
     let count = visible.shine.len();
@@ -237,7 +237,7 @@ impl PictureInputs<'_> {
     pub fn arriving(&self) -> Vec<Arriving> {
         let mut gloss = Vec::new();
         if self.gloss.len() > 0 {
-            gloss = self.gloss.of_fragments(self.visible, self.options.lobe_filter);
+            gloss = self.gloss.of_fragments(self.visible);
         }
         let of = |index: usize| Arriving {
             irradiance: self.irradiance(index).0,

@@ -11,6 +11,7 @@ mod guide;
 mod links;
 mod mesh;
 mod outlook;
+mod reflected;
 mod solution;
 
 pub use caustic_light::MOST_TRIANGLES;
@@ -19,4 +20,5 @@ pub use elements::Elements;
 pub use guide::{Met, aims_of, balanced};
 pub use mesh::CoarseMesh;
 pub use outlook::Outlook;
+pub use reflected::FoundAfresh;
 pub use solution::{CoarseSolution, PATCH_POINTS};

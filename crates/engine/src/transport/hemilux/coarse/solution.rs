@@ -8,16 +8,16 @@ use super::caustic_light::{self, CausticLight};
 use super::direct::{DirectLight, Lighting, SampledLight};
 use super::elements::ElementIndex;
 use super::far_sides::FarSides;
-use super::guide::{Guide, Met, aims_of, balanced};
+use super::guide::Guide;
 use super::links::{Linking, Links};
 use super::mesh::{CoarseMesh, MeshValues};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::DirectLights;
 use crate::patches::{FacetPlace, PatchIndex};
 use crate::radiometry::{Rgb, importance};
-use crate::rays::{Eye, Hit};
-use crate::sampling::{Afresh, Next, Seed, cosine_direction};
-use crate::surface::{Passage, Reflection, Surface, World, mirrored_share};
+use crate::rays::Hit;
+use crate::sampling::{Afresh, Seed};
+use crate::surface::{Reflection, Surface, World};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -32,9 +32,6 @@ const MOST_POINTS: usize = 1 << 20;
 
 /// Most points of an element beside those that all of them get.
 const MOST_POINTS_MORE: u32 = 64;
-
-/// Share of the near field's further rays that are aimed at bright patches, where there are such.
-const AIMED_BOUNCES: f32 = 0.3;
 
 /// The coarse solution.
 pub struct CoarseSolution {
@@ -53,17 +50,17 @@ pub struct CoarseSolution {
     /// Rays at bright elements, where there are such.
     aimed: Option<Aimed>,
     /// Light by way of clear bodies, where there are some.
-    caustics: Option<CausticLight>,
+    pub(super) caustics: Option<CausticLight>,
     /// Whether links, and rays for bounced light, follow sharp mirrors.
-    follows_mirrors: bool,
+    pub(super) follows_mirrors: bool,
     /// What lobes send to elements beyond what links say.
     by_lobes: ByLobes,
     /// Bright patches that gather rays are aimed at, if any.
     pub guide: Option<Arc<Guide>>,
     /// Irradiance of the patches, direct and indirect.
-    total: MeshValues,
+    pub(super) total: MeshValues,
     /// The same, indirect only.
-    indirect: MeshValues,
+    pub(super) indirect: MeshValues,
 }
 
 impl CoarseSolution {
@@ -384,7 +381,7 @@ impl CoarseSolution {
     }
 
     /// Estimated share of the direct light that arrives at the element at a place.
-    fn share(&self, place: FacetPlace) -> f32 {
+    pub(super) fn share(&self, place: FacetPlace) -> f32 {
         let element = self.mesh.element_on(place);
         element.map_or(0.0, |element| self.direct[element.at()].share)
     }
@@ -419,133 +416,6 @@ impl CoarseSolution {
     /// Irradiance from the emitters, at a place of the mesh.
     pub fn direct(&self, place: FacetPlace) -> Rgb {
         self.mesh.value(&self.total, place) - self.mesh.value(&self.indirect, place)
-    }
-
-    /// Radiance that a hit reflects, as if all of it were reflected diffusely. With random numbers
-    /// the light there is found out afresh: the emitters' by a shadow ray and, where the patch is
-    /// so near that its mean will not do, what has bounced by one more.
-    pub fn reflected_as_diffuse(&self, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
-        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
-        self.by_albedo(&surface, surface.reflection().mean_albedo(), hit, afresh)
-    }
-
-    /// The same of the diffuse part alone, towards the unit vector `viewer`.
-    pub fn reflected_diffusely(&self, hit: &Hit, viewer: Vec3, numbers: Afresh) -> Rgb {
-        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
-        self.by_albedo(&surface, surface.reflection().diffuse(viewer), hit, Some(numbers))
-    }
-
-    /// The same of a surface with that albedo, and what comes through it diffusely from its other side.
-    pub fn by_albedo(
-        &self,
-        surface: &Surface,
-        albedo: Rgb,
-        hit: &Hit,
-        afresh: Option<Afresh>,
-    ) -> Rgb {
-        let own = self.of_side(surface, albedo, hit, afresh);
-        if !self.world.is_translucent(surface.triangle) {
-            return own;
-        }
-        let (far, share) = self.world.far_side_on_the_mean(surface);
-        let mut behind = *hit;
-        behind.back = !hit.back;
-        own + self.of_side(&far, share, &behind, afresh)
-    }
-
-    /// What a side of a surface with that albedo reflects.
-    fn of_side(&self, surface: &Surface, albedo: Rgb, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
-        if albedo == Rgb::ZERO {
-            return Rgb::ZERO;
-        }
-        let Some(place) = self.mesh.place_of(hit) else { return Rgb::ZERO };
-        let Some(afresh) = afresh else {
-            return albedo * self.mesh.value(&self.total, place) / PI;
-        };
-        let (start, normal) = (surface.start(), surface.shading_normal);
-        let direct = self.lights.sample_by_shadow_ray(&self.world, start, normal, afresh.light);
-        let direct = direct.irradiance(self.share(place));
-        let bounced = match afresh.next {
-            Some(next) if self.mesh.is_near(place, hit.distance) => {
-                self.bounced_by_ray(surface, afresh.bounce, next)
-            }
-            _ => self.mesh.value(&self.indirect, place),
-        };
-        let caustics = self.caustics.as_ref();
-        let by_caustics = caustics.map_or(Rgb::ZERO, |caustics| caustics.irradiance(surface));
-        albedo * (bounced + direct + by_caustics) / PI
-    }
-
-    /// Irradiance that has bounced, by one ray: some of them are aimed at bright patches (balance
-    /// heuristic, Veach 1997).
-    fn bounced_by_ray(&self, surface: &Surface, xi: [f32; 2], next: Next) -> Rgb {
-        let (start, normal) = (surface.start(), surface.shading_normal);
-        let aimed_share = if self.guide.is_some() { AIMED_BOUNCES } else { 0.0 };
-        let guide = self.guide.as_deref();
-        let aim = match guide.filter(|_| next.number() < aimed_share) {
-            // Other numbers than those that light is found by behind it.
-            Some(guide) => match guide.aim(start, normal, next.after().afresh().light) {
-                Some(aim) => Some(aim),
-                None => return Rgb::ZERO,
-            },
-            None => None,
-        };
-        let direction =
-            aim.as_ref().map_or_else(|| cosine_direction(normal, xi), |aim| aim.direction);
-        if normal != surface.normal && surface.normal.dot(direction) <= 0.0 {
-            return Rgb::ZERO;
-        }
-        let Some(hit) = self.world.rays.closest(Eye::Light, start, direction) else {
-            return Rgb::ZERO;
-        };
-        let aim = aim.map(|aim| aim.patch);
-        let straight = aim.is_some_and(|aim| self.mesh.patch_at(&hit) != Some(aim));
-        let Some(passage) = self.world.reach(hit, direction, straight) else {
-            return Rgb::ZERO;
-        };
-        let mut weight = 1.0;
-        if let Some(guide) = guide {
-            let aims = aims_of(&self.world, &self.mesh, (&hit, direction), &passage);
-            let density = |met: &Met| guide.density(start, normal, met);
-            let shares = [1.0 - aimed_share, aimed_share];
-            let Some(balanced) = balanced((aim, &aims), density, normal.dot(direction), shares)
-            else {
-                return Rgb::ZERO;
-            };
-            weight = balanced;
-        }
-        weight * PI * self.arriving_as_diffuse(hit, passage, next)
-    }
-
-    /// Radiance that a hit reflects, as if all of it were reflected diffusely, but for what is followed
-    /// where it mirrors sharply.
-    fn reflected_beside_mirrors(&self, hit: &Hit, direction: Vec3, next: Next) -> Rgb {
-        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
-        let reflection = surface.reflection();
-        let mut albedo = reflection.mean_albedo();
-        if self.follows_mirrors && reflection.is_sharp() {
-            albedo = reflection.diffuse(-direction) / (1.0 - mirrored_share(&surface, -direction));
-        }
-        self.by_albedo(&surface, albedo, hit, Some(next.afresh()))
-    }
-
-    /// Radiance that arrives along a ray that met this at first and came to that, if need be by way of
-    /// mirrors.
-    fn arriving_as_diffuse(&self, hit: Hit, mut passage: Passage, next: Next) -> Rgb {
-        let is_mirror = self.follows_mirrors && self.world.may_mirror(hit.triangle);
-        if !self.world.is_clear(hit.triangle) && !is_mirror {
-            return self.reflected_as_diffuse(&hit, Some(next.afresh()));
-        }
-        if self.follows_mirrors {
-            passage = self.world.follow_mirrors(passage);
-        }
-        let reflected = passage.met().map_or(Rgb::ZERO, |met| {
-            passage.left * self.reflected_beside_mirrors(&met, passage.direction, next)
-        });
-        match passage.is_bent {
-            true => reflected + passage.bent_light(&self.world, !self.is_mapped()),
-            false => reflected,
-        }
     }
 }
 

@@ -116,6 +116,11 @@ impl Edges {
         }
     }
 
+    /// Number of these pixels, and of rays so far in each.
+    pub fn done(&self) -> (usize, u32) {
+        (self.pixels.len(), self.drawn)
+    }
+
     /// Rays of all pixels.
     pub fn rays(&self) -> u64 {
         u64::from(self.drawn) * self.pixels.len() as u64

@@ -60,11 +60,16 @@ const BENT_RADIUS_FACTORS: [(f32, f32); 3] = [(10.0, 0.3), (2.0, 0.5), (0.0, 0.9
 /// Reach of the plane fit in radii: a record's fit takes neighbours from farther away than it is
 /// itself interpolated to (docs/decisions/0007: better than 1.3).
 const FIT_REACH: f32 = 1.8;
+/// The same of the correction of what the coarse solution says, and of what comes of that.
+const CORRECTION_REACHES: [f32; 2] = [3.0, 8.0];
+/// Variance of corrections, over that of irradiances found afresh, from which on the coarse solution is asked.
+const LEAST_CORRECTED: f32 = 0.3;
+/// About so many neighbours say what it is.
+const MOST_HEARD: usize = 256;
 /// Side, in pixels, of a tile of the grid by which neighbouring records are found.
 const TILE: u32 = 16;
 
 /// The irradiance cache: all records.
-#[derive(Default)]
 pub struct IrradianceCache {
     records: Vec<Record>,
     /// Records that another camera's picture had made.
@@ -73,6 +78,9 @@ pub struct IrradianceCache {
     sequences: u32,
     /// Per fragment, the sum of the weights of all records.
     coverage: Vec<f32>,
+    /// Whether records keep what the coarse solution says along their rays: the first ones do, and later ones
+    /// where that has much less noise.
+    asks_mesh: bool,
 }
 
 /// How records are made and refined in an iteration.
@@ -95,9 +103,10 @@ impl Gathering {
         &self,
         visible: &'a VisibleSurfaces,
         coarse: &'a CoarseSolution,
+        asks_mesh: bool,
     ) -> Surroundings<'a> {
         let Self { seed, afresh, .. } = *self;
-        Surroundings { world: &coarse.world, coarse, visible, seed, afresh }
+        Surroundings { world: &coarse.world, coarse, visible, seed, afresh, asks_mesh }
     }
 }
 
@@ -131,16 +140,24 @@ pub struct Spacing {
     pub even: bool,
 }
 
+impl Default for IrradianceCache {
+    fn default() -> Self {
+        Self { records: Vec::new(), reused: 0, sequences: 0, coverage: Vec::new(), asks_mesh: true }
+    }
+}
+
 impl IrradianceCache {
     /// Writes the records.
     pub fn save(&self, to: &mut Writer) {
         to.value(self.sequences);
+        to.value(u32::from(self.asks_mesh));
         stored_record::save(&self.records, to);
     }
 
     /// Reads what [`IrradianceCache::save`] wrote.
     pub fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
         self.sequences = from.value()?;
+        self.asks_mesh = from.value::<u32>()? != 0;
         self.records = stored_record::restore(from)?;
         Ok(())
     }
@@ -165,7 +182,7 @@ impl IrradianceCache {
         turn: usize,
         most: f64,
     ) {
-        let known = gathering.surroundings(visible, coarse);
+        let known = gathering.surroundings(visible, coarse, self.asks_mesh);
         let mut wanted: Vec<&mut Record> =
             self.records.iter_mut().filter(|record| record.rays < enough).collect();
         let allowed = (most / f64::from(gathering.rays.max(1))) as usize;
@@ -198,8 +215,8 @@ impl IrradianceCache {
         }
         self.coverage = vec![0.0; visible.fragments.len()];
         self.cover(visible, 0);
-        let context = FillContext {
-            known: gathering.surroundings(visible, coarse),
+        let mut context = FillContext {
+            known: gathering.surroundings(visible, coarse, self.asks_mesh),
             gathering,
             radius_factor: &radius_factor,
             picture_scale: picture_scale(visible),
@@ -218,6 +235,8 @@ impl IrradianceCache {
             if let Some(pilot) = pilot {
                 let allowed = ALLOWED_NOISE[usize::from(pilot.hasty)];
                 rays = self.rays_for_noise(direct, allowed).clamp(first_rays, most);
+                self.asks_mesh = self.is_corrected_noisily();
+                context.known.asks_mesh = self.asks_mesh;
                 self.gather_more(&context, rays - first_rays);
             }
         }
@@ -308,6 +327,15 @@ impl IrradianceCache {
         (noise / (allowed * mean).powi(2) / 8.0).ceil().min(1e6) as u32 * 8
     }
 
+    /// Whether much of the records' noise is in how light found afresh differs from the coarse solution.
+    fn is_corrected_noisily(&self) -> bool {
+        let [correction, all] = self.records.iter().fold([0.0; 2], |[correction, all], record| {
+            let [_, noise] = record.correction();
+            [correction + noise.length_squared(), all + record.noise().length_squared()]
+        });
+        correction > LEAST_CORRECTED * all
+    }
+
     /// Shrinks the radii of all records by [`BENT_RADIUS_FACTORS`]; returns the radius factor of
     /// new records, by fragment, interpolated from those that are there.
     fn shrink_bent(&mut self, visible: &VisibleSurfaces) -> Vec<f32> {
@@ -371,48 +399,56 @@ impl IrradianceCache {
     /// Fits a plane, for every record, through the irradiances of it and its neighbours, weighted
     /// by how much they count here: value and slope of the record are those of the plane. Without
     /// `fit` a record keeps its own irradiance, and has no slope.
+    ///
+    /// What finding light afresh says beyond the coarse solution has much noise and changes little from
+    /// place to place: that correction is fitted before, over a wider reach.
     pub fn smooth(&mut self, visible: &VisibleSurfaces, fit: bool) {
         if !fit {
             for record in &mut self.records {
-                record.set_fit(FittedIrradiance::alone(record));
+                record.set_fit(FittedIrradiance::alone([record.irradiance(), record.noise()]));
             }
             return;
         }
-        let across = visible.width.div_ceil(TILE);
-        let down = visible.height.div_ceil(TILE);
-        let mut tiles: Vec<Vec<u32>> = vec![Vec::new(); (across * down) as usize];
-        for (index, record) in self.records.iter().enumerate() {
-            if let Some([x, y]) = visible.frame.pixel(record.point, visible.width, visible.height) {
-                tiles[(y / TILE * across + x / TILE) as usize].push(index as u32);
-            }
+        let tiles = RecordTiles::new(visible, &self.records);
+        let found: Vec<[Rgb; 2]> = self.records.iter().map(Record::correction).collect();
+        let mut corrections = found.clone();
+        for reach in CORRECTION_REACHES.into_iter().filter(|_| self.asks_mesh) {
+            let fits = self.fits(&tiles, &corrections, (reach, MOST_HEARD));
+            corrections = fits.into_iter().map(|fit| [fit.value, fit.noise]).collect();
         }
-        let records = &self.records;
-        let fits: Vec<FittedIrradiance> = records
-            .par_iter()
-            .with_min_len(16)
-            .map(|record| {
-                let around = record.weight_function(FIT_REACH);
-                let Some([x0, x1, y0, y1]) = record.window(visible, FIT_REACH) else {
-                    return RecordPlane::new().fit(record);
-                };
-                let mut plane = RecordPlane::new();
-                for row in y0 / TILE..=(y1.max(1) - 1) / TILE {
-                    for column in x0 / TILE..=(x1.max(1) - 1) / TILE {
-                        for other in &tiles[(row * across + column) as usize] {
-                            let other = &records[*other as usize];
-                            let weight = around.weight(other.point, other.normal);
-                            if weight > 0.0 {
-                                plane.add(record, other, weight * other.rays as f32);
-                            }
-                        }
-                    }
-                }
-                plane.fit(record)
-            })
-            .collect();
+        let corrected = |((record, found), correction): ((&Record, &[Rgb; 2]), &[Rgb; 2])| {
+            let own = [record.irradiance(), record.noise()];
+            std::array::from_fn(|k| own[k] + (correction[k] - found[k]))
+        };
+        let corrected: Vec<[Rgb; 2]> =
+            self.records.iter().zip(&found).zip(&corrections).map(corrected).collect();
+        let fits = self.fits(&tiles, &corrected, (FIT_REACH, usize::MAX));
         for (record, fit) in self.records.iter_mut().zip(fits) {
             record.set_fit(fit);
         }
+    }
+
+    /// For every record the plane through values of it and its neighbours within so many radii, and through
+    /// the noise of these; where there are more than so many neighbours, some of them are asked.
+    fn fits(
+        &self,
+        tiles: &RecordTiles<'_>,
+        values: &[[Rgb; 2]],
+        (reach, most): (f32, usize),
+    ) -> Vec<FittedIrradiance> {
+        let fit = |(index, record): (usize, &Record)| {
+            let mut plane = RecordPlane::new();
+            let around = record.weight_function(reach);
+            tiles.each_near((index, record), (reach, most), |number| {
+                let other = &self.records[number];
+                let weight = around.weight(other.point, other.normal);
+                if weight > 0.0 {
+                    plane.add(record, (other, values[number]), weight * other.rays as f32);
+                }
+            });
+            plane.fit(record, values[index])
+        };
+        self.records.par_iter().enumerate().with_min_len(16).map(fit).collect()
     }
 
     /// Indirect irradiance of every fragment by weighted interpolation of the records; `None` where
@@ -443,6 +479,52 @@ impl IrradianceCache {
             })
         };
         splat(visible, &self.records, contribution, mean)
+    }
+}
+
+/// Records by tiles of the picture.
+struct RecordTiles<'a> {
+    visible: &'a VisibleSurfaces,
+    across: u32,
+    tiles: Vec<Vec<u32>>,
+}
+
+impl<'a> RecordTiles<'a> {
+    fn new(visible: &'a VisibleSurfaces, records: &[Record]) -> Self {
+        let across = visible.width.div_ceil(TILE);
+        let down = visible.height.div_ceil(TILE);
+        let mut tiles: Vec<Vec<u32>> = vec![Vec::new(); (across * down) as usize];
+        for (index, record) in records.iter().enumerate() {
+            if let Some([x, y]) = visible.frame.pixel(record.point, visible.width, visible.height) {
+                tiles[(y / TILE * across + x / TILE) as usize].push(index as u32);
+            }
+        }
+        Self { visible, across, tiles }
+    }
+
+    /// Calls `each` with the numbers of the records in the tiles where a record may count for so many radii,
+    /// itself among them: all of them, or every n-th where there are more than so many.
+    fn each_near(
+        &self,
+        (index, record): (usize, &Record),
+        (reach, most): (f32, usize),
+        mut each: impl FnMut(usize),
+    ) {
+        let Some([x0, x1, y0, y1]) = record.window(self.visible, reach) else { return };
+        let rows = y0 / TILE..=(y1.max(1) - 1) / TILE;
+        let columns = x0 / TILE..=(x1.max(1) - 1) / TILE;
+        let tiles = rows.flat_map(|row| {
+            let first = (row * self.across) as usize;
+            &self.tiles[first + *columns.start() as usize..=first + *columns.end() as usize]
+        });
+        let count: usize = tiles.clone().map(Vec::len).sum();
+        let every = count.div_ceil(most).max(1);
+        for (place, other) in tiles.flatten().enumerate() {
+            let other = *other as usize;
+            if (place + index).is_multiple_of(every) || other == index {
+                each(other);
+            }
+        }
     }
 }
 
@@ -496,3 +578,6 @@ fn radius(record: &Record, Spacing { scale, least, even }: Spacing) -> f32 {
     let scale = scale.max(least);
     radius * (scale * record.radius_factor).max(LEAST_BENT_PIXELS / LEAST_OWN_PIXELS * least)
 }
+
+#[cfg(test)]
+mod tests;

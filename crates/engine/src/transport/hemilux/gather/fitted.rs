@@ -16,15 +16,15 @@ pub struct FittedIrradiance {
     /// Value of the plane.
     pub value: Rgb,
     slope: [Vec3; 3],
-    noise: Rgb,
+    /// Its noise.
+    pub noise: Rgb,
     noise_slope: [Vec3; 3],
     bent: Rgb,
 }
 
 impl FittedIrradiance {
     /// The record's own irradiance, where it has too few neighbours for a plane.
-    pub fn alone(record: &Record) -> Self {
-        let (value, noise) = (record.irradiance(), record.noise());
+    pub fn alone([value, noise]: [Rgb; 2]) -> Self {
         Self { value, slope: [Vec3::ZERO; 3], noise, noise_slope: [Vec3::ZERO; 3], bent: Rgb::ZERO }
     }
 }
@@ -75,12 +75,12 @@ impl RecordPlane {
         }
     }
 
-    /// Adds a record with its weight around the one in the middle.
-    pub fn add(&mut self, center: &Record, other: &Record, weight: f32) {
+    /// Adds a record with its weight around the one in the middle: an irradiance of it, and the noise of
+    /// that.
+    pub fn add(&mut self, center: &Record, (other, [e, noise]): (&Record, [Rgb; 2]), weight: f32) {
         let between = (other.point - center.point) / center.radius;
         let [tangent, bitangent] = center.tangents;
         let at = Vec3::new(1.0, between.dot(tangent), between.dot(bitangent));
-        let (e, noise) = (other.irradiance(), other.noise());
         let (least, most) = self.range.unwrap_or((e, e));
         self.range = Some((least.min(e), most.max(e)));
         let weighted = at * weight;
@@ -93,20 +93,20 @@ impl RecordPlane {
         self.per_ray += weight / other.rays.max(1) as f32;
     }
 
-    /// What the plane says of the record in the middle.
-    pub fn fit(mut self, record: &Record) -> FittedIrradiance {
+    /// What the plane says of the record in the middle, whose own irradiance and noise are `mine`.
+    pub fn fit(mut self, record: &Record, mine: [Rgb; 2]) -> FittedIrradiance {
         let total = self.matrix.x_axis.x;
         // Effective number of records.
         let count = total * total / self.squares.max(f32::MIN_POSITIVE);
         if total.is_nan() || total <= 0.0 || count < 3.0 {
-            return FittedIrradiance::alone(record);
+            return FittedIrradiance::alone(mine);
         }
         let ridge = 0.01 * total;
         self.matrix.y_axis.y += ridge;
         self.matrix.z_axis.z += ridge;
         let inverse = self.matrix.inverse();
         if !inverse.is_finite() {
-            return FittedIrradiance::alone(record);
+            return FittedIrradiance::alone(mine);
         }
         let [tangent, bitangent] = record.tangents;
         let along = |channel: Vec3| (tangent * channel.y + bitangent * channel.z) / record.radius;
@@ -131,9 +131,9 @@ impl RecordPlane {
         let own = self.own_share(record, count, beyond - scatter_by_noise, scatter_by_noise);
         let fitted_noise = Rgb::from_array(noise.map(|c| c.x));
         FittedIrradiance {
-            value: value + own * (record.irradiance() - value),
+            value: value + own * (mine[0] - value),
             slope,
-            noise: fitted_noise + own * (record.noise() - fitted_noise),
+            noise: fitted_noise + own * (mine[1] - fitted_noise),
             noise_slope: noise.map(along),
             bent: bent * ((1.0 - own) * (1.0 - own) + INTERPOLATED_BENT),
         }
@@ -173,11 +173,12 @@ mod tests {
             record
         };
         let records: Vec<Record> = (0..81).map(record).collect();
+        let own = |record: &Record| [record.irradiance(), record.noise()];
         let mut plane = RecordPlane::new();
         for other in &records {
-            plane.add(&records[40], other, other.rays as f32);
+            plane.add(&records[40], (other, own(other)), other.rays as f32);
         }
-        plane.fit(&records[40])
+        plane.fit(&records[40], own(&records[40]))
     }
 
     /// Where light is linear, noise is averaged; where it is bent, a record without noise is believed.

@@ -9,7 +9,7 @@ use crate::sampling::{Afresh, Seed, Shifted, cosine_local, frame};
 use crate::surface::{Passage, World};
 use crate::transport::hemilux::coarse::{CoarseSolution, Met, Outlook, aims_of, balanced};
 use crate::transport::hemilux::fragments::VisibleSurfaces;
-use crate::transport::hemilux::gloss::arriving;
+use crate::transport::hemilux::gloss::{Arriving, AtTheEnd, arriving};
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 
@@ -76,6 +76,9 @@ pub struct Record {
     /// The same with the sign changed in the second half of each batch of rays: the difference
     /// between the two halves.
     pub split: Rgb,
+    /// What `sum` and `split` would be by the coarse solution alone, without finding light afresh.
+    pub by_mesh: Rgb,
+    pub split_by_mesh: Rgb,
     /// Σ 1/distance over rays.
     pub nearness: f32,
     /// What is nearest in each sector of the horizon.
@@ -109,6 +112,8 @@ pub struct Surroundings<'a> {
     pub seed: Seed,
     /// Whether direct light is found afresh, by a shadow ray, at their ends.
     pub afresh: bool,
+    /// Whether what the coarse solution says there is kept, too.
+    pub asks_mesh: bool,
 }
 
 /// A gather ray of a record, beside its direction.
@@ -173,6 +178,8 @@ impl Record {
             aimed: 0,
             sum: Rgb::ZERO,
             split: Rgb::ZERO,
+            by_mesh: Rgb::ZERO,
+            split_by_mesh: Rgb::ZERO,
             nearness: 0.0,
             horizon: [NO_OBSTACLE; SECTORS],
             value: Rgb::ZERO,
@@ -187,7 +194,7 @@ impl Record {
 
     /// Traces more rays.
     pub fn gather(&mut self, known: &Surroundings<'_>, rays: u32) {
-        let Surroundings { world, coarse, afresh, .. } = *known;
+        let Surroundings { world, coarse, afresh, asks_mesh, .. } = *known;
         let batch = RayBatch::new(known, self, rays);
         let (gather_rays, traced) = self.gather_rays(known, &batch);
         let mut hits = Vec::with_capacity(traced.len());
@@ -203,10 +210,13 @@ impl Record {
                 self.nearness += 1.0 / (batch.shares[0] * hit.distance.max(1e-3));
             }
             self.update_horizon(world, *direction, hit);
-            let numbers = afresh.then_some(ray.numbers);
-            let radiance = weight * arriving(coarse, &passage, numbers);
-            self.sum += radiance;
-            self.split += if 2 * ray.number < rays { radiance } else { -radiance };
+            let end = afresh.then_some(AtTheEnd { numbers: ray.numbers, asks_mesh });
+            let Arriving { radiance, by_mesh } = arriving(coarse, &passage, end);
+            let half = if 2 * ray.number < rays { weight } else { -weight };
+            self.sum += weight * radiance;
+            self.split += half * radiance;
+            self.by_mesh += weight * by_mesh;
+            self.split_by_mesh += half * by_mesh;
         }
         self.rays += rays;
         self.aimed += batch.aimed;
@@ -301,6 +311,13 @@ impl Record {
     /// the variance of [`Record::irradiance`].
     pub fn noise(&self) -> Rgb {
         self.split * (PI / self.rays.max(1) as f32)
+    }
+
+    /// Irradiance of the rays beyond what the coarse solution says, and half its difference between
+    /// either half of them.
+    pub fn correction(&self) -> [Rgb; 2] {
+        let per_ray = PI / self.rays.max(1) as f32;
+        [self.sum - self.by_mesh, self.split - self.split_by_mesh].map(|sum| sum * per_ray)
     }
 
     /// Harmonic mean of the distances to what the rays met.
@@ -408,7 +425,14 @@ mod tests {
             let mut record = record(&specimen);
             let visible = specimen.visible();
             let (world, coarse) = (&*specimen.world, &specimen.coarse);
-            let known = Surroundings { world, coarse, visible: &visible, seed: SEED, afresh };
+            let known = Surroundings {
+                world,
+                coarse,
+                visible: &visible,
+                seed: SEED,
+                afresh,
+                asks_mesh: true,
+            };
             record.fragment = visible.fragments.len() as u32 / 2;
             record.gather(&known, 64);
             let exact = PI * ALBEDO * EMISSION / (1.0 - ALBEDO);
@@ -429,7 +453,9 @@ mod tests {
             let visible = specimen.visible();
             let found = |coarse: &CoarseSolution| {
                 let (world, seed) = (&*specimen.world, SEED);
-                let known = Surroundings { world, coarse, visible: &visible, seed, afresh: true };
+                let (afresh, asks_mesh) = (true, true);
+                let known =
+                    Surroundings { world, coarse, visible: &visible, seed, afresh, asks_mesh };
                 let point = world.rays.place(Vec3::new(0.01, 1.4, 3.0));
                 let mut record = Record::new(point, Vec3::X, 1.0, 3);
                 for _ in 0..64 {

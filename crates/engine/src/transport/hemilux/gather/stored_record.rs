@@ -40,6 +40,8 @@ struct StoredRecord {
     aimed: u32,
     sum: Rgb,
     split: Rgb,
+    by_mesh: Rgb,
+    split_by_mesh: Rgb,
     nearness: f32,
     radius_factor: f32,
     radius: f32,
@@ -59,6 +61,8 @@ impl From<&Record> for StoredRecord {
             aimed: record.aimed,
             sum: record.sum,
             split: record.split,
+            by_mesh: record.by_mesh,
+            split_by_mesh: record.split_by_mesh,
             nearness: record.nearness,
             radius_factor: record.radius_factor,
             radius: record.radius,
@@ -75,6 +79,8 @@ impl From<&StoredRecord> for Record {
             aimed: kept.aimed,
             sum: kept.sum,
             split: kept.split,
+            by_mesh: kept.by_mesh,
+            split_by_mesh: kept.split_by_mesh,
             nearness: kept.nearness,
             radius_factor: kept.radius_factor,
             radius: kept.radius,
@@ -98,6 +104,8 @@ impl StoredRecord {
             && self.flat.is_finite()
             && self.sum.is_finite()
             && self.split.is_finite()
+            && self.by_mesh.is_finite()
+            && self.split_by_mesh.is_finite()
             && self.rays <= MOST_RAYS
             && self.aimed <= self.rays
             && self.horizon.iter().all(obstacle)

@@ -8,8 +8,9 @@ use crate::radiometry::Rgb;
 use crate::rays::Hit;
 use crate::sampling::{Afresh, Next, cosine_direction, power_heuristic};
 use crate::surface::{Passage, PassageEnd, Reflection, Surface};
-use crate::transport::hemilux::coarse::CoarseSolution;
+use crate::transport::hemilux::coarse::{CoarseSolution, FoundAfresh};
 use glam::Vec3;
+use std::f32::consts::PI;
 
 /// Probability at which a path goes on by the next lobe that it meets, as a multiple of that lobe's
 /// albedo: most paths have a weight of a half then.
@@ -195,11 +196,11 @@ pub fn radiance_by_lobe(
         let Some(next) = numbers.next.filter(|_| met.reflection().is_glossy() && lobe < MOST_LOBES)
         else {
             let albedo = met.reflection().mean_albedo();
-            found.radiance += carried * by_albedo(coarse, (&met, albedo), &hit, numbers);
+            found.radiance += carried * by_albedo(coarse, (&met, albedo), &hit, numbers).radiance;
             break;
         };
         let albedo = met.reflection().diffuse(-sight.direction);
-        found.radiance += carried * by_albedo(coarse, (&met, albedo), &hit, numbers);
+        found.radiance += carried * by_albedo(coarse, (&met, albedo), &hit, numbers).radiance;
         (surface, viewer) = (met.lobe_only(), -sight.direction);
         let albedo = surface.reflection().albedo(viewer).max_element();
         let survival = (SURVIVAL_PER_ALBEDO * albedo).clamp(LEAST_SURVIVAL, 1.0);
@@ -219,49 +220,93 @@ pub fn albedo_towards(lobe: &Surface, viewer: Vec3) -> Rgb {
     if is_faced { lobe.reflection().albedo(viewer) } else { Rgb::ZERO }
 }
 
-/// Radiance that arrives at a diffuse surface along a ray that came to this, beside what is found as
-/// direct light. With random numbers the light at its end is found out afresh.
-pub fn arriving(coarse: &CoarseSolution, passage: &Passage, afresh: Option<Afresh>) -> Rgb {
-    let is_mapped = coarse.is_mapped();
-    let reflected = passage.met().map_or(Rgb::ZERO, |met| {
-        passage.left * reflected_at(coarse, &met, (passage.direction, is_mapped), afresh)
-    });
-    match passage.is_bent {
-        true => reflected + passage.bent_light(&coarse.world, !is_mapped),
-        false => reflected,
-    }
+/// What arrives along a ray, as it is found out afresh and as tier 1 says.
+#[derive(Clone, Copy, Default)]
+pub struct Arriving {
+    /// Radiance, found out afresh if that was asked for.
+    pub radiance: Rgb,
+    /// The same by the coarse solution alone, which has less noise; where that is not to be asked, `radiance`.
+    pub by_mesh: Rgb,
 }
 
-/// Radiance that a hit reflects against the `direction` of the ray. With random numbers the
+/// How a gather ray finds out afresh what light there is at its end.
+#[derive(Clone, Copy)]
+pub struct AtTheEnd {
+    /// Random numbers for it.
+    pub numbers: Afresh,
+    /// Whether it is to say what the coarse solution makes of it, too.
+    pub asks_mesh: bool,
+}
+
+/// Radiance that arrives at a diffuse surface along a ray that came to this, beside what is found as
+/// direct light; if asked to, the light at its end is found out afresh.
+pub fn arriving(coarse: &CoarseSolution, passage: &Passage, afresh: Option<AtTheEnd>) -> Arriving {
+    let is_mapped = coarse.is_mapped();
+    let reflected = passage.met().map_or(Arriving::default(), |met| {
+        reflected_at(coarse, &met, (passage.direction, is_mapped), afresh)
+    });
+    let bent = match passage.is_bent {
+        true => passage.bent_light(&coarse.world, !is_mapped),
+        false => Rgb::ZERO,
+    };
+    let [radiance, by_mesh] =
+        [reflected.radiance, reflected.by_mesh].map(|own| passage.left * own + bent);
+    Arriving { radiance, by_mesh }
+}
+
+/// Radiance that a hit reflects against the `direction` of the ray. If asked to, the
 /// light there is found out afresh: the emitters' by a shadow ray, what a lobe reflects, at
 /// times, by another ray, and, where the patch is so near that its mean will not do, what has
 /// bounced by one more. With `is_mapped` the ray is from a diffuse surface, and a map has what
 /// emitters bring there by sharp lobes.
-pub fn reflected_at(
+fn reflected_at(
     coarse: &CoarseSolution,
     hit: &Hit,
     (direction, is_mapped): (Vec3, bool),
-    afresh: Option<Afresh>,
-) -> Rgb {
-    let Some(surface) = coarse.world.surface(hit) else { return Rgb::ZERO };
-    let Some(numbers) = afresh else {
-        return coarse.by_albedo(&surface, surface.reflection().mean_albedo(), hit, None);
+    afresh: Option<AtTheEnd>,
+) -> Arriving {
+    let Some(surface) = coarse.world.surface(hit) else { return Arriving::default() };
+    let reflection = surface.reflection();
+    let Some(AtTheEnd { numbers, asks_mesh }) = afresh else {
+        let radiance = coarse.by_albedo(&surface, reflection.mean_albedo(), hit, None);
+        return Arriving { radiance, by_mesh: radiance };
     };
+    let found = reflected_afresh(coarse, (&surface, hit), (direction, is_mapped), numbers);
+    let radiance = found.radiance;
+    // What a mirror shows the mesh does not know.
+    if !asks_mesh || reflection.is_sharp() {
+        return Arriving { radiance, by_mesh: radiance };
+    }
+    let is_dark = reflection.diffuse(-direction) == Rgb::ZERO;
+    let told_at = if is_dark { coarse.told_at(hit) } else { found.told_at };
+    let told = |place| reflection.mean_albedo() * coarse.told(place) / PI;
+    Arriving { radiance, by_mesh: told_at.map_or(radiance, told) }
+}
+
+/// What a hit reflects, found out afresh.
+pub fn reflected_afresh(
+    coarse: &CoarseSolution,
+    (surface, hit): (&Surface, &Hit),
+    (direction, is_mapped): (Vec3, bool),
+    numbers: Afresh,
+) -> FoundAfresh {
     let Some(next) = numbers.next.filter(|_| surface.reflection().is_glossy()) else {
         let albedo = surface.reflection().mean_albedo();
-        return by_albedo(coarse, (&surface, albedo), hit, numbers);
+        return by_albedo(coarse, (surface, albedo), hit, numbers);
     };
     let albedo = surface.reflection().diffuse(-direction);
-    let diffuse = by_albedo(coarse, (&surface, albedo), hit, numbers);
+    let mut found = by_albedo(coarse, (surface, albedo), hit, numbers);
     let probability = (FOLLOWED_PER_SHARE * (1.0 - surface.reflection().diffuse_share(-direction)))
         .clamp(LEAST_FOLLOWED, 1.0);
     if next.number() >= probability {
-        return diffuse;
+        return found;
     }
     let numbers = Afresh { next: Some(next.after()), ..next.afresh() };
     let path_numbers =
         LobePathNumbers { xi: numbers.bounce, numbers, tells_open_sky: false, is_mapped };
-    diffuse + radiance_by_lobe(coarse, surface, -direction, path_numbers).radiance / probability
+    let by_lobe = radiance_by_lobe(coarse, *surface, -direction, path_numbers);
+    found.radiance += by_lobe.radiance / probability;
+    found
 }
 
 /// Radiance that a hit on a surface of that albedo reflects to all sides, found out afresh.
@@ -270,9 +315,10 @@ fn by_albedo(
     (surface, albedo): (&Surface, Rgb),
     hit: &Hit,
     numbers: Afresh,
-) -> Rgb {
-    coarse.by_albedo(surface, albedo, hit, Some(numbers))
-        + beyond_near_field(coarse, (surface, albedo), hit, numbers)
+) -> FoundAfresh {
+    let mut found = coarse.found_afresh(surface, albedo, hit, numbers);
+    found.radiance += beyond_near_field(coarse, (surface, albedo), hit, numbers);
+    found
 }
 
 /// Radiance that a hit in the near field reflects of what lobes send to it beyond what one more ray finds

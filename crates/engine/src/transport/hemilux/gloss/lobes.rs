@@ -5,9 +5,9 @@
 use super::lobe_rays::{LobePathNumbers, LobeRadiance, albedo_towards, radiance_by_lobe};
 use super::open_sky;
 use super::seen_through::seen_through;
+use super::sharing::{Shared, Shown};
 use super::sums::{Found, LobeSums, open_factor};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
-use crate::filter::Plane;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::sampling::{BAYER, Seed, Shifted};
@@ -40,17 +40,13 @@ const LOOKED_AT_EVERY: usize = 13;
 const MOST_RAYS_FACTOR: f32 = 128.0;
 /// Pixels in each direction that share rays.
 const NEIGHBOUR_REACH: i32 = 2;
+/// What these have found together is shared again with pixels so many times as far away.
+const WIDE_STRIDE: i32 = 4;
 /// Lobes share rays if they look less than 1/√this beside each other, as a share of the angle at
 /// which a lobe has fallen to e^−½: half of it. A wider reach flattens highlights on balls.
 const NARROWNESS: f32 = 4.0;
 /// Lobes share rays if their exponents, at least 1, differ by less than this factor.
 const LIKE_EXPONENTS: f32 = 1.3;
-/// Squared difference between two neighbours' means, in units of its variance, up to which they
-/// count in full: 2.4 standard deviations. As with shadows.
-const ALIKE_VARIANCES: f32 = 6.0;
-/// The same from which they do not count: 4.9 standard deviations.
-const UNLIKE_VARIANCES: f32 = 24.0;
-
 /// Bound on rays of a lobe read from a checkpoint: more than any run traces, so a larger number
 /// means damage.
 const MOST_RAYS_OF_ALL: u32 = 1 << 30;
@@ -62,46 +58,19 @@ pub struct Gloss {
     sums: Vec<LobeSums>,
     /// Of each of them, by how much its mean is corrected for the open sky; empty where there is none.
     factors: Vec<f32>,
+    /// Of each of them, radiance over albedo with what neighbours share; empty before the first pass.
+    shown: Vec<Shown>,
+    /// Passes that are in `shown`, and [`Gloss::cost`] then.
+    shared: u32,
+    cost_shared: f64,
+    /// Whether neighbours share what they find.
+    is_shared: bool,
     /// Lobes of pixel p: `start[p]..start[p + 1]`.
     start: Vec<u32>,
     /// Passes so far.
     pub passes: u32,
     /// Mean radiance of the picture, by what was known after the first pass.
     pub brightness: f32,
-}
-
-/// A value that neighbours share as far as theirs are alike.
-struct Shared {
-    plane: Plane,
-    /// The lobe's own mean.
-    mean: Rgb,
-    /// And its variance, summed over the channels.
-    variance: f32,
-}
-
-impl Shared {
-    fn new((mean, variance): (Rgb, f32)) -> Self {
-        Self { plane: Plane::new(), mean, variance }
-    }
-
-    /// Adds that of a neighbour, so many pixels to the right and down, unless chance does not explain
-    /// by how much it differs.
-    fn add(&mut self, [across, down]: [i32; 2], (mean, variance): (Rgb, f32), weight: f32) {
-        let off = (mean - self.mean).length_squared();
-        let chance = self.variance + variance;
-        let alike = (UNLIKE_VARIANCES - off / chance.max(f32::MIN_POSITIVE))
-            / (UNLIKE_VARIANCES - ALIKE_VARIANCES);
-        let weight = weight * alike.clamp(0.0, 1.0);
-        if weight > 0.0 {
-            self.plane.add(across, down, mean, weight);
-        }
-    }
-
-    /// The plane's value and its variance.
-    fn center(self) -> (Rgb, f32) {
-        let (value, scatter) = self.plane.center();
-        (value, scatter.map_or(self.variance, Rgb::element_sum))
-    }
 }
 
 /// What a lobe gets in a pass.
@@ -143,11 +112,12 @@ impl Gloss {
             return Err(CheckpointError::damaged("there can't be that many rays"));
         }
         self.find_factors(visible);
+        self.share(visible);
         Ok(())
     }
 
-    /// The lobes that a camera sees, without a ray yet.
-    pub fn new(world: &World, visible: &VisibleSurfaces) -> Self {
+    /// The lobes that a camera sees, without a ray yet; neighbours share what they find if `is_shared`.
+    pub fn new(world: &World, visible: &VisibleSurfaces, is_shared: bool) -> Self {
         let placed = |lobe: &Lobe| {
             let surface = visible.surface(world, lobe, (0, 0));
             let viewer = visible.frame.towards_eye(surface.spot.point);
@@ -172,6 +142,10 @@ impl Gloss {
             sums: vec![LobeSums::default(); lobes.len()],
             lobes,
             factors: Vec::new(),
+            shown: Vec::new(),
+            shared: 0,
+            cost_shared: 0.0,
+            is_shared,
             start,
             passes: 0,
             brightness: 0.0,
@@ -196,11 +170,10 @@ impl Gloss {
     }
 
     /// Whether the lobes' error may matter in the picture after so many iterations, rather than lie
-    /// far below that of the rest ([`NEGLIGIBLE_ERROR`]): by what some of them show, shared with
-    /// their neighbours if `filtered`.
-    pub fn may_matter(&self, visible: &VisibleSurfaces, iterations: u64, filtered: bool) -> bool {
+    /// far below that of the rest ([`NEGLIGIBLE_ERROR`]): by what some of them show.
+    pub fn may_matter(&self, visible: &VisibleSurfaces, iterations: u64) -> bool {
         let of_lobe = |lobe: usize| {
-            let [_, variance] = self.shown(visible, lobe, filtered);
+            let [_, variance] = self.reflected(lobe);
             let lobe = &visible.lobes[lobe];
             let factor = visible.fragments[lobe.fragment as usize].lobe_factor;
             let share = visible.share(lobe);
@@ -210,6 +183,8 @@ impl Gloss {
         let lobes: Vec<usize> = (0..self.len()).step_by(step).collect();
         let variances: Vec<f64> = lobes.into_par_iter().map(of_lobe).collect();
         let all = variances.iter().sum::<f64>() * step as f64 / (3 * visible.shine.len()) as f64;
+        // What rays have found since.
+        let all = all * self.cost_shared / self.cost().max(1.0);
         let enough = NEGLIGIBLE_ERROR * f64::from(self.brightness);
         all * (iterations + 1) as f64 > enough * enough
     }
@@ -255,6 +230,10 @@ impl Gloss {
         });
         self.passes += 1;
         self.find_factors(visible);
+        // The next pass goes by it already.
+        if self.passes == 1 {
+            self.share(visible);
+        }
     }
 
     /// Finds by how much each lobe's mean is corrected for the open sky: as the rays of those beside
@@ -269,7 +248,7 @@ impl Gloss {
                 return 0.0;
             }
             let mut beside = Vec::new();
-            self.around(visible, lobe, 1, |other, _, _| beside.push(covariances[other]));
+            self.around(visible, lobe, (1, 1), |other, _, _| beside.push(covariances[other]));
             if beside.is_empty() {
                 beside.push(covariances[lobe]);
             }
@@ -283,10 +262,20 @@ impl Gloss {
     }
 
     /// Mean and variance, summed over the channels, of radiance over albedo by a lobe's own rays.
-    fn own(&self, lobe: usize) -> (Rgb, f32) {
+    fn own(&self, lobe: usize) -> Shown {
         let (sums, factor) = (&self.sums[lobe], self.factor(lobe));
         let ((rest, rest_variance), (open, open_variance)) = (sums.rest(factor), sums.open_sky());
-        (rest + factor * open, rest_variance + factor * factor * open_variance)
+        Shown {
+            mean: rest + factor * open,
+            variance: rest_variance + factor * factor * open_variance,
+            rays: sums.rays as f32,
+        }
+    }
+
+    /// How much of the variance of a lobe's own mean is left by sharing.
+    fn left_by_sharing(&self, lobe: usize) -> f32 {
+        let (shown, own) = (self.shown[lobe].rays, self.sums[lobe].rays as f32);
+        own / shown.max(1.0)
     }
 
     /// Work at each lobe in the next pass: about as much altogether in each, or this share of it, in
@@ -297,15 +286,16 @@ impl Gloss {
         let scatter = |lobe: usize| {
             let sums = &self.sums[lobe];
             let factor = self.factor(lobe);
+            let left = self.left_by_sharing(lobe);
             [sums.ray_variance(factor), sums.batch_variance(factor)]
-                .map(|variance| visible.share(&visible.lobes[lobe]) * variance.sqrt())
+                .map(|variance| visible.share(&visible.lobes[lobe]) * (left * variance).sqrt())
         };
         let own: Vec<[f32; 2]> = (0..self.len()).into_par_iter().map(scatter).collect();
         // By what those beside it found, not its own rays: dark ones, which have missed a highlight,
         // would get no more and remain dark, while bright ones would be corrected.
         let around = |lobe: usize| {
             let (mut squares, mut count) = ([0.0; 2], 0.0);
-            self.around(visible, lobe, NEIGHBOUR_REACH, |other, _, _| {
+            self.around(visible, lobe, (NEIGHBOUR_REACH, 1), |other, _, _| {
                 for (sum, scatter) in squares.iter_mut().zip(own[other]) {
                     *sum += scatter * scatter;
                 }
@@ -339,11 +329,10 @@ impl Gloss {
         around.iter().enumerate().map(work).collect()
     }
 
-    /// Radiance that each fragment's lobes reflect to the camera, with its variance; shared between
-    /// neighbouring pixels if `filtered`.
-    pub fn of_fragments(&self, visible: &VisibleSurfaces, filtered: bool) -> Vec<(Rgb, Rgb)> {
+    /// Radiance that each fragment's lobes reflect to the camera, with its variance.
+    pub fn of_fragments(&self, visible: &VisibleSurfaces) -> Vec<(Rgb, Rgb)> {
         let own = |lobe| {
-            let [mean, variance] = self.shown(visible, lobe, filtered);
+            let [mean, variance] = self.reflected(lobe);
             (mean.max(Rgb::ZERO), variance)
         };
         let lobes: Vec<(Rgb, Rgb)> =
@@ -356,25 +345,38 @@ impl Gloss {
         fragments
     }
 
-    /// Radiance that a lobe reflects to the camera, and its variance; shared with those of
-    /// neighbouring pixels if `filtered`.
-    fn shown(&self, visible: &VisibleSurfaces, lobe: usize, filtered: bool) -> [Rgb; 2] {
-        let (mean, variance) = match filtered {
-            true => self.with_neighbours(visible, lobe),
-            false => self.own(lobe),
-        };
+    /// Radiance that a lobe reflects to the camera, and its variance.
+    fn reflected(&self, lobe: usize) -> [Rgb; 2] {
+        let Shown { mean, variance, .. } = self.shown.get(lobe).copied().unwrap_or_default();
         self.sums[lobe].reflected(mean, variance)
     }
 
-    /// Mean and variance, summed over the channels, of radiance over albedo by planes fitted through
-    /// those of neighbouring lobes that look at about the same place: one through what rays find
-    /// beside the open sky's share, the other through the open sky.
-    fn with_neighbours(&self, visible: &VisibleSurfaces, index: usize) -> (Rgb, f32) {
+    /// Finds what each lobe shows after the passes so far: with what neighbours found, if they share it, and
+    /// then with what those farther away have together.
+    pub fn share(&mut self, visible: &VisibleSurfaces) {
+        if self.shared == self.passes {
+            return;
+        }
+        self.shared = self.passes;
+        self.cost_shared = self.cost();
+        let all = || (0..self.len()).into_par_iter().with_min_len(1024);
+        if !self.is_shared {
+            self.shown = all().map(|lobe| self.own(lobe)).collect();
+            return;
+        }
+        let near: Vec<Shown> = all().map(|lobe| self.with_neighbours(visible, lobe)).collect();
+        let wide = |lobe: usize| self.with_wider_neighbours(visible, &near, lobe);
+        self.shown = all().map(wide).collect();
+    }
+
+    /// Radiance over albedo by planes fitted through those of neighbouring lobes that look at about the
+    /// same place: one through what rays find beside the open sky's share, the other through the open sky.
+    fn with_neighbours(&self, visible: &VisibleSurfaces, index: usize) -> Shown {
         let (mine, factor) = (&self.sums[index], self.factor(index));
-        let (mut rest, mut open) = (Shared::new(mine.rest(factor)), Shared::new(mine.open_sky()));
-        rest.plane.add(0, 0, rest.mean, mine.rays as f32);
-        open.plane.add(0, 0, open.mean, mine.batches as f32);
-        self.around(visible, index, NEIGHBOUR_REACH, |other, across, down| {
+        let mut rest = Shared::new(mine.rest(factor), mine.rays as f32);
+        let mut open = Shared::new(mine.open_sky(), mine.batches as f32);
+        let near = (NEIGHBOUR_REACH, 1);
+        self.around(visible, index, near, |other, across, down| {
             let same = self.looks_at_the_same(index, other);
             if same <= 0.0 {
                 return;
@@ -385,34 +387,73 @@ impl Gloss {
                 open.add([across, down], theirs.open_sky(), same * theirs.batches as f32);
             }
         });
-        let (mean, variance) = rest.center();
+        let (rest, open) = (rest.center(), open.center());
         if factor == 0.0 {
-            return (mean, variance);
+            return rest;
         }
-        let (open, open_variance) = open.center();
-        (mean + factor * open, variance + factor * factor * open_variance)
+        Shown {
+            mean: rest.mean + factor * open.mean,
+            variance: rest.variance + factor * factor * open.variance,
+            rays: rest.rays,
+        }
     }
 
-    /// Calls `each` with the lobes of neighbouring pixels, and how many pixels they are to the
-    /// right and down.
+    /// The same through what pixels farther away have found with their neighbours: broad lobes show much
+    /// the same over dozens of pixels.
+    fn with_wider_neighbours(
+        &self,
+        visible: &VisibleSurfaces,
+        near: &[Shown],
+        index: usize,
+    ) -> Shown {
+        let mine = near[index];
+        if !self.is_seen_alike_widely(visible, index) {
+            return mine;
+        }
+        let mut shared = Shared::new((mine.mean, mine.variance), mine.rays);
+        let wide = (NEIGHBOUR_REACH, WIDE_STRIDE);
+        self.around(visible, index, wide, |other, across, down| {
+            let same = self.looks_at_the_same(index, other);
+            if same > 0.0 {
+                let Shown { mean, variance, rays } = near[other];
+                shared.add([across, down], (mean, variance), same * rays);
+            }
+        });
+        shared.center()
+    }
+
+    /// Whether any of the pixels a stride away, across or down, looks at the same place.
+    fn is_seen_alike_widely(&self, visible: &VisibleSurfaces, index: usize) -> bool {
+        let mut is_alike = false;
+        self.around(visible, index, (1, WIDE_STRIDE), |other, across, down| {
+            let is_beside = across == 0 || down == 0;
+            is_alike |= is_beside && !is_alike && self.looks_at_the_same(index, other) > 0.0;
+        });
+        is_alike
+    }
+
+    /// Calls `each` with the lobes of neighbouring pixels, and how many strides they are to the
+    /// right and down: up to `reach`.
     fn around(
         &self,
         visible: &VisibleSurfaces,
         index: usize,
-        reach: i32,
+        (reach, stride): (i32, i32),
         mut each: impl FnMut(usize, i32, i32),
     ) {
         let pixel = visible.fragments[visible.lobes[index].fragment as usize].pixel;
         let (x, y) = ((pixel % visible.width) as i32, (pixel / visible.width) as i32);
         let (width, height) = (visible.width as i32, visible.height as i32);
-        for row in (y - reach).max(0)..=(y + reach).min(height - 1) {
-            for column in (x - reach).max(0)..=(x + reach).min(width - 1) {
-                let near = (row * width + column) as usize;
-                if near == pixel as usize {
+        for down in -reach..=reach {
+            for across in -reach..=reach {
+                let (column, row) = (x + across * stride, y + down * stride);
+                let is_inside = (0..width).contains(&column) && (0..height).contains(&row);
+                if !is_inside || (across, down) == (0, 0) {
                     continue;
                 }
+                let near = (row * width + column) as usize;
                 for other in self.start[near] as usize..self.start[near + 1] as usize {
-                    each(other, column - x, row - y);
+                    each(other, across, down);
                 }
             }
         }
@@ -464,4 +505,39 @@ fn trace(
 /// Rays of a lobe in a pass if all scatter alike: by the share of the pixel.
 fn mean_rays(visible: &VisibleSurfaces, lobe: &Lobe) -> u32 {
     (RAYS_PER_PIXEL * visible.share(lobe)).ceil().max(FIRST_RAYS as f32) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::hemilux::specimen::{SEED, Specimen};
+
+    /// What lobes show together has less variance than what each found, and the same mean; what pixels
+    /// farther away add is some of that.
+    #[test]
+    fn neighbours_share_what_they_found() {
+        let specimen = Specimen::new(&crate::scene::made::phong_cornell(), 2000);
+        let (world, cut) = (&specimen.world, specimen.cut.clone());
+        let visible = VisibleSurfaces::new(world, cut, &world.scene.cameras[0], [240, 240], 8);
+        let found = |is_shared: bool| {
+            let mut gloss = Gloss::new(world, &visible, is_shared);
+            for _ in 0..4 {
+                gloss.pass(&specimen.coarse, &visible, (SEED, false), f64::INFINITY);
+            }
+            gloss.share(&visible);
+            gloss
+        };
+        let sums = |shown: &[Shown]| {
+            let sum = |of: &dyn Fn(&Shown) -> f32| shown.iter().map(of).sum::<f32>();
+            [sum(&|own| own.mean.element_sum()), sum(&|own| own.variance)]
+        };
+        let (alone, together) = (found(false), found(true));
+        let near: Vec<Shown> =
+            (0..together.len()).map(|lobe| together.with_neighbours(&visible, lobe)).collect();
+        let [[mean, variance], [_, near], [shared_mean, shared]] =
+            [&alone.shown, &near, &together.shown].map(|shown| sums(shown));
+        assert!(alone.len() > 50 && variance > 0.0, "{}", alone.len());
+        assert!(near < 0.7 * variance && shared < 0.9 * near, "{variance} {near} {shared}");
+        assert!((shared_mean / mean - 1.0).abs() < 0.1, "{shared_mean} {mean}");
+    }
 }

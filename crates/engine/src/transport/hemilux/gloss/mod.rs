@@ -5,8 +5,9 @@ mod lobe_rays;
 mod lobes;
 mod open_sky;
 mod seen_through;
+mod sharing;
 mod sums;
 
-pub use lobe_rays::{arriving, lacking};
+pub use lobe_rays::{Arriving, AtTheEnd, arriving, lacking};
 pub use lobes::Gloss;
 pub use seen_through::of_camera;

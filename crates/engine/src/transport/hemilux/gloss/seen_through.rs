@@ -1,6 +1,6 @@
 //! What a camera sees in clear surfaces: behind glass, and mirrored by it.
 
-use super::lobe_rays::reflected_at;
+use super::lobe_rays::reflected_afresh;
 use crate::radiometry::Rgb;
 use crate::rays::{Eye, Hit};
 use crate::sampling::Afresh;
@@ -19,7 +19,7 @@ pub fn of_camera(
     if coarse.world.is_clear(hit.triangle) {
         return seen_through(coarse, origin, direction, numbers).0;
     }
-    reflected_at(coarse, hit, (direction, false), Some(numbers))
+    reflected_by_hit(coarse, hit, direction, numbers)
 }
 
 /// Radiance that arrives along a camera's ray that meets something clear, and 1 over the length of
@@ -62,10 +62,18 @@ fn at_the_end(
     (hit, passage): (&Hit, &Passage),
     numbers: Afresh,
 ) -> Rgb {
-    let reflected = reflected_at(coarse, hit, (passage.direction, false), Some(numbers));
+    let reflected = reflected_by_hit(coarse, hit, passage.direction, numbers);
     if passage.way <= first.distance {
         return reflected;
     }
     let emission = coarse.world.surface(hit).map_or(Rgb::ZERO, |surface| surface.emission);
     reflected + emission
+}
+
+/// Radiance that a hit reflects against the direction of the ray.
+fn reflected_by_hit(coarse: &CoarseSolution, hit: &Hit, direction: Vec3, numbers: Afresh) -> Rgb {
+    let surface = coarse.world.surface(hit);
+    surface.map_or(Rgb::ZERO, |surface| {
+        reflected_afresh(coarse, (&surface, hit), (direction, false), numbers).radiance
+    })
 }

@@ -75,7 +75,7 @@ impl Tiers {
         self.hasty = self.hasty_at_last || self.draft.is_some();
         let (lights, options) = (&self.lights, &self.options);
         self.direct = DirectLighting::new(lights, &self.visible, options.adaptive, self.hasty);
-        self.gloss = Gloss::new(&self.world, &self.visible);
+        self.gloss = Gloss::new(&self.world, &self.visible, self.options.lobe_filter);
         self.cache.change_camera(&self.visible, self.spacing(0));
         self.cache.reused = 0;
         // The audit's paths are of no pixels, and stay.

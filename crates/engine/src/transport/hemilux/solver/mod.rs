@@ -7,7 +7,7 @@ mod picture;
 mod prospects;
 
 use super::audit::{Audit, Audited};
-use super::balance::{Balance, WorkDone};
+use super::balance::{Balance, EdgeWork, WorkDone};
 use super::clock::Clock;
 use super::coarse::{CoarseSolution, PATCH_POINTS};
 use super::crowd_bake;
@@ -168,7 +168,7 @@ impl Tiers {
         clock.lap("seconds_light");
         Self {
             direct,
-            gloss: Gloss::new(&world, &visible),
+            gloss: Gloss::new(&world, &visible, options.lobe_filter),
             edges: None,
             audit: Audit::default(),
             balance: Balance::default(),
@@ -293,9 +293,7 @@ impl Tiers {
             self.trace_lobes(number.max(self.reused_iterations));
         }
         self.clock.lap("seconds_gloss");
-        if self.balance.edge_rays > 0 {
-            self.look_at_edges();
-        }
+        self.look_at_edges(self.balance.edge_rays);
         self.clock.lap("seconds_edges");
         let by_light = self.coarse.caustics().map_or(0, |caustics| caustics.rays());
         let rays = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays + by_light;
@@ -314,13 +312,23 @@ impl Tiers {
         }
     }
 
-    /// Draws more of the camera's rays at edges.
-    fn look_at_edges(&mut self) {
-        let Self { edges, visible, coarse, seed, balance, .. } = self;
+    /// Draws so many more of the camera's rays in each pixel at an edge.
+    fn look_at_edges(&mut self, rays: u32) {
+        if rays == 0 {
+            return;
+        }
+        let Self { edges, visible, coarse, seed, .. } = self;
         let edges = edges.get_or_insert_with(|| Edges::new(visible));
-        edges.pass(visible, *seed, balance.edge_rays, &|hit, [origin, direction], numbers| {
+        edges.pass(visible, *seed, rays, &|hit, [origin, direction], numbers| {
             of_camera(coarse, hit, [origin, direction], numbers)
         });
+    }
+
+    /// What has been done at edges.
+    fn edge_work(&mut self) -> EdgeWork {
+        let visible = &self.visible;
+        let (pixels, rays) = self.edges.get_or_insert_with(|| Edges::new(visible)).done();
+        EdgeWork { pixels, samples: visible.samples() as u32, rays }
     }
 
     /// Traces the audit's share of paths, by the number of all other rays.
@@ -340,6 +348,7 @@ impl Tiers {
             shadows: (self.direct.passes, self.direct.rays),
             lobes: (self.gloss.passes, self.gloss.cost()),
             rays_per_record: self.cache.rays() as f64 / self.cache.len().max(1) as f64,
+            edges: self.edge_work(),
         };
         self.balance = Balance::of(&errors, done);
     }

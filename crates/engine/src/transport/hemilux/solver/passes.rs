@@ -1,6 +1,8 @@
 //! Passes of rays, and how the time is used up that is left after the last iteration.
 
+use super::super::balance::EDGE_TIME;
 use super::super::direct::Caster;
+use super::super::estimate::Errors;
 use super::super::gather::Gathering;
 use super::super::pace::{Kind, shared_out};
 use super::{LEAST_REST, REFILL_ITERATIONS, Tiers};
@@ -51,13 +53,12 @@ impl Tiers {
         // Whatever those so far say, some more look out for what all of them have missed.
         let least = u32::from(iterations >= 4 && iterations.is_power_of_two());
         for _ in 0..self.balance.lobe_passes.max(least) {
-            if (first && self.hasty)
-                || !self.gloss.may_matter(&self.visible, iterations, self.options.lobe_filter)
-            {
+            if (first && self.hasty) || !self.gloss.may_matter(&self.visible, iterations) {
                 break;
             }
             self.follow_lobes(self.pace.rays_left(Kind::Lobe));
         }
+        self.gloss.share(&self.visible);
     }
 
     /// Whether an iteration has more to do than most: more links, or more records.
@@ -71,6 +72,7 @@ impl Tiers {
     pub(super) fn use_rest(&mut self, iterations: u64) {
         let errors = match self.drawn.errors {
             Some(errors) => {
+                self.use_rest_at_edges(&errors);
                 let [noise, _, shadows, lobes, _] = errors.by_cause;
                 [noise, shadows, lobes]
             }
@@ -86,6 +88,7 @@ impl Tiers {
         self.clock.lap("seconds_light");
         if self.gloss.len() > 0 {
             self.spend(Kind::Lobe, lobe, iterations);
+            self.gloss.share(&self.visible);
         }
         self.clock.lap("seconds_gloss");
         if self.options.gather {
@@ -94,6 +97,19 @@ impl Tiers {
         self.clock.lap("seconds_gather");
         // It shows none of this yet.
         self.drawn.iterations = None;
+    }
+
+    /// Draws rays at edges, if these are a large part of the error.
+    fn use_rest_at_edges(&mut self, errors: &Errors) {
+        self.clock.start();
+        let work = self.edge_work();
+        // About as fast as shadow rays.
+        let most = self.pace.rays_in(Kind::Shadow, EDGE_TIME * self.pace.left());
+        let most = most / work.pixels.max(1) as f64;
+        if most.is_finite() {
+            self.look_at_edges(work.wanted(errors).min(most) as u32);
+        }
+        self.clock.lap("seconds_edges");
     }
 
     /// Traces rays of a kind for so many seconds.

@@ -1,0 +1,190 @@
+//! What hits of rays reflect, by the coarse solution: by the mesh alone, or with light found out afresh.
+
+use super::guide::{Met, aims_of, balanced};
+use super::solution::CoarseSolution;
+use crate::patches::FacetPlace;
+use crate::radiometry::Rgb;
+use crate::rays::{Eye, Hit};
+use crate::sampling::{Afresh, Next, cosine_direction};
+use crate::surface::{Passage, Reflection, Surface, mirrored_share};
+use glam::Vec3;
+use std::f32::consts::PI;
+
+/// Share of the near field's further rays that are aimed at bright patches, where there are such.
+const AIMED_BOUNCES: f32 = 0.3;
+
+/// What a hit reflects, found out afresh.
+#[derive(Clone, Copy, Default)]
+pub struct FoundAfresh {
+    /// Radiance.
+    pub radiance: Rgb,
+    /// Where the mesh tells what arrives; `None` so near to where the ray started that the mesh is too
+    /// coarse, where light comes through from the other side, and where nothing is reflected diffusely.
+    pub told_at: Option<FacetPlace>,
+}
+
+impl CoarseSolution {
+    /// Radiance that a hit reflects, as if all of it were reflected diffusely. With random numbers
+    /// the light there is found out afresh: the emitters' by a shadow ray and, where the patch is
+    /// so near that its mean will not do, what has bounced by one more.
+    pub fn reflected_as_diffuse(&self, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
+        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
+        self.by_albedo(&surface, surface.reflection().mean_albedo(), hit, afresh)
+    }
+
+    /// The same of the diffuse part alone, towards the unit vector `viewer`.
+    pub fn reflected_diffusely(&self, hit: &Hit, viewer: Vec3, numbers: Afresh) -> Rgb {
+        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
+        self.by_albedo(&surface, surface.reflection().diffuse(viewer), hit, Some(numbers))
+    }
+
+    /// The same of a surface with that albedo, and what comes through it diffusely from its other side.
+    pub fn by_albedo(
+        &self,
+        surface: &Surface,
+        albedo: Rgb,
+        hit: &Hit,
+        afresh: Option<Afresh>,
+    ) -> Rgb {
+        let Some(afresh) = afresh else { return self.by_mesh(surface, albedo, hit) };
+        self.found_afresh(surface, albedo, hit, afresh).radiance
+    }
+
+    /// The same by the mesh alone.
+    fn by_mesh(&self, surface: &Surface, albedo: Rgb, hit: &Hit) -> Rgb {
+        let of_side = |albedo: Rgb, hit: &Hit| {
+            let place = self.mesh.place_of(hit).filter(|_| albedo != Rgb::ZERO);
+            place.map_or(Rgb::ZERO, |place| albedo * self.mesh.value(&self.total, place) / PI)
+        };
+        let own = of_side(albedo, hit);
+        if !self.world.is_translucent(surface.triangle) {
+            return own;
+        }
+        let (_, share) = self.world.far_side_on_the_mean(surface);
+        own + of_side(share, &behind(hit))
+    }
+
+    /// The same found out afresh, beside what the mesh says.
+    pub fn found_afresh(
+        &self,
+        surface: &Surface,
+        albedo: Rgb,
+        hit: &Hit,
+        afresh: Afresh,
+    ) -> FoundAfresh {
+        let own = self.of_side(surface, albedo, hit, afresh);
+        if !self.world.is_translucent(surface.triangle) {
+            return own;
+        }
+        let (far, share) = self.world.far_side_on_the_mean(surface);
+        let beyond = self.of_side(&far, share, &behind(hit), afresh);
+        FoundAfresh { radiance: own.radiance + beyond.radiance, told_at: None }
+    }
+
+    /// Irradiance by the mesh alone.
+    pub fn told(&self, place: FacetPlace) -> Rgb {
+        self.mesh.value(&self.total, place)
+    }
+
+    /// Where the mesh tells what arrives at a hit; `None` so near to where the ray started that the mesh is
+    /// too coarse.
+    pub fn told_at(&self, hit: &Hit) -> Option<FacetPlace> {
+        self.mesh.place_of(hit).filter(|place| !self.mesh.is_near(*place, hit.distance))
+    }
+
+    /// What a side of a surface with that albedo reflects.
+    fn of_side(&self, surface: &Surface, albedo: Rgb, hit: &Hit, afresh: Afresh) -> FoundAfresh {
+        let place = self.mesh.place_of(hit).filter(|_| albedo != Rgb::ZERO);
+        let Some(place) = place else { return FoundAfresh::default() };
+        let (start, normal) = (surface.start(), surface.shading_normal);
+        let direct = self.lights.sample_by_shadow_ray(&self.world, start, normal, afresh.light);
+        let direct = direct.irradiance(self.share(place));
+        let next = afresh.next.filter(|_| self.mesh.is_near(place, hit.distance));
+        let (bounced, told_at) = match next {
+            Some(next) => (self.bounced_by_ray(surface, afresh.bounce, next), None),
+            None => (self.mesh.value(&self.indirect, place), Some(place)),
+        };
+        let caustics = self.caustics.as_ref();
+        let by_caustics = caustics.map_or(Rgb::ZERO, |caustics| caustics.irradiance(surface));
+        FoundAfresh { radiance: albedo * (bounced + direct + by_caustics) / PI, told_at }
+    }
+
+    /// Irradiance that has bounced, by one ray: some of them are aimed at bright patches (balance
+    /// heuristic, Veach 1997).
+    fn bounced_by_ray(&self, surface: &Surface, xi: [f32; 2], next: Next) -> Rgb {
+        let (start, normal) = (surface.start(), surface.shading_normal);
+        let aimed_share = if self.guide.is_some() { AIMED_BOUNCES } else { 0.0 };
+        let guide = self.guide.as_deref();
+        let aim = match guide.filter(|_| next.number() < aimed_share) {
+            // Other numbers than those that light is found by behind it.
+            Some(guide) => match guide.aim(start, normal, next.after().afresh().light) {
+                Some(aim) => Some(aim),
+                None => return Rgb::ZERO,
+            },
+            None => None,
+        };
+        let direction =
+            aim.as_ref().map_or_else(|| cosine_direction(normal, xi), |aim| aim.direction);
+        if normal != surface.normal && surface.normal.dot(direction) <= 0.0 {
+            return Rgb::ZERO;
+        }
+        let Some(hit) = self.world.rays.closest(Eye::Light, start, direction) else {
+            return Rgb::ZERO;
+        };
+        let aim = aim.map(|aim| aim.patch);
+        let straight = aim.is_some_and(|aim| self.mesh.patch_at(&hit) != Some(aim));
+        let Some(passage) = self.world.reach(hit, direction, straight) else {
+            return Rgb::ZERO;
+        };
+        let mut weight = 1.0;
+        if let Some(guide) = guide {
+            let aims = aims_of(&self.world, &self.mesh, (&hit, direction), &passage);
+            let density = |met: &Met| guide.density(start, normal, met);
+            let shares = [1.0 - aimed_share, aimed_share];
+            let Some(balanced) = balanced((aim, &aims), density, normal.dot(direction), shares)
+            else {
+                return Rgb::ZERO;
+            };
+            weight = balanced;
+        }
+        weight * PI * self.arriving_as_diffuse(hit, passage, next)
+    }
+
+    /// Radiance that a hit reflects, as if all of it were reflected diffusely, but for what is followed
+    /// where it mirrors sharply.
+    fn reflected_beside_mirrors(&self, hit: &Hit, direction: Vec3, next: Next) -> Rgb {
+        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
+        let reflection = surface.reflection();
+        let mut albedo = reflection.mean_albedo();
+        if self.follows_mirrors && reflection.is_sharp() {
+            albedo = reflection.diffuse(-direction) / (1.0 - mirrored_share(&surface, -direction));
+        }
+        self.by_albedo(&surface, albedo, hit, Some(next.afresh()))
+    }
+
+    /// Radiance that arrives along a ray that met this at first and came to that, if need be by way of
+    /// mirrors.
+    fn arriving_as_diffuse(&self, hit: Hit, mut passage: Passage, next: Next) -> Rgb {
+        let is_mirror = self.follows_mirrors && self.world.may_mirror(hit.triangle);
+        if !self.world.is_clear(hit.triangle) && !is_mirror {
+            return self.reflected_as_diffuse(&hit, Some(next.afresh()));
+        }
+        if self.follows_mirrors {
+            passage = self.world.follow_mirrors(passage);
+        }
+        let reflected = passage.met().map_or(Rgb::ZERO, |met| {
+            passage.left * self.reflected_beside_mirrors(&met, passage.direction, next)
+        });
+        match passage.is_bent {
+            true => reflected + passage.bent_light(&self.world, !self.is_mapped()),
+            false => reflected,
+        }
+    }
+}
+
+/// A hit on the other side of the same surface.
+fn behind(hit: &Hit) -> Hit {
+    let mut behind = *hit;
+    behind.back = !hit.back;
+    behind
+}

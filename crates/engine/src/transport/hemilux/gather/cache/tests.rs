@@ -1,0 +1,95 @@
+use super::*;
+use crate::random::{Numbers, Stream};
+use crate::transport::hemilux::specimen::Specimen;
+use std::f32::consts::PI;
+
+/// Irradiance that all records have, before what is wrong with the coarse solution.
+const EXACT: f32 = 10.0;
+const RAYS: u32 = 64;
+
+/// Records at every third fragment of a box. The coarse solution is off by `off` of their number and place, and
+/// what is found afresh has noise of that standard deviation.
+fn cache(
+    visible: &VisibleSurfaces,
+    deviation: f32,
+    off: impl Fn(usize, &Record) -> f32,
+) -> IrradianceCache {
+    let mut numbers = Numbers::new(3, Stream::Gather, 0);
+    let mut noise = || Rgb::splat((numbers.uniform() - 0.5) * 12f32.sqrt() * deviation);
+    let per_ray = RAYS as f32 / PI;
+    let mut cache = IrradianceCache::default();
+    for (index, fragment) in visible.fragments.iter().enumerate().step_by(3) {
+        let footprint = visible.frame.footprint(fragment.point, visible.height);
+        let mut record = Record::new(fragment.point, fragment.normal, footprint, index as u32);
+        (record.rays, record.radius) = (RAYS, 2.5 * footprint);
+        record.sum = (Rgb::splat(EXACT) + noise()) * per_ray;
+        record.split = noise() * per_ray;
+        record.by_mesh = Rgb::splat(EXACT + off(index, &record)) * per_ray;
+        cache.records.push(record);
+    }
+    cache
+}
+
+/// Root mean square, and mean, of by how much the records' values are off.
+fn off(cache: &IrradianceCache) -> [f32; 2] {
+    let off = |record: &Record| record.value.x - EXACT;
+    let count = cache.records.len() as f32;
+    let mean = cache.records.iter().map(off).sum::<f32>() / count;
+    let square = cache.records.iter().map(|record| off(record).powi(2)).sum::<f32>() / count;
+    [square.sqrt(), mean]
+}
+
+/// Noise of light found afresh is shared widely where the coarse solution says the rest, and what that is off
+/// by all over is taken off.
+#[test]
+fn corrections_are_shared_widely() {
+    let specimen = Specimen::furnace();
+    let visible = specimen.visible();
+    let mut cache = cache(&visible, 2.0, |_, _| -1.0);
+    assert!(cache.is_corrected_noisily());
+    cache.smooth(&visible, true);
+    let [widely, mean] = off(&cache);
+    cache.asks_mesh = false;
+    cache.smooth(&visible, true);
+    let [as_before, _] = off(&cache);
+    assert!(widely < 0.6 * as_before, "{widely} of {as_before}");
+    assert!(mean.abs() < 0.2, "{mean}");
+}
+
+/// A coarse solution that is wrong here and there is put right, where rays know better.
+#[test]
+fn corrections_without_noise_are_taken_as_they_are() {
+    let specimen = Specimen::furnace();
+    let visible = specimen.visible();
+    let mut cache =
+        cache(
+            &visible,
+            0.0,
+            |index, record| {
+                if record.point.x > 0.5 { 3.0 } else { (index % 5) as f32 }
+            },
+        );
+    assert!(!cache.is_corrected_noisily(), "nothing is noisy");
+    cache.smooth(&visible, true);
+    let [off, _] = off(&cache);
+    assert!(off < 0.02 * EXACT, "{off}");
+}
+
+/// Itself and every n-th of its neighbours, however many there are.
+#[test]
+fn some_of_many_neighbours_are_asked() {
+    let specimen = Specimen::furnace();
+    let visible = specimen.visible();
+    let cache = cache(&visible, 0.0, |_, _| 0.0);
+    let tiles = RecordTiles::new(&visible, &cache.records);
+    let index = cache.records.len() / 2;
+    let heard = |most: usize| {
+        let mut heard = Vec::new();
+        tiles.each_near((index, &cache.records[index]), (8.0, most), |other| heard.push(other));
+        heard
+    };
+    let (all, some) = (heard(usize::MAX), heard(20));
+    assert!(all.len() > 60 && (10..=21).contains(&some.len()), "{} {}", all.len(), some.len());
+    assert!(all.contains(&index) && some.contains(&index));
+    assert!(some.iter().all(|other| all.contains(other)));
+}
