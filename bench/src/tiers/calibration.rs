@@ -37,8 +37,16 @@ struct Point {
 }
 
 /// What the engine calls the causes of errors.
-const CAUSES: [&str; 5] =
-    ["error_noise", "error_bent", "error_shadows", "error_lobes", "error_edges"];
+const CAUSES: [&str; 8] = [
+    "error_noise",
+    "error_bent",
+    "error_shadows",
+    "error_lobes",
+    "error_edges",
+    "error_links",
+    "error_audit",
+    "error_draft",
+];
 
 impl Point {
     fn new(view: &View, truth: &Truth, rendered: &Rendered, seed: u64) -> Self {

@@ -48,6 +48,12 @@ impl Plane {
     /// by the residuals; no variance for fewer than five effective values, of which the plane takes
     /// three.
     pub fn center(self) -> (Rgb, Option<Rgb>) {
+        let (value, residuals) = self.fit();
+        (value, residuals.map(|Residuals { scatter, count }| scatter / count))
+    }
+
+    /// The same value, and how the pixels' values lie about the plane.
+    pub fn fit(self) -> (Rgb, Option<Residuals>) {
         let Some((least, most)) = self.range else { return (Rgb::ZERO, None) };
         let total = self.moments.total;
         let solved = self.moments.inverse(RIDGE) * self.right;
@@ -62,8 +68,16 @@ impl Plane {
             Rgb::from_array(std::array::from_fn(|k| channels[k].dot(self.right.col(k))));
         let scatter = ((self.energy - explained) / total).max(Rgb::ZERO) * (count / (count - 3.0));
         // Σ w² of a value's weights in the middle is about that of their mean.
-        (value, Some(scatter / count))
+        (value, Some(Residuals { scatter, count }))
     }
+}
+
+/// How values lie about the plane through them.
+pub struct Residuals {
+    /// Their variance about it.
+    pub scatter: Rgb,
+    /// Their effective number: more than the three that the plane takes.
+    pub count: f32,
 }
 
 #[cfg(test)]

@@ -411,9 +411,10 @@ impl IrradianceCache {
         }
         let tiles = RecordTiles::new(visible, &self.records);
         let found: Vec<[Rgb; 2]> = self.records.iter().map(Record::correction).collect();
-        let mut corrections = found.clone();
+        let (mut corrections, mut bent) = (found.clone(), Vec::new());
         for reach in CORRECTION_REACHES.into_iter().filter(|_| self.asks_mesh) {
             let fits = self.fits(&tiles, &corrections, (reach, MOST_HEARD));
+            bent = fits.iter().map(|fit| fit.bent).collect();
             corrections = fits.into_iter().map(|fit| [fit.value, fit.noise]).collect();
         }
         let corrected = |((record, found), correction): ((&Record, &[Rgb; 2]), &[Rgb; 2])| {
@@ -425,6 +426,9 @@ impl IrradianceCache {
         let fits = self.fits(&tiles, &corrected, (FIT_REACH, usize::MAX));
         for (record, fit) in self.records.iter_mut().zip(fits) {
             record.set_fit(fit);
+        }
+        for (record, bent) in self.records.iter_mut().zip(bent) {
+            record.correction_bent = bent;
         }
     }
 
@@ -455,7 +459,8 @@ impl IrradianceCache {
     /// no record counts.
     pub fn irradiance(&self, visible: &VisibleSurfaces) -> Vec<Option<IndirectLight>> {
         let contribution = |record: &Record| {
-            let (value, noise, bent) = (record.value, record.noise, record.bent);
+            let (value, noise) = (record.value, record.noise);
+            let bent = record.bent + record.correction_bent;
             let [a, b, c] = record.slope;
             let [d, e, f] = record.noise_slope;
             // An extrapolated slope could make light negative.

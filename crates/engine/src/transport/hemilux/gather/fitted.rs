@@ -19,7 +19,8 @@ pub struct FittedIrradiance {
     /// Its noise.
     pub noise: Rgb,
     noise_slope: [Vec3; 3],
-    bent: Rgb,
+    /// Variance about the plane beyond noise.
+    pub bent: Rgb,
 }
 
 impl FittedIrradiance {

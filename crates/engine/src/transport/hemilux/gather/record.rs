@@ -89,6 +89,8 @@ pub struct Record {
     pub noise: Rgb,
     /// Variance of the neighbouring records about that plane, beyond their noise.
     pub bent: Rgb,
+    /// The same of the corrections about theirs, which are wider.
+    pub correction_bent: Rgb,
     /// Gradient of `value` along the surface, per ray unit, in world axes, a vector per channel.
     pub slope: [Vec3; 3],
     /// The same of `noise`.
@@ -185,6 +187,7 @@ impl Record {
             value: Rgb::ZERO,
             noise: Rgb::ZERO,
             bent: Rgb::ZERO,
+            correction_bent: Rgb::ZERO,
             slope: [Vec3::ZERO; 3],
             noise_slope: [Vec3::ZERO; 3],
             radius_factor: 1.0,

@@ -419,7 +419,7 @@ impl Gloss {
                 shared.add([across, down], (mean, variance), same * rays);
             }
         });
-        shared.center()
+        shared.center_unless_bent()
     }
 
     /// Whether any of the pixels a stride away, across or down, looks at the same place.
@@ -516,7 +516,7 @@ mod tests {
     /// farther away add is some of that.
     #[test]
     fn neighbours_share_what_they_found() {
-        let specimen = Specimen::new(&crate::scene::made::phong_cornell(), 2000);
+        let specimen = Specimen::new(&crate::scene::made::kitchen(), 2000);
         let (world, cut) = (&specimen.world, specimen.cut.clone());
         let visible = VisibleSurfaces::new(world, cut, &world.scene.cameras[0], [240, 240], 8);
         let found = |is_shared: bool| {
@@ -534,10 +534,17 @@ mod tests {
         let (alone, together) = (found(false), found(true));
         let near: Vec<Shown> =
             (0..together.len()).map(|lobe| together.with_neighbours(&visible, lobe)).collect();
-        let [[mean, variance], [_, near], [shared_mean, shared]] =
+        let [[mean, variance], [_, near_variance], [shared_mean, shared]] =
             [&alone.shown, &near, &together.shown].map(|shown| sums(shown));
         assert!(alone.len() > 50 && variance > 0.0, "{}", alone.len());
-        assert!(near < 0.7 * variance && shared < 0.9 * near, "{variance} {near} {shared}");
+        assert!(
+            near_variance < 0.3 * variance && shared < near_variance,
+            "{near_variance} {shared}"
+        );
+        // Broad lobes, as of the plaster.
+        let less = near.iter().zip(&together.shown).filter(|(n, w)| w.variance < 0.5 * n.variance);
+        let less = less.count() as f32 / near.len() as f32;
+        assert!(less > 0.3, "{less}");
         assert!((shared_mean / mean - 1.0).abs() < 0.1, "{shared_mean} {mean}");
     }
 }
