@@ -255,11 +255,12 @@ impl PictureInputs<'_> {
         else {
             return Mapped::default();
         };
-        let count = fragment.mask.count_ones().clamp(1, MOST_MAP_READS);
+        let all = self.visible.count(fragment);
+        let count = all.min(MOST_MAP_READS);
         let mut sum = Mapped::default();
         for sample in 0..count {
             // Spread over all of them, where there are more.
-            let sample = sample * fragment.mask.count_ones() / count;
+            let sample = sample * all / count;
             let (triangle, back, at) = self.visible.place_on_triangle(fragment, sample);
             sum = sum + caustics.map().at(triangle, back, at);
         }

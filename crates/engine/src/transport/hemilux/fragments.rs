@@ -17,6 +17,7 @@ use crate::scene::Camera;
 use crate::scene::part::Part;
 use crate::scene::pyramid::Pyramids;
 use crate::surface::{Surface, World};
+use beyond::other_side;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -56,8 +57,9 @@ pub struct Fragment {
     pub code: u32,
     /// Samples that see that side of that facet, a bit each.
     pub mask: u64,
-    /// The same with those that see other facets of it in the same plane.
-    in_plane: u64,
+    /// Its samples by facet where there are several: [`VisibleSurfaces::groups`] from the first to
+    /// before the second; empty where it has one facet.
+    groups: [u32; 2],
     /// Share of the pixel's samples.
     pub share: f32,
     /// Mean place, ray units, off the surface by the rounding error.
@@ -77,19 +79,6 @@ pub struct Fragment {
     pub is_beyond: bool,
 }
 
-/// How far beside a facet places of its plane are found by its barycentric coordinates; farther away
-/// rounding would take them off the plane.
-const BESIDE_FACET: f32 = 2.0;
-/// Cosine between the normals of facets in one plane, at least.
-const IN_PLANE_COSINE: f32 = 1.0 - 1e-6;
-/// Distance from each other's planes, in pixels, of facets in one plane, at most.
-const IN_PLANE_PIXELS: f32 = 1e-3;
-/// By how much, in pixels, places in a plane are lifted off it where they may be on another facet than
-/// the plane's: more than facets in one plane differ within a pixel by their distance
-/// ([`IN_PLANE_PIXELS`]) and their tilt ([`IN_PLANE_COSINE`]: .0014).
-const LIFT_PIXELS: f32 = 3e-3;
-/// Least cosine to the viewer by which a pixel is taken to be seen on a surface.
-const LEAST_SLANT: f32 = 0.05;
 /// Steps of well-spread points of the square (Roberts 2018).
 const SQUARE_STEP: Vec2 = Vec2::new(0.754_877_7, 0.569_840_3);
 
@@ -97,6 +86,11 @@ impl Fragment {
     /// How much of its pixel's radiance its irradiance makes, but for the factor 1/π.
     pub fn weight(&self) -> f32 {
         self.share * importance(self.diffuse)
+    }
+
+    /// Whether its samples see one facet.
+    fn has_one_facet(&self) -> bool {
+        self.groups[0] == self.groups[1]
     }
 
     /// Whether it sends on any light.
@@ -110,8 +104,6 @@ impl Fragment {
 pub struct Lobe {
     /// Index of the fragment.
     pub fragment: u32,
-    /// Its samples by facet: [`VisibleSurfaces::groups`] from the first to before the second.
-    groups: [u32; 2],
 }
 
 /// A facet with its barycentric coordinates as linear functions of the pixel.
@@ -182,7 +174,7 @@ pub struct VisibleSurfaces {
     pub fragments: Vec<Fragment>,
     /// Lobes in the order of their pixels.
     pub lobes: Vec<Lobe>,
-    /// Samples of the lobes, facet by facet.
+    /// Samples of the fragments that have several facets, facet by facet.
     groups: Vec<SampleGroup>,
     /// Places and normals of the fragments.
     pub places: FragmentPlaces,
@@ -255,32 +247,30 @@ impl VisibleSurfaces {
         visible
     }
 
-    /// A surface point of a fragment, off the surface by the rounding error: that of its n-th sample;
-    /// where all had their turn one near it or, where it takes the whole pixel, between all of them.
+    /// A surface point of a fragment, off the surface by the rounding error: that of its n-th sample,
+    /// on the facet that this one sees; where all had their turn one near it or, where the fragment
+    /// takes the whole pixel, between all of them.
     pub fn sample_point(&self, fragment: &Fragment, n: u32) -> Vec3 {
-        let Some((facet, back)) = item::decode(fragment.code) else { return fragment.point };
-        let placed = self.placed(facet);
-        let count = fragment.in_plane.count_ones().max(1);
-        let mut offset = self.sample(fragment.in_plane, n);
+        let (mut code, mut offset) = self.nth_sample(fragment, n);
+        let count = self.count(fragment);
         let round = n / count;
-        if round > 0 && count as usize == self.samples.len() {
-            // A shadow's edge needs places that are ever closer to each other.
-            offset = nth_of_pattern(self.samples[0], n);
-        } else if round > 0 {
-            // A shadow's edge may be finer than the samples' squares. But not beyond the facet,
-            // where a wall may stand.
-            let beside = self.beside(offset, round);
-            if self.is_on(&placed, fragment.pixel, beside) {
-                offset = beside;
+        if round > 0 {
+            // A shadow's edge needs places that are ever closer to each other. But not beyond the
+            // facets, where a wall may stand.
+            let is_whole = count as usize == self.samples.len();
+            let other = match is_whole {
+                true => nth_of_pattern(self.samples[0], n),
+                false => self.beside(offset, round),
+            };
+            match self.covering(fragment, (code, other)) {
+                Some(covers) => (code, offset) = (covers, other),
+                None if is_whole && fragment.has_one_facet() => offset = other,
+                None => {}
             }
         }
-        if fragment.in_plane == fragment.mask {
-            return placed.spot(back, self.within(&placed, fragment.pixel, offset)).0;
-        }
-        let (point, normal) = placed.spot(back, self.in_plane_of(&placed, fragment.pixel, offset));
-        // Not under the other facets of the plane, which is theirs but for a little.
-        let slant = normal.dot(self.frame.towards_eye(point)).abs().max(LEAST_SLANT);
-        point + normal * (LIFT_PIXELS * self.frame.footprint(point, self.height) / slant)
+        let Some((facet, back)) = item::decode(code) else { return fragment.point };
+        let placed = self.placed(facet);
+        placed.spot(back, self.within(&placed, fragment.pixel, offset)).0
     }
 
     /// Another place in a sample's square, for each round after the first.
@@ -312,15 +302,16 @@ impl VisibleSurfaces {
     /// Facet, side and barycentric coordinates of a fragment's first sample.
     pub fn place_on_facet(&self, fragment: &Fragment) -> FacetPlace {
         let (facet, back) = item::decode(fragment.code).unwrap_or((0, false));
-        let offset = self.sample(fragment.mask, 0);
+        let offset = self.samples[nth_bit(fragment.mask, 0) as usize];
         let at = self.barycentric(facet, fragment.pixel, offset);
         self.cut.with_patches(FacetPlace { facet: FacetIndex(facet), back, at })
     }
 
     /// Triangle, side and barycentric (u, v) of a fragment's n-th sample.
     pub fn place_on_triangle(&self, fragment: &Fragment, n: u32) -> (u32, bool, [f32; 2]) {
-        let (facet, back) = item::decode(fragment.code).unwrap_or((0, false));
-        let at = self.barycentric(facet, fragment.pixel, self.sample(fragment.mask, n));
+        let (code, offset) = self.nth_sample(fragment, n);
+        let (facet, back) = item::decode(code).unwrap_or((0, false));
+        let at = self.barycentric(facet, fragment.pixel, offset);
         let facet = FacetIndex(facet);
         (self.cut.source(facet), back, self.cut.to_source(facet, at).to_array())
     }
@@ -339,36 +330,40 @@ impl VisibleSurfaces {
 
     /// Share of the pixel's samples that a lobe has.
     pub fn share(&self, lobe: &Lobe) -> f32 {
-        self.count(lobe) as f32 / self.samples.len() as f32
+        self.count(self.of_lobe(lobe)) as f32 / self.samples.len() as f32
     }
 
-    fn groups(&self, lobe: &Lobe) -> &[SampleGroup] {
-        let [first, end] = lobe.groups;
+    fn of_lobe(&self, lobe: &Lobe) -> &Fragment {
+        &self.fragments[lobe.fragment as usize]
+    }
+
+    /// A fragment's samples by facet, where it has several.
+    fn groups(&self, fragment: &Fragment) -> &[SampleGroup] {
+        let [first, end] = fragment.groups;
         &self.groups[first as usize..end as usize]
     }
 
-    /// Number of a lobe's samples.
-    fn count(&self, lobe: &Lobe) -> u32 {
-        self.groups(lobe).iter().map(|group| group.mask.count_ones()).sum()
+    /// The samples of a fragment, a bit each.
+    fn all_samples(&self, fragment: &Fragment) -> u64 {
+        self.groups(fragment).iter().fold(fragment.mask, |all, group| all | group.mask)
     }
 
-    /// The samples on the facet of a lobe's n-th sample, and which of them it is. Where there are
-    /// several facets, samples that follow each other are well spread over them.
-    fn group_of(&self, lobe: &Lobe, n: u32) -> (SampleGroup, u32) {
-        let groups = self.groups(lobe);
-        if groups.len() == 1 {
-            return (groups[0], n);
-        }
-        let count = self.count(lobe);
-        let mut left = (((n as f32 + 0.5) * GOLDEN_RATIO).fract() * count as f32) as u32;
-        for group in groups {
-            let own = group.mask.count_ones();
-            if left < own {
-                return (*group, left);
-            }
-            left -= own;
-        }
-        (groups[0], 0)
+    /// Number of a fragment's samples, at least 1.
+    pub fn count(&self, fragment: &Fragment) -> u32 {
+        self.all_samples(fragment).count_ones().max(1)
+    }
+
+    /// Code of the facet and side that a fragment's n-th sample sees, and the sample's place. Samples
+    /// that follow each other are well spread over the pixel.
+    fn nth_sample(&self, fragment: &Fragment, n: u32) -> (u32, Vec2) {
+        let bit = nth_bit(self.all_samples(fragment), n).min(self.samples.len() as u32 - 1);
+        let sees = |group: &&SampleGroup| group.mask >> bit & 1 == 1;
+        let code = match self.groups(fragment).iter().find(sees) {
+            Some(group) if fragment.is_beyond => other_side(group.code),
+            Some(group) => group.code,
+            None => fragment.code,
+        };
+        (code, self.samples[bit as usize])
     }
 
     /// The surface at a lobe's n-th sample, of the part of it that a ray stands for which so many
@@ -377,7 +372,7 @@ impl VisibleSurfaces {
         let area = self.share(lobe) / (before + 1).max(FIRST_LOBE_RAYS) as f32;
         let (code, offset) = self.place_of_lobe(lobe, n);
         let (facet, back) = item::decode(code).unwrap_or((0, false));
-        let pixel = self.fragments[lobe.fragment as usize].pixel;
+        let pixel = self.of_lobe(lobe).pixel;
         let at = self.barycentric(facet, pixel, offset);
         let placed = self.placed(facet);
         let spot = Spot::new(placed.corners, placed.normal, at.x, at.y);
@@ -418,25 +413,25 @@ impl VisibleSurfaces {
 
     /// Origin and unit direction of the camera's ray through a lobe's n-th sample.
     pub fn lobe_ray(&self, lobe: &Lobe, n: u32) -> (Vec3, Vec3) {
-        self.ray(self.fragments[lobe.fragment as usize].pixel, self.place_of_lobe(lobe, n).1)
+        self.ray(self.of_lobe(lobe).pixel, self.place_of_lobe(lobe, n).1)
     }
 
     /// Code of the facet, and place in the pixel, of a lobe's n-th sample; once all had their turn, of
     /// another place in that sample's square, since highlights may be finer than the squares.
     fn place_of_lobe(&self, lobe: &Lobe, n: u32) -> (u32, Vec2) {
-        let (SampleGroup { code, mask }, own) = self.group_of(lobe, n);
-        let offset = self.sample(mask, own);
-        let round = n / self.count(lobe).max(1);
+        let fragment = self.of_lobe(lobe);
+        let (code, offset) = self.nth_sample(fragment, n);
+        let count = self.count(fragment);
+        let round = n / count;
         if round == 0 {
             return (code, offset);
         }
-        let fragment = &self.fragments[lobe.fragment as usize];
-        let tries = if self.share(lobe) < 1.0 { EDGE_TRIES } else { 1 };
+        let tries = if (count as usize) < self.samples.len() { EDGE_TRIES } else { 1 };
         for attempt in 0..tries {
             let beside = self.beside(offset, round * tries + attempt);
             let found = match tries > 1 {
-                true => self.seen_at(lobe, fragment.pixel, beside),
-                false => self.covering(lobe, fragment.pixel, (code, beside)),
+                true => self.seen_at(fragment, beside),
+                false => self.covering(fragment, (code, beside)),
             };
             if let Some(code) = found {
                 return (code, beside);
@@ -445,32 +440,29 @@ impl VisibleSurfaces {
         (code, offset)
     }
 
-    /// Code of the facet of a lobe that covers a place in a pixel, of which all is the lobe's: that of
-    /// `code`, or another one.
-    fn covering(&self, lobe: &Lobe, pixel: u32, (code, place): (u32, Vec2)) -> Option<u32> {
+    /// Code of the facet of a fragment that covers a place in its pixel: that of `code`, or another one.
+    fn covering(&self, fragment: &Fragment, (code, place): (u32, Vec2)) -> Option<u32> {
         let covers = |code: &u32| {
             let facet = item::decode(*code);
-            facet.is_some_and(|(facet, _)| self.is_on(&self.placed(facet), pixel, place))
+            facet.is_some_and(|(facet, _)| self.is_on(&self.placed(facet), fragment.pixel, place))
         };
-        let others = self.groups(lobe).iter().map(|group| group.code);
+        let others = self.groups(fragment).iter().map(|group| match fragment.is_beyond {
+            true => other_side(group.code),
+            false => group.code,
+        });
         std::iter::once(code).chain(others).find(covers)
     }
 
-    /// Code of the facet that is seen at a place in a pixel, if that is the lobe's.
-    fn seen_at(&self, lobe: &Lobe, pixel: u32, place: Vec2) -> Option<u32> {
-        let (origin, direction) = self.ray(pixel, place);
+    /// Code of the facet that is seen at a place in a pixel, if that is the fragment's.
+    fn seen_at(&self, fragment: &Fragment, place: Vec2) -> Option<u32> {
+        let (origin, direction) = self.ray(fragment.pixel, place);
         let spread = ((place.x + place.y) * GOLDEN_RATIO * MOST_SAMPLES as f32).rem_euclid(1.0);
         let rays = &self.placing.world.rays;
-        let code = self.code_of(&rays.closest_in_pixel(origin, direction, spread, pixel)?)?;
-        self.groups(lobe).iter().any(|group| group.code == code).then_some(code)
-    }
-
-    fn sample(&self, mut mask: u64, n: u32) -> Vec2 {
-        let bits = mask.count_ones();
-        for _ in 0..n % bits.max(1) {
-            mask &= mask - 1;
-        }
-        self.samples[mask.trailing_zeros().min(self.samples.len() as u32 - 1) as usize]
+        let hit = rays.closest_in_pixel(origin, direction, spread, fragment.pixel)?;
+        let code = self.code_of(&hit)?;
+        let is_own =
+            code == fragment.code || self.groups(fragment).iter().any(|group| group.code == code);
+        is_own.then_some(code)
     }
 
     /// A facet for the picture.
@@ -500,13 +492,6 @@ impl VisibleSurfaces {
         }
     }
 
-    /// The same in the facet's plane, not far from it.
-    fn in_plane_of(&self, placed: &PictureFacet, pixel: u32, offset: Vec2) -> Vec2 {
-        let at = self.unbounded(placed, pixel, offset);
-        let is_near = at.min_element() > -BESIDE_FACET && at.max_element() < 1.0 + BESIDE_FACET;
-        if is_near { at } else { self.within(placed, pixel, offset) }
-    }
-
     /// The same wherever in the plane that is.
     fn unbounded(&self, placed: &PictureFacet, pixel: u32, offset: Vec2) -> Vec2 {
         let column = (pixel % self.width) as f32 + offset.x;
@@ -526,6 +511,14 @@ impl VisibleSurfaces {
         let rest = std::iter::successors(Some(mask), |mask| Some(mask & mask.wrapping_sub(1)));
         rest.take_while(|mask| *mask != 0).map(|mask| self.samples[mask.trailing_zeros() as usize])
     }
+}
+
+/// The place of a number's n-th set bit, counted round and round.
+fn nth_bit(mut bits: u64, n: u32) -> u32 {
+    for _ in 0..n % bits.count_ones().max(1) {
+        bits &= bits - 1;
+    }
+    bits.trailing_zeros()
 }
 
 /// Middles of so many squares along and across a pixel, from its middle.

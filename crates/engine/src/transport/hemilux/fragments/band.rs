@@ -1,9 +1,8 @@
 //! How bands of rows are rasterised and their samples grouped into fragments.
 
 use super::{
-    ALIKE_DIFFUSE, BAND, Fragment, IN_PLANE_COSINE, IN_PLANE_PIXELS, Lobe, MOST_SAMPLES,
-    MOST_TEXELS, NO_FRAGMENT, SMOOTH_COSINE, STEP_PIXELS, SampleGroup, SampleMeans,
-    VisibleSurfaces,
+    ALIKE_DIFFUSE, BAND, Fragment, Lobe, MOST_SAMPLES, MOST_TEXELS, NO_FRAGMENT, SMOOTH_COSINE,
+    STEP_PIXELS, SampleGroup, SampleMeans, VisibleSurfaces,
 };
 use crate::hemicube::item;
 use crate::measurement::{BoxOffset, View};
@@ -85,27 +84,27 @@ impl VisibleSurfaces {
     /// Joins what all bands see, which took so many seconds.
     pub(super) fn join(&mut self, bands: &[Band], seconds: f64) {
         self.seconds = shares(seconds, bands);
-        let mut firsts = vec![0];
+        let mut firsts = vec![[0, 0]];
         for band in bands {
-            let first = firsts[firsts.len() - 1];
+            let [first, _] = firsts[firsts.len() - 1];
             self.start.extend(band.ends.iter().map(|end| end + first as u32));
             self.shine.extend(&band.shine);
             self.background.extend(&band.background);
             self.coverage.extend(&band.coverage);
-            let groups = self.groups.len() as u32;
-            self.lobes.extend(band.lobes.iter().map(|lobe| Lobe {
-                fragment: lobe.fragment + first as u32,
-                groups: lobe.groups.map(|at| at + groups),
-            }));
+            self.lobes.extend(
+                band.lobes.iter().map(|lobe| Lobe { fragment: lobe.fragment + first as u32 }),
+            );
             self.groups.extend(&band.groups);
-            firsts.push(first + band.fragments.len());
+            firsts.push([first + band.fragments.len(), self.groups.len()]);
         }
         // By all threads, since most of the time goes into memory that is new.
         let fragment = |index: usize| {
-            let band = firsts.partition_point(|first| *first <= index) - 1;
-            bands[band].fragments[index - firsts[band]]
+            let band = firsts.partition_point(|[first, _]| *first <= index) - 1;
+            let [first, groups] = firsts[band];
+            let own = bands[band].fragments[index - first];
+            Fragment { groups: own.groups.map(|at| at + groups as u32), ..own }
         };
-        let total = firsts[bands.len()];
+        let [total, _] = firsts[bands.len()];
         self.fragments = (0..total).into_par_iter().with_min_len(1024).map(fragment).collect();
         self.places =
             FragmentPlaces::new(&self.fragments, |fragment| (fragment.point, fragment.normal));
@@ -176,7 +175,7 @@ impl VisibleSurfaces {
 
     /// Appends the fragments and lobes of a pixel; returns the emitted radiance that it sees.
     fn collect(&self, world: &World, pixel: u32, groups: &[SampleGroup], band: &mut Band) -> Rgb {
-        let Band { fragments, lobes, groups: of_lobes, .. } = band;
+        let Band { fragments, lobes, groups: of_several, .. } = band;
         let mut fragment_of_group = [NO_FRAGMENT; MOST_SAMPLES as usize];
         let mut shine = Rgb::ZERO;
         let first = fragments.len();
@@ -185,7 +184,7 @@ impl VisibleSurfaces {
             let Some((one, own)) = self.fragment_of(world, pixel, group.code, seen) else {
                 continue;
             };
-            let one = Fragment { mask: group.mask, in_plane: group.mask, ..one };
+            let one = Fragment { mask: group.mask, ..one };
             shine += own * one.share;
             if !one.reflects() && !self.is_translucent(world, group.code) {
                 continue;
@@ -198,18 +197,20 @@ impl VisibleSurfaces {
             });
             let fragment = near.map_or(fragments.len(), |near| first + near);
             match fragments.get_mut(fragment) {
-                Some(other) => other.merge(&one, self.is_in_plane(other, &one)),
+                Some(other) => other.merge(&one),
                 None => fragments.push(one),
             }
             fragment_of_group[number] = fragment;
         }
-        for (fragment, own) in fragments.iter().enumerate().skip(first) {
+        for (fragment, own) in fragments.iter_mut().enumerate().skip(first) {
             if own.glossy {
-                let begin = of_lobes.len() as u32;
+                lobes.push(Lobe { fragment: fragment as u32 });
+            }
+            if fragment_of_group[..groups.len()].iter().filter(|of| **of == fragment).count() > 1 {
+                let begin = of_several.len() as u32;
                 let mine = groups.iter().zip(fragment_of_group);
-                of_lobes.extend(mine.filter(|(_, of)| *of == fragment).map(|(group, _)| *group));
-                let groups = [begin, of_lobes.len() as u32];
-                lobes.push(Lobe { fragment: fragment as u32, groups });
+                of_several.extend(mine.filter(|(_, of)| *of == fragment).map(|(group, _)| *group));
+                own.groups = [begin, of_several.len() as u32];
             }
         }
         for fragment in &mut fragments[first..] {
@@ -231,17 +232,6 @@ impl VisibleSurfaces {
         one.glossy == other.glossy
             && one.normal.dot(other.normal) > SMOOTH_COSINE
             && between.dot(one.point - other.point).abs() < reach
-    }
-
-    /// Whether two fragments' facets lie in one plane.
-    fn is_in_plane(&self, one: &Fragment, other: &Fragment) -> bool {
-        let facets = (item::decode(one.code), item::decode(other.code));
-        let (Some((facet, back)), Some((other_facet, other_back))) = facets else { return false };
-        let middle = Vec2::splat(1.0 / 3.0);
-        let (place, normal) = self.spot(facet, back, middle);
-        let (other_place, other_normal) = self.spot(other_facet, other_back, middle);
-        let least = IN_PLANE_PIXELS * self.frame.footprint(one.point, self.height);
-        normal.dot(other_normal) > IN_PLANE_COSINE && normal.dot(other_place - place).abs() < least
     }
 
     /// Middles of the squares over which textures are averaged in a pixel that sees a facet alone: more
@@ -318,7 +308,7 @@ impl VisibleSurfaces {
             pixel,
             code,
             mask: 0,
-            in_plane: 0,
+            groups: [0; 2],
             share,
             point,
             normal,
@@ -385,8 +375,8 @@ pub(super) struct SeenPart<I> {
 }
 
 impl Fragment {
-    /// Takes in another facet of the same surface in the same pixel, which may be in the same plane.
-    fn merge(&mut self, other: &Fragment, is_in_plane: bool) {
+    /// Takes in another facet of the same surface in the same pixel.
+    fn merge(&mut self, other: &Fragment) {
         let share = self.share + other.share;
         let (mine, theirs) = (self.share / share, other.share / share);
         self.normal = (self.normal * mine + other.normal * theirs).normalize_or(self.normal);
@@ -394,13 +384,8 @@ impl Fragment {
         self.shading_normal = shading.normalize_or(self.shading_normal);
         self.diffuse = self.diffuse * mine + other.diffuse * theirs;
         self.lobe_factor = self.lobe_factor * mine + other.lobe_factor * theirs;
-        let both = self.in_plane | other.in_plane;
         if other.mask.count_ones() > self.mask.count_ones() {
             (self.code, self.mask, self.point) = (other.code, other.mask, other.point);
-            self.in_plane = other.in_plane;
-        }
-        if is_in_plane {
-            self.in_plane = both;
         }
         self.share = share;
     }

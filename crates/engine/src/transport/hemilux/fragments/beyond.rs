@@ -11,7 +11,7 @@ use crate::surface::World;
 use glam::Vec2;
 
 /// The code of the other side of a facet.
-fn other_side(code: u32) -> u32 {
+pub(super) fn other_side(code: u32) -> u32 {
     item::decode(code).map_or(code, |(facet, back)| item::encode(facet, !back))
 }
 

@@ -265,7 +265,7 @@ impl Record {
             return self.point;
         };
         // By chance, since directions are in an order of their own.
-        let turn = pcg(self.number ^ pcg(n)) % (SAMPLE_TURNS * fragment.mask.count_ones().max(1));
+        let turn = pcg(self.number ^ pcg(n)) % (SAMPLE_TURNS * visible.count(fragment));
         visible.sample_point(fragment, turn)
     }
 
