@@ -8,7 +8,6 @@ use crate::radiometry::Rgb;
 use crate::scene::{LEAST_SHEEN_ROUGHNESS, Layers};
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
-use std::sync::OnceLock;
 
 /// Steps of the integral of an albedo, in height and around.
 const STEPS: [usize; 2] = [64, 32];
@@ -47,7 +46,7 @@ impl Sheen {
 
     /// Albedo towards a viewer at an angle of that cosine.
     pub fn albedo(&self, cosine: f32) -> Rgb {
-        if self.is_there() { self.color * white_albedo().at(self.alpha, cosine) } else { Rgb::ZERO }
+        if self.is_there() { self.color * white_albedo(self.alpha, cosine) } else { Rgb::ZERO }
     }
 
     /// What is left of light from below towards a viewer at an angle of that cosine.
@@ -55,7 +54,7 @@ impl Sheen {
         if !self.is_there() {
             return 1.0;
         }
-        (1.0 - self.color.max_element() * white_albedo().at(self.alpha, cosine)).max(0.0)
+        (1.0 - self.color.max_element() * white_albedo(self.alpha, cosine)).max(0.0)
     }
 }
 
@@ -87,13 +86,13 @@ fn fit(alpha: f32, cosine: f32) -> f32 {
 }
 
 /// E of white fibres.
-fn white_albedo() -> &'static AngleTable {
-    static TABLE: OnceLock<AngleTable> = OnceLock::new();
-    TABLE.get_or_init(|| AngleTable::new(integral))
+fn white_albedo(alpha: f32, cosine: f32) -> f32 {
+    static TABLE: AngleTable<1> = AngleTable::new(integral);
+    TABLE.at(alpha, cosine)[0]
 }
 
 /// ∫ f_r cosθ dω of white fibres, by the midpoint rule.
-fn integral(alpha: f32, cosine: f32) -> f32 {
+fn integral(alpha: f32, cosine: f32) -> [f32; 1] {
     let alpha = alpha.max(LEAST_SHEEN_ROUGHNESS * LEAST_SHEEN_ROUGHNESS);
     let viewer = Vec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine);
     let mut sum = 0.0;
@@ -109,7 +108,7 @@ fn integral(alpha: f32, cosine: f32) -> f32 {
             sum += white(alpha, [cosine, height], half) * height * 2.0 * root;
         }
     }
-    sum * TAU / (STEPS[0] * STEPS[1]) as f32
+    [sum * TAU / (STEPS[0] * STEPS[1]) as f32]
 }
 
 #[cfg(test)]
