@@ -249,8 +249,17 @@ impl Material {
 
     /// Whether any texture changes the [`Appearance`].
     pub fn has_textured_reflection(&self) -> bool {
-        self.base_color_texture.is_some()
-            || self.metallic_roughness_texture.is_some()
+        self.base_color_texture.is_some() || self.has_textured_shape()
+    }
+
+    /// Whether nothing but the base colour varies over a surface of it.
+    pub fn varies_in_colour_alone(&self) -> bool {
+        self.emission_texture.is_none() && !self.has_textured_shape()
+    }
+
+    /// Whether anything of how it reflects has a texture, but for the base colour.
+    fn has_textured_shape(&self) -> bool {
+        self.metallic_roughness_texture.is_some()
             || self.specular_texture.is_some()
             || self.specular_color_texture.is_some()
             || self.transmission_texture.is_some()
