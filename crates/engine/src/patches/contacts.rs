@@ -97,6 +97,7 @@ impl Line {
 }
 
 /// A facet that is large enough to be cut.
+#[derive(Clone)]
 struct Large {
     facet: u32,
     corners: [Vec3; 3],
@@ -105,37 +106,46 @@ struct Large {
     side: f32,
 }
 
-/// Cuts facets where others stand on them over more than the side of a patch of `cell_area`, or in a
-/// focus of what is such a patch there.
-pub fn cut_at_contacts(
-    positions: &mut Vec<Vec3>,
-    facets: &mut Vec<Facet>,
+/// The lines along which a facet, by its number, is to be cut.
+pub struct Cuts(Vec<(Large, Vec<Line>)>);
+
+/// Where others stand on facets over more than the side of a patch of `cell_area`, or in a focus of
+/// what is such a patch there.
+pub fn find_contacts(
+    positions: &[Vec3],
+    facets: &[Facet],
     cell_area: f32,
     focus: Option<Focus>,
-) {
+) -> Cuts {
     let large = large_facets(positions, facets, cell_area, focus);
     let of_large = |large: &Large| (large.corners, REACH * large.side);
     let all: Vec<[Vec3; 3]> = facets.iter().map(|facet| corners_of(positions, facet)).collect();
     let big: Vec<([Vec3; 3], f32)> = large.iter().map(of_large).collect();
-    let mut pairs = pairs_nearby(&big, &all);
+    let touches = |own: u32, other: u32| {
+        let own = &large[own as usize];
+        let heights = own.heights(all[other as usize]);
+        is_within(heights, REACH * own.side)
+    };
+    let mut pairs = pairs_nearby(&big, &all, &touches);
     pairs.sort_unstable();
     let groups: Vec<&[(u32, u32)]> = pairs.chunk_by(|a, b| a.0 == b.0).collect();
-    let cuts: Vec<(usize, Vec<Line>)> = groups
-        .into_par_iter()
-        .filter_map(|group| {
-            let own = &large[group[0].0 as usize];
-            let shape = &facets[own.facet as usize];
-            let others = group.iter().map(|(_, other)| *other as usize);
-            let others = others.filter(|other| !is_neighbour(shape, &facets[*other]));
-            let contacts = others.filter_map(|other| contact(own, all[other]));
-            let lines = lines_of(own, contacts);
-            (!lines.is_empty()).then_some((group[0].0 as usize, lines))
-        })
-        .collect();
+    let cut = |group: &[(u32, u32)]| {
+        let own = &large[group[0].0 as usize];
+        let shape = &facets[own.facet as usize];
+        let others = group.iter().map(|(_, other)| *other as usize);
+        let others = others.filter(|other| !is_neighbour(shape, &facets[*other]));
+        let contacts = others.filter_map(|other| contact(own, all[other]));
+        let lines = lines_of(own, contacts);
+        (!lines.is_empty()).then(|| (own.clone(), lines))
+    };
+    Cuts(groups.into_par_iter().filter_map(cut).collect())
+}
+
+/// Cuts facets along the lines that were found for them.
+pub fn cut_at_contacts(positions: &mut Vec<Vec3>, facets: &mut Vec<Facet>, cuts: &Cuts) {
     let mut cutter = Cutter { positions, middle: HashMap::new() };
     let mut pieces: HashMap<u32, Vec<Facet>> = HashMap::new();
-    for (number, lines) in &cuts {
-        let own = &large[*number];
+    for (own, lines) in &cuts.0 {
         pieces.insert(own.facet, cutter.cut(facets[own.facet as usize], lines, own.side));
     }
     if !pieces.is_empty() {
@@ -176,19 +186,28 @@ fn is_neighbour(one: &Facet, other: &Facet) -> bool {
     one.corners.iter().filter(|corner| other.corners.contains(corner)).count() >= 2
 }
 
+impl Large {
+    /// How high a triangle's corners are above its plane.
+    fn heights(&self, triangle: [Vec3; 3]) -> [f32; 3] {
+        triangle.map(|corner| self.normal.dot(corner - self.corners[0]))
+    }
+}
+
+/// Whether anything between such heights is within reach of height 0, and anything is beyond.
+fn is_within(heights: [f32; 3], reach: f32) -> bool {
+    let lowest = heights.iter().copied().fold(f32::INFINITY, f32::min);
+    let highest = heights.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    lowest <= reach && highest >= -reach && (lowest < -reach || highest > reach)
+}
+
 /// Where a triangle stands on a facet or passes through it.
 fn contact(own: &Large, triangle: [Vec3; 3]) -> Option<Contact> {
     let [a, b, c] = triangle;
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let reach = REACH * own.side;
-    let heights = triangle.map(|corner| own.normal.dot(corner - own.corners[0]));
-    let [lowest, highest] = [
-        heights.iter().copied().fold(f32::INFINITY, f32::min),
-        heights.iter().copied().fold(f32::NEG_INFINITY, f32::max),
-    ];
-    let rises = lowest < -reach || highest > reach;
+    let heights = own.heights(triangle);
     let is_steep = own.normal.dot(normal).abs() < STEEP_COSINE;
-    if lowest > reach || highest < -reach || !rises || !is_steep {
+    if !is_within(heights, reach) || !is_steep {
         return None;
     }
     let along = own.normal.cross(normal).normalize_or_zero();

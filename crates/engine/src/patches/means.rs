@@ -1,9 +1,10 @@
 //! What a patch reflects and emits: means over points of it.
 
 use crate::radiometry::{Reflectance, Rgb};
-use crate::scene::{Scene, Triangle};
+use crate::scene::{Material, Scene, Triangle};
 use crate::surface::Parameters;
 use glam::Vec2;
+use std::sync::OnceLock;
 
 /// Means over points of a patch.
 #[derive(Clone, Copy, Default)]
@@ -27,6 +28,11 @@ impl CellMeans {
     ) -> Self {
         let material = &scene.materials[triangle.material as usize];
         let share = 1.0 / points.len() as f32;
+        if material.varies_in_colour_alone() {
+            // Linear in the colour where nothing or all of it is metal, and nearly so between.
+            let colour: Rgb = points.map(|at| scene.base_color(triangle, at.x, at.y)).sum();
+            return Self::of_colour(material, colour * share);
+        }
         let mut sum = Self::default();
         for at in points {
             let appearance = scene.appearance(triangle, at.x, at.y);
@@ -44,6 +50,18 @@ impl CellMeans {
             albedo: sum.albedo * share,
             emission: sum.emission * share,
         }
+    }
+
+    /// Where a material has that base colour, and textures of nothing else.
+    fn of_colour(material: &Material, colour: Rgb) -> Self {
+        let emission = if material.emits() { material.emission } else { Rgb::ZERO };
+        if material.unlit {
+            return Self { emission, ..Self::default() };
+        }
+        let appearance = material.appearance(colour);
+        let Reflectance { diffuse, specular, .. } = material.reflectance(&appearance);
+        let albedo = Parameters::new(material, &appearance).mean_albedo();
+        Self { diffuse, specular, albedo, emission }
     }
 
     /// Adds those of a part with a weight.
@@ -65,6 +83,30 @@ impl CellMeans {
     /// How the patch reflects, with a material's exponent.
     pub fn reflectance(&self, exponent: f32) -> Reflectance {
         Reflectance { diffuse: self.diffuse, specular: self.specular, exponent }
+    }
+}
+
+/// What triangles reflect and emit over which nothing varies; where vertices have no colour of their
+/// own it is found once for each material.
+pub struct PlainMeans<'a> {
+    scene: &'a Scene,
+    of_material: Vec<OnceLock<CellMeans>>,
+}
+
+impl<'a> PlainMeans<'a> {
+    /// Of a scene; nothing is found yet.
+    pub fn new(scene: &'a Scene) -> Self {
+        Self { scene, of_material: vec![OnceLock::new(); scene.materials.len()] }
+    }
+
+    /// What a triangle reflects and emits of which [`colour_varies`] is not true.
+    pub fn of(&self, triangle: &Triangle) -> CellMeans {
+        let find = || CellMeans::new(self.scene, triangle, [Vec2::ZERO].into_iter());
+        let [colour, ..] = self.scene.of_sources(triangle, |vertex| vertex.color);
+        match colour == Rgb::ONE {
+            true => *self.of_material[triangle.material as usize].get_or_init(find),
+            false => find(),
+        }
     }
 }
 

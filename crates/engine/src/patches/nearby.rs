@@ -32,18 +32,30 @@ impl Bounds {
 /// One of a set, and its box.
 type Member = (u32, Bounds);
 
+/// Whether a pair is wanted.
+type Wanted<'a> = &'a (dyn Fn(u32, u32) -> bool + Sync);
+
 /// Pairs (i, j) where triangle i of the first set, with its reach about it, and triangle j of the
-/// second have boxes that overlap. In no particular order, but always the same.
-pub fn pairs_nearby(first: &[([Vec3; 3], f32)], second: &[[Vec3; 3]]) -> Vec<(u32, u32)> {
+/// second have boxes that overlap, of those that are `wanted`. In no particular order, but always the
+/// same.
+pub fn pairs_nearby(
+    first: &[([Vec3; 3], f32)],
+    second: &[[Vec3; 3]],
+    wanted: Wanted<'_>,
+) -> Vec<(u32, u32)> {
     let one = first.iter().map(|(corners, reach)| Bounds::of(*corners, *reach));
     let other = second.iter().map(|corners| Bounds::of(*corners, 0.0));
     let mut one: Vec<Member> = (0..).zip(one).collect();
     let mut other: Vec<Member> = (0..).zip(other).collect();
-    halve(&mut one, &mut other, MOST_HALVINGS)
+    halve((&mut one, &mut other), MOST_HALVINGS, wanted)
 }
 
 /// Pairs of two sets.
-fn halve(one: &mut [Member], other: &mut [Member], halvings: u32) -> Vec<(u32, u32)> {
+fn halve(
+    (one, other): (&mut [Member], &mut [Member]),
+    halvings: u32,
+    wanted: Wanted<'_>,
+) -> Vec<(u32, u32)> {
     let (Some(around_one), Some(around_other)) = (around(one), around(other)) else {
         return Vec::new();
     };
@@ -54,7 +66,7 @@ fn halve(one: &mut [Member], other: &mut [Member], halvings: u32) -> Vec<(u32, u
         let mut pairs = Vec::new();
         for (i, own) in one.iter() {
             let near = other.iter().filter(|(_, bounds)| own.overlaps(bounds));
-            pairs.extend(near.map(|(j, _)| (*i, *j)));
+            pairs.extend(near.map(|(j, _)| (*i, *j)).filter(|(i, j)| wanted(*i, *j)));
         }
         return pairs;
     }
@@ -69,8 +81,8 @@ fn halve(one: &mut [Member], other: &mut [Member], halvings: u32) -> Vec<(u32, u
     let (left, right) = many.split_at_mut(middle);
     let mut again = few.to_vec();
     let half = |half: &mut [Member], few: &mut [Member]| match of_one {
-        true => halve(half, few, halvings - 1),
-        false => halve(few, half, halvings - 1),
+        true => halve((half, few), halvings - 1, wanted),
+        false => halve((few, half), halvings - 1, wanted),
     };
     let (mut pairs, others) = rayon::join(|| half(left, few), || half(right, &mut again));
     pairs.extend(others);
@@ -97,7 +109,7 @@ mod tests {
         };
         let first: Vec<_> = (0..60).map(|k| (triangle(k, 0.5), 0.01)).collect();
         let second: Vec<_> = (100..900).map(|k| triangle(k, 0.1)).collect();
-        let mut found = pairs_nearby(&first, &second);
+        let mut found = pairs_nearby(&first, &second, &|_, _| true);
         found.sort_unstable();
         let mut expected = Vec::new();
         for (i, (corners, reach)) in (0..).zip(&first) {
@@ -106,6 +118,11 @@ mod tests {
             expected.extend(near.map(|(j, _)| (i, j)));
         }
         assert!(expected.len() > 100 && expected.len() < 60 * 800 / 2, "{}", expected.len());
+        assert_eq!(found, expected);
+        let wanted = |i: u32, j: u32| (i + j).is_multiple_of(3);
+        let mut found = pairs_nearby(&first, &second, &wanted);
+        found.sort_unstable();
+        expected.retain(|(i, j)| wanted(*i, *j));
         assert_eq!(found, expected);
     }
 }

@@ -1,10 +1,10 @@
 //! A scene in facets and patches, all of them listed.
 
-use super::contacts::cut_at_contacts;
+use super::contacts::{cut_at_contacts, find_contacts};
 use super::facet::{Facet, NO_PATCH, cells, facet_area, nth_cell};
 use super::focus::Focus;
 use super::index::{FacetIndex, PatchIndex};
-use super::means::{CellMeans, colour_varies, exponent_of, point_of};
+use super::means::{CellMeans, PlainMeans, colour_varies, exponent_of, point_of};
 use super::piece_index::PieceIndex;
 use super::{bodies, seams, split};
 use crate::radiometry::{Reflectance, Rgb, importance};
@@ -173,13 +173,18 @@ impl PatchedScene {
         // A midpoint may round onto the opposite corner and leave a piece without area.
         facets.retain(|facet| facet_area(&positions, facet) > 0.0);
 
-        let closed = bodies::facets_of_dark_closed_bodies(&scene, &positions, &facets);
-        let recedes = seams::facets_that_recede(&scene, &positions, &facets);
+        let ((closed, recedes), cuts) = rayon::join(
+            || {
+                let closed = bodies::facets_of_dark_closed_bodies(&scene, &positions, &facets);
+                (closed, seams::facets_that_recede(&scene, &positions, &facets))
+            },
+            || at_contacts.then(|| find_contacts(&positions, &facets, cell_area, focus)),
+        );
         for (index, facet) in facets.iter_mut().enumerate() {
             (facet.cull_back, facet.recedes) = (closed[index], recedes[index]);
         }
-        if at_contacts {
-            cut_at_contacts(&mut positions, &mut facets, cell_area, focus);
+        if let Some(cuts) = cuts {
+            cut_at_contacts(&mut positions, &mut facets, &cuts);
             split::split_elongated(&mut positions, &mut facets, cell_area, focus);
             facets.retain(|facet| facet_area(&positions, facet) > 0.0);
         }
@@ -273,12 +278,14 @@ fn weld(scene: &Scene) -> (Vec<Vec3>, Vec<Facet>) {
 fn patches_of(scene: &Scene, positions: &[Vec3], facets: &[Facet], count: usize) -> Patches {
     let samples = (MOST_SAMPLES / count.max(1)) as f32;
     let sub_side = (samples.sqrt() as u32).clamp(2, 8);
+    let plain = PlainMeans::new(scene);
     let of_chunk = |(chunk, facets): (usize, &[Facet])| {
         let mut patches = Patches::default();
         for (index, facet) in (CHUNK * chunk..).zip(facets) {
             let sides = [(facet.front, false), (facet.back, true)];
             for (_, back) in sides.into_iter().filter(|(first, _)| *first != NO_PATCH) {
-                cut_side((scene, positions), (index as u32, facet, back), sub_side, &mut patches);
+                let side = (index as u32, facet, back);
+                cut_side((scene, positions), side, (sub_side, &plain), &mut patches);
             }
         }
         patches
@@ -290,11 +297,11 @@ fn patches_of(scene: &Scene, positions: &[Vec3], facets: &[Facet], count: usize)
 }
 
 /// Appends the patches of one side of a facet, which has that number; colours that vary are sampled in
-/// so many sub-cells along a patch's side.
+/// so many sub-cells along a patch's side, others are looked up.
 fn cut_side(
     (scene, positions): (&Scene, &[Vec3]),
     (index, facet, back): (u32, &Facet, bool),
-    sub_side: u32,
+    (sub_side, plain): (u32, &PlainMeans),
     patches: &mut Patches,
 ) {
     let triangle = &scene.triangle(facet.source);
@@ -305,6 +312,7 @@ fn cut_side(
     let area = 0.5 * geometric.length() / (facet.divisions * facet.divisions) as f32;
     let varies = colour_varies(scene, triangle);
     let sub_cells: Vec<[Vec2; 3]> = cells(if varies { sub_side } else { 1 }).collect();
+    let alike = (!varies).then(|| plain.of(triangle));
     let exponent = exponent_of(scene, triangle);
     for (cell, [pa, pb, pc]) in cells(facet.divisions).enumerate() {
         let points = sub_cells.iter().enumerate().map(|(number, sub_cell)| {
@@ -312,7 +320,7 @@ fn cut_side(
             let at = pa * (1.0 - sample.x - sample.y) + pb * sample.x + pc * sample.y;
             facet.to_source(at.x, at.y)
         });
-        let means = CellMeans::new(scene, triangle, points);
+        let means = alike.unwrap_or_else(|| CellMeans::new(scene, triangle, points));
         let center = (pa + pb + pc) / 3.0;
         let at = facet.to_source(center.x, center.y);
         let shading = scene.interpolate(triangle, at.x, at.y, |vertex| vertex.normal);
