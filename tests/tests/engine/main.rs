@@ -16,6 +16,7 @@ mod instances;
 mod layers;
 mod malformed_scenes;
 mod methods;
+mod normal_maps;
 mod oracles;
 mod patchless_light;
 mod pictures;

@@ -30,6 +30,7 @@ pub struct World {
     has_panes: bool,
     /// Whether anything lets light through diffusely.
     has_translucent: bool,
+    has_normal_maps: bool,
     /// By material, whether it may mirror sharply.
     mirrors: Arc<[bool]>,
     /// Averages of its textures, once they have been asked for.
@@ -57,10 +58,14 @@ impl World {
             has_clear: false,
             has_panes: false,
             has_translucent: false,
+            has_normal_maps: false,
             mirrors,
             pyramids: Arc::default(),
         };
         this.has_clear = this.finishes.all().iter().any(|finish| finish.clear.is_some());
+        let materials = this.scene.materials.iter().zip(this.scene.used_materials());
+        this.has_normal_maps =
+            materials.into_iter().any(|(material, used)| used && material.normal_map.is_some());
         this.has_translucent = this.finishes.all().iter().any(|finish| finish.is_translucent);
         this.has_panes =
             this.has_clear && this.scene.unique_triangles().any(|triangle| this.is_pane(triangle));
@@ -221,6 +226,11 @@ impl World {
     /// Whether it may do so anywhere.
     pub fn has_translucent(&self) -> bool {
         self.has_translucent
+    }
+
+    /// Whether normal maps turn the shading normal anywhere.
+    pub fn has_normal_maps(&self) -> bool {
+        self.has_normal_maps
     }
 
     /// Whether a triangle may mirror sharply anywhere.

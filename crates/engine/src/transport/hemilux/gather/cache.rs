@@ -8,7 +8,7 @@
 use super::fitted::{FittedIrradiance, RecordPlane};
 use super::record::{NO_FRAGMENT, Record, Surroundings};
 use super::splat::{LocalFit, splat};
-use super::stored_record;
+use super::{by_direction, stored_record};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
 use crate::sampling::Seed;
@@ -106,7 +106,9 @@ impl Gathering {
         asks_mesh: bool,
     ) -> Surroundings<'a> {
         let Self { seed, afresh, .. } = *self;
-        Surroundings { world: &coarse.world, coarse, visible, seed, afresh, asks_mesh }
+        let world = &*coarse.world;
+        let by_direction = world.has_normal_maps();
+        Surroundings { world, coarse, visible, seed, afresh, asks_mesh, by_direction }
     }
 }
 
@@ -483,7 +485,9 @@ impl IrradianceCache {
                 bent: mean(6),
             })
         };
-        splat(visible, &self.records, contribution, mean)
+        let mut lit = splat(visible, &self.records, contribution, mean);
+        by_direction::turn(visible, &self.records, &mut lit);
+        lit
     }
 }
 

@@ -1,5 +1,6 @@
 //! Tier 2: indirect irradiance at records on what the camera sees, by rays over the hemisphere.
 
+mod by_direction;
 mod cache;
 mod fitted;
 mod record;

@@ -1,6 +1,7 @@
 //! A record of the irradiance cache (tier 2): rays over the hemisphere of a point turn the coarse
 //! solution into its indirect irradiance, and say how far around it that counts.
 
+use super::by_direction::ByDirection;
 use crate::patches::PatchIndex;
 use crate::radiometry::Rgb;
 use crate::random::{Stream, pcg};
@@ -79,6 +80,8 @@ pub struct Record {
     /// What `sum` and `split` would be by the coarse solution alone, without finding light afresh.
     pub by_mesh: Rgb,
     pub split_by_mesh: Rgb,
+    /// Radiance by direction, where normal maps ask for it.
+    pub by_direction: Option<Box<ByDirection>>,
     /// Σ 1/distance over rays.
     pub nearness: f32,
     /// What is nearest in each sector of the horizon.
@@ -116,6 +119,8 @@ pub struct Surroundings<'a> {
     pub afresh: bool,
     /// Whether what the coarse solution says there is kept, too.
     pub asks_mesh: bool,
+    /// Whether radiance is kept by direction, for normal maps.
+    pub by_direction: bool,
 }
 
 /// A gather ray of a record, beside its direction.
@@ -182,6 +187,7 @@ impl Record {
             split: Rgb::ZERO,
             by_mesh: Rgb::ZERO,
             split_by_mesh: Rgb::ZERO,
+            by_direction: None,
             nearness: 0.0,
             horizon: [NO_OBSTACLE; SECTORS],
             value: Rgb::ZERO,
@@ -198,6 +204,9 @@ impl Record {
     /// Traces more rays.
     pub fn gather(&mut self, known: &Surroundings<'_>, rays: u32) {
         let Surroundings { world, coarse, afresh, asks_mesh, .. } = *known;
+        if known.by_direction && self.rays == 0 {
+            self.by_direction = Some(Box::default());
+        }
         let batch = RayBatch::new(known, self, rays);
         let (gather_rays, traced) = self.gather_rays(known, &batch);
         let mut hits = Vec::with_capacity(traced.len());
@@ -220,6 +229,9 @@ impl Record {
             self.split += half * radiance;
             self.by_mesh += weight * by_mesh;
             self.split_by_mesh += half * by_mesh;
+            if let Some(seen) = &mut self.by_direction {
+                seen.add(weight * radiance, *direction, self.normal.dot(*direction));
+            }
         }
         self.rays += rays;
         self.aimed += batch.aimed;
@@ -435,6 +447,7 @@ mod tests {
                 seed: SEED,
                 afresh,
                 asks_mesh: true,
+                by_direction: false,
             };
             record.fragment = visible.fragments.len() as u32 / 2;
             record.gather(&known, 64);
@@ -456,9 +469,10 @@ mod tests {
             let visible = specimen.visible();
             let found = |coarse: &CoarseSolution| {
                 let (world, seed) = (&*specimen.world, SEED);
-                let (afresh, asks_mesh) = (true, true);
+                let (afresh, asks_mesh, by_direction) = (true, true, false);
+                let visible = &visible;
                 let known =
-                    Surroundings { world, coarse, visible: &visible, seed, afresh, asks_mesh };
+                    Surroundings { world, coarse, visible, seed, afresh, asks_mesh, by_direction };
                 let point = world.rays.place(Vec3::new(0.01, 1.4, 3.0));
                 let mut record = Record::new(point, Vec3::X, 1.0, 3);
                 for _ in 0..64 {

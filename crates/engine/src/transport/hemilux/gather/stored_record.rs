@@ -1,5 +1,6 @@
 //! Records in checkpoints.
 
+use super::by_direction::ByDirection;
 use super::record::{Obstacle, Record, SECTORS};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
@@ -14,6 +15,8 @@ const MOST_RAYS: u32 = 1 << 30;
 /// Writes records.
 pub fn save(records: &[Record], to: &mut Writer) {
     to.slice(&records.iter().map(StoredRecord::from).collect::<Vec<_>>());
+    let by_direction = records.iter().filter_map(|record| record.by_direction.as_deref().copied());
+    to.slice(&by_direction.collect::<Vec<_>>());
 }
 
 /// Reads what [`save`] wrote.
@@ -22,7 +25,16 @@ pub fn restore(from: &mut Reader<'_>) -> Result<Vec<Record>, CheckpointError> {
     if records.len() > MOST_RECORDS || !records.iter().all(StoredRecord::is_sound) {
         return Err(CheckpointError::damaged("there can't be such a record"));
     }
-    Ok(records.iter().map(Record::from).collect())
+    let mut records: Vec<Record> = records.iter().map(Record::from).collect();
+    let by_direction: Vec<ByDirection> = from.slice()?;
+    let fit = [0, records.len()].contains(&by_direction.len());
+    if !fit || !by_direction.iter().all(ByDirection::is_finite) {
+        return Err(CheckpointError::damaged("there can't be such radiance by direction"));
+    }
+    for (record, seen) in records.iter_mut().zip(by_direction) {
+        record.by_direction = Some(Box::new(seen));
+    }
+    Ok(records)
 }
 
 /// A record as checkpoints store it, without what is fitted from its neighbours. The order of the
@@ -122,6 +134,9 @@ mod tests {
         (record.nearness, record.radius_factor, record.radius) = (3.0, 0.5, 7.0);
         record.aimed = 1;
         record.horizon[2] = Obstacle { distance: 2.0, normal: Vec3::X, offset: 1.0 };
+        let mut seen = ByDirection::default();
+        seen.add(Rgb::ONE, Vec3::Z, 1.0);
+        record.by_direction = Some(Box::new(seen));
         record
     }
 
@@ -139,11 +154,12 @@ mod tests {
         assert_eq!(again.aimed, one.aimed);
         assert_eq!((again.radius_factor, again.radius), (one.radius_factor, one.radius));
         assert_eq!(again.horizon[2].distance, one.horizon[2].distance);
+        assert_eq!(again.by_direction, one.by_direction);
     }
 
     #[test]
     fn numbers_that_no_gathering_makes_are_refused() {
-        let damages: [fn(&mut Record); 7] = [
+        let damages: [fn(&mut Record); 8] = [
             |record| record.normal = Vec3::ZERO,
             |record| record.point.x = f32::NAN,
             |record| record.radius = -1.0,
@@ -151,6 +167,10 @@ mod tests {
             |record| record.rays = u32::MAX,
             |record| record.aimed = record.rays + 1,
             |record| record.horizon[0].distance = -1.0,
+            |record| {
+                let seen = record.by_direction.as_mut().expect("it is there");
+                seen.add(Rgb::splat(f32::NAN), Vec3::Z, 1.0);
+            },
         ];
         for damage in damages {
             let mut record = record();
