@@ -252,25 +252,34 @@ impl VisibleSurfaces {
     /// takes the whole pixel, between all of them.
     pub fn sample_point(&self, fragment: &Fragment, n: u32) -> Vec3 {
         let (mut code, mut offset) = self.nth_sample(fragment, n);
-        let count = self.count(fragment);
-        let round = n / count;
+        let round = n / self.count(fragment);
         if round > 0 {
             // A shadow's edge needs places that are ever closer to each other. But not beyond the
             // facets, where a wall may stand.
-            let is_whole = count as usize == self.samples.len();
-            let other = match is_whole {
-                true => nth_of_pattern(self.samples[0], n),
-                false => self.beside(offset, round),
-            };
+            let other = self.another_place(fragment, offset, n);
             match self.covering(fragment, (code, other)) {
                 Some(covers) => (code, offset) = (covers, other),
-                None if is_whole && fragment.has_one_facet() => offset = other,
+                None if self.is_whole(fragment) && fragment.has_one_facet() => offset = other,
                 None => {}
             }
         }
         let Some((facet, back)) = item::decode(code) else { return fragment.point };
         let placed = self.placed(facet);
         placed.spot(back, self.within(&placed, fragment.pixel, offset)).0
+    }
+
+    /// Whether a fragment takes the whole pixel.
+    fn is_whole(&self, fragment: &Fragment) -> bool {
+        self.count(fragment) as usize == self.samples.len()
+    }
+
+    /// A place for what comes n-th of a fragment, whose sample at `offset` had its turn: where it takes
+    /// the whole pixel between all samples, which leaves no gaps, else in the sample's square.
+    fn another_place(&self, fragment: &Fragment, offset: Vec2, n: u32) -> Vec2 {
+        match self.is_whole(fragment) {
+            true => nth_of_pattern(self.samples[0], n),
+            false => self.beside(offset, n / self.count(fragment)),
+        }
     }
 
     /// Another place in a sample's square, for each round after the first.
@@ -421,19 +430,19 @@ impl VisibleSurfaces {
     fn place_of_lobe(&self, lobe: &Lobe, n: u32) -> (u32, Vec2) {
         let fragment = self.of_lobe(lobe);
         let (code, offset) = self.nth_sample(fragment, n);
-        let count = self.count(fragment);
-        let round = n / count;
+        let round = n / self.count(fragment);
         if round == 0 {
             return (code, offset);
         }
-        let tries = if (count as usize) < self.samples.len() { EDGE_TRIES } else { 1 };
-        for attempt in 0..tries {
-            let beside = self.beside(offset, round * tries + attempt);
-            let found = match tries > 1 {
-                true => self.seen_at(fragment, beside),
-                false => self.covering(fragment, (code, beside)),
-            };
-            if let Some(code) = found {
+        if self.is_whole(fragment) {
+            let other = self.another_place(fragment, offset, n);
+            return self
+                .covering(fragment, (code, other))
+                .map_or((code, offset), |own| (own, other));
+        }
+        for attempt in 0..EDGE_TRIES {
+            let beside = self.beside(offset, round * EDGE_TRIES + attempt);
+            if let Some(code) = self.seen_at(fragment, beside) {
                 return (code, beside);
             }
         }
@@ -460,9 +469,12 @@ impl VisibleSurfaces {
         let rays = &self.placing.world.rays;
         let hit = rays.closest_in_pixel(origin, direction, spread, fragment.pixel)?;
         let code = self.code_of(&hit)?;
-        let is_own =
-            code == fragment.code || self.groups(fragment).iter().any(|group| group.code == code);
-        is_own.then_some(code)
+        self.has_facet(fragment, code).then_some(code)
+    }
+
+    /// Whether a fragment's samples see the side of a facet that has that code.
+    fn has_facet(&self, fragment: &Fragment, code: u32) -> bool {
+        code == fragment.code || self.groups(fragment).iter().any(|group| group.code == code)
     }
 
     /// A facet for the picture.

@@ -27,6 +27,10 @@ const MOST_DRAWN: u32 = 1 << 30;
 /// Share of a pixel from which a fragment fills all of it.
 const WHOLE: f32 = 1.0 - 1e-5;
 
+/// How much 1 − cos of the angle between two normals counts beside differences of albedos: 5° as much
+/// as .04, since what a lobe shows changes fast with the normal.
+const PER_TURN: f32 = 10.0;
+
 /// What a ray brings that meets a surface of which its pixel has no fragment, by hit, origin and
 /// direction.
 pub type StrayLight<'a> = &'a (dyn Fn(&Hit, [Vec3; 2], Afresh) -> Rgb + Sync);
@@ -289,10 +293,15 @@ impl VisibleSurfaces {
     }
 
     /// Which of a pixel's fragments has the light of `one`: that of the same facet, or else, of those
-    /// on the same surface, that of the most similar colour.
+    /// on the same surface, the one that is most alike in colour and normal.
     fn alike(&self, own: &[Fragment], one: &Fragment) -> Option<usize> {
-        let by_code = own.iter().position(|other| other.code == one.code && !other.is_beyond);
-        let off = |index: &usize| (own[*index].diffuse - one.diffuse).abs().element_sum();
+        let by_code =
+            own.iter().position(|other| !other.is_beyond && self.has_facet(other, one.code));
+        let off = |index: &usize| {
+            let other = &own[*index];
+            let turned = 1.0 - other.shading_normal.dot(one.shading_normal);
+            (other.diffuse - one.diffuse).abs().element_sum() + PER_TURN * turned
+        };
         by_code.or_else(|| {
             let near = (0..own.len()).filter(|index| !own[*index].is_beyond);
             let same = near.filter(|index| self.is_same_surface(&own[*index], one));
@@ -438,6 +447,27 @@ mod tests {
     fn apart(one: &[f32], other: &[f32]) -> f32 {
         let squares = one.iter().zip(other).map(|(a, b)| (a - b) * (a - b));
         (squares.sum::<f32>() / one.len() as f32).sqrt()
+    }
+
+    /// Each facet that a fragment's samples see is the fragment's, and a facet that none has seen is that
+    /// one's which faces its way.
+    #[test]
+    fn facets_find_to_their_fragments() {
+        let visible = Specimen::new(&made::tessellated_room(20_000), 500).visible();
+        let mut several = 0;
+        for pixel in 0..visible.width * visible.height {
+            let own = &visible.fragments[visible.of_pixel(pixel)];
+            for (index, fragment) in own.iter().enumerate() {
+                for group in visible.groups(fragment) {
+                    let one = Fragment { code: group.code, ..own[0] };
+                    assert_eq!(visible.alike(own, &one), Some(index), "pixel {pixel}");
+                    several += 1;
+                }
+                let unseen = Fragment { code: item::EMPTY, ..*fragment };
+                assert_eq!(visible.alike(own, &unseen), Some(index), "pixel {pixel}");
+            }
+        }
+        assert!(several > 100, "facets are small");
     }
 
     /// Shares come nearer to the true ones with every ray, without a floor: two that are found by

@@ -160,8 +160,8 @@ mod tests {
             for row in 0..200 {
                 let z = (f64::from(row) + 0.5) / 200.0;
                 for column in 0..400 {
-                    let (sin, cos) =
-                        (f64::from(column) + 0.5).mul_add(PI_64 / 200.0, 0.0).sin_cos();
+                    let angle = (f64::from(column) + 0.5) * std::f64::consts::PI / 200.0;
+                    let (sin, cos) = angle.sin_cos();
                     let across = (1.0 - z * z).sqrt();
                     let direction = glam::DVec3::new(across * cos, across * sin, z).as_vec3();
                     sum += (radiance(direction) * direction.dot(normal).max(0.0)).as_dvec3();
