@@ -167,22 +167,26 @@ fn an_orthographic_camera_sees_what_is_in_front_of_it() {
     assert!(black(&reference) < 9000, "the test tests nothing");
 }
 
-/// Every made scene has the mean radiance that stochastic iteration gives it.
+/// Every made scene has the mean radiance that another method gives it.
 #[test]
-fn made_scenes_have_the_mean_of_stochastic_iteration() {
-    // Into the corridor's far room light comes by a doorway only.
-    for (name, glb, iterations, closest) in [
-        ("cornell", made::cornell(), 1500, 0.02),
-        ("phong cornell", made::phong_cornell(), 600, 0.03),
-        ("corridor", made::corridor(), 2500, 0.06),
-        ("office", made::office(), 300, 0.04),
+fn made_scenes_have_the_mean_of_other_methods() {
+    let shots = |iterations| ("stochastic", iterations);
+    // So few shots come through the corridor's doorway that stochastic iteration is still 2 to 6 % off
+    // after 2,500.
+    for (name, glb, (method, iterations), closest) in [
+        ("cornell", made::cornell(), shots(1500), 0.02),
+        ("phong cornell", made::phong_cornell(), shots(600), 0.03),
+        ("corridor", made::corridor(), ("ray-traced", 400), 0.025),
+        ("office", made::office(), shots(300), 0.04),
     ] {
         let scene = imported(&glb);
-        let mut long = request(&scene, "stochastic", iterations);
-        for (setting, value) in
-            [("burn_in", "20"), ("first_shot", "true"), ("hemicube_resolution", "128")]
-        {
-            long.options.insert(setting.into(), value.into());
+        let mut long = request(&scene, method, iterations);
+        if method == "stochastic" {
+            for (setting, value) in
+                [("burn_in", "20"), ("first_shot", "true"), ("hemicube_resolution", "128")]
+            {
+                long.options.insert(setting.into(), value.into());
+            }
         }
         let reference = run(&long).picture;
         let counted = away_from_light(&reference, 8.0);
