@@ -6,22 +6,15 @@
 //! the one normal over that for the other, so that what makes a record's own irradiance good counts for
 //! other normals, too. From below the smooth surface no light comes.
 
-use super::cache::IndirectLight;
-use super::record::Record;
-use super::splat::{LocalFit, splat};
 use crate::radiometry::Rgb;
-use crate::transport::hemilux::fragments::VisibleSurfaces;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
-use rayon::prelude::*;
 use std::f32::consts::PI;
 
 /// Spherical harmonics up to the second order.
-const COUNT: usize = 9;
+pub const COUNT: usize = 9;
 /// Least cosine to the record's normal by which radiance is divided, since rays are drawn by it.
 const LEAST_COSINE: f32 = 0.03;
-/// Cosine between smooth and shading normal from which on they are taken as the same.
-const SAME_NORMAL: f32 = 0.9998;
 /// Most by which a normal map makes a place brighter, where the smooth surface hardly sees the light.
 const MOST_FACTOR: f32 = 8.0;
 
@@ -39,13 +32,18 @@ impl ByDirection {
         }
     }
 
+    /// Of these numbers, in the order of [`ByDirection::per_ray`].
+    pub fn of(numbers: [f32; 3 * COUNT]) -> Self {
+        Self(std::array::from_fn(|k| Rgb::from_slice(&numbers[3 * k..])))
+    }
+
     /// Whether all are numbers.
     pub fn is_finite(&self) -> bool {
         self.0.iter().all(|sum| sum.is_finite())
     }
 
     /// All of it for a ray, one number after the other.
-    fn per_ray(&self, rays: u32) -> [f32; 3 * COUNT] {
+    pub fn per_ray(&self, rays: u32) -> [f32; 3 * COUNT] {
         let per_ray = 1.0 / rays.max(1) as f32;
         std::array::from_fn(|k| self.0[k / 3][k % 3] * per_ray)
     }
@@ -61,7 +59,7 @@ impl ByDirection {
     }
 
     /// Irradiance for one unit normal over that for another.
-    fn factor(&self, facing: Vec3, smooth: Vec3) -> Rgb {
+    pub fn factor(&self, facing: Vec3, smooth: Vec3) -> Rgb {
         let [facing, smooth] = [facing, smooth].map(|normal| self.irradiance(normal));
         let factor = Rgb::select(smooth.cmpgt(Rgb::ZERO), facing / smooth, Rgb::ONE);
         factor.clamp(Rgb::ZERO, Rgb::splat(MOST_FACTOR))
@@ -81,32 +79,6 @@ fn harmonics(Vec3 { x, y, z }: Vec3) -> [f32; COUNT] {
         1.092_548 * x * z,
         0.546_274 * (x * x - y * y),
     ]
-}
-
-/// Turns the irradiance of fragments to where normal maps face, by what the records around them have
-/// seen.
-pub fn turn(visible: &VisibleSurfaces, records: &[Record], lit: &mut [Option<IndirectLight>]) {
-    if !records.iter().any(|record| record.by_direction.is_some()) {
-        return;
-    }
-    let contribution = |record: &Record| {
-        let seen = record.by_direction.as_ref().map(|seen| seen.per_ray(record.rays));
-        LocalFit::even(seen.unwrap_or([0.0; 3 * COUNT]))
-    };
-    // The factor is the same whatever the weights add up to.
-    let sums = |sums: [f32; 3 * COUNT], _: f32| {
-        ByDirection(std::array::from_fn(|k| Rgb::from_slice(&sums[3 * k..])))
-    };
-    let seen = splat(visible, records, contribution, sums);
-    let all = lit.par_iter_mut().zip(&visible.fragments).zip(&seen).with_min_len(1024);
-    all.for_each(|((lit, fragment), seen)| {
-        let (smooth, facing) = (fragment.normal, fragment.shading_normal);
-        let Some(lit) = lit.as_mut().filter(|_| smooth.dot(facing) < SAME_NORMAL) else { return };
-        let factor = seen.factor(facing, smooth);
-        lit.irradiance *= factor;
-        lit.noise *= factor;
-        lit.bent *= factor * factor;
-    });
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@
 use super::fitted::{FittedIrradiance, RecordPlane};
 use super::record::{NO_FRAGMENT, Record, Surroundings};
 use super::splat::{LocalFit, splat};
-use super::{by_direction, stored_record};
+use super::{stored_record, turned};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
 use crate::sampling::Seed;
@@ -486,7 +486,13 @@ impl IrradianceCache {
             })
         };
         let mut lit = splat(visible, &self.records, contribution, mean);
-        by_direction::turn(visible, &self.records, &mut lit);
+        for (lit, factor) in lit.iter_mut().zip(turned::factors(visible, &self.records)) {
+            if let Some(lit) = lit {
+                lit.irradiance *= factor;
+                lit.noise *= factor;
+                lit.bent *= factor * factor;
+            }
+        }
         lit
     }
 }

@@ -6,5 +6,6 @@ mod fitted;
 mod record;
 mod splat;
 mod stored_record;
+mod turned;
 
 pub use cache::{Gathering, IndirectLight, IrradianceCache, PilotSampling, Spacing, least_scale};
