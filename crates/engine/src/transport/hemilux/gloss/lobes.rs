@@ -38,6 +38,8 @@ const MOST_LOOKED_AT: usize = 4096;
 const LOOKED_AT_EVERY: usize = 13;
 /// Most lobe rays in a pass, as a multiple of the mean, where lobes scatter most.
 const MOST_RAYS_FACTOR: f32 = 128.0;
+/// Least rays of a lobe in a pass, likewise: what all rays have missed so far must not be missed for ever.
+const LEAST_RAYS_FACTOR: f32 = 0.05;
 /// Pixels in each direction that share rays.
 const NEIGHBOUR_REACH: i32 = 2;
 /// What these have found together is shared again with pixels so many times as far away.
@@ -291,21 +293,19 @@ impl Gloss {
                 .map(|variance| visible.share(&visible.lobes[lobe]) * (left * variance).sqrt())
         };
         let own: Vec<[f32; 2]> = (0..self.len()).into_par_iter().map(scatter).collect();
-        // By what those beside it found, not its own rays: dark ones, which have missed a highlight,
-        // would get no more and remain dark, while bright ones would be corrected.
+        // By what those beside it found as much as by its own rays: dark ones, which have missed a
+        // highlight, would get no more by these and remain dark, while bright ones would be corrected.
+        // But where those beside it see nothing in the way, as at an outline, its own alone tell.
         let around = |lobe: usize| {
-            let (mut squares, mut count) = ([0.0; 2], 0.0);
+            let (mut squares, mut count) = (own[lobe].map(|own| own * own), 1.0);
             self.around(visible, lobe, (NEIGHBOUR_REACH, 1), |other, _, _| {
                 for (sum, scatter) in squares.iter_mut().zip(own[other]) {
                     *sum += scatter * scatter;
                 }
                 count += 1.0;
             });
-            let scatter = match count > 0.0 {
-                true => squares.map(|sum| (sum / count).sqrt()),
-                false => own[lobe],
-            };
-            [scatter[0], scatter[1] / BATCH_COST.sqrt()]
+            let [rays, batches] = squares.map(|sum| (sum / count).sqrt());
+            [rays, batches / BATCH_COST.sqrt()]
         };
         let around: Vec<[f32; 2]> =
             (0..self.len()).into_par_iter().with_min_len(1024).map(around).collect();
@@ -314,7 +314,8 @@ impl Gloss {
         let work = |(index, [ray, batch]): (usize, &[f32; 2])| {
             let (lobe, sums) = (&visible.lobes[index], &self.sums[index]);
             let times = |scatter: &f32| {
-                let times = (scatter / mean.max(f32::MIN_POSITIVE)).min(MOST_RAYS_FACTOR);
+                let times = scatter / mean.max(f32::MIN_POSITIVE);
+                let times = times.clamp(LEAST_RAYS_FACTOR, MOST_RAYS_FACTOR);
                 share * RAYS_PER_PIXEL * times
             };
             // Rounded up or down in turn, so that what is worth a fourth of a ray gets one in every
