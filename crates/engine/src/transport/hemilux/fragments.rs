@@ -17,7 +17,6 @@ use crate::scene::Camera;
 use crate::scene::part::Part;
 use crate::scene::pyramid::Pyramids;
 use crate::surface::{Surface, World};
-use beyond::other_side;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -523,6 +522,11 @@ impl VisibleSurfaces {
         let rest = std::iter::successors(Some(mask), |mask| Some(mask & mask.wrapping_sub(1)));
         rest.take_while(|mask| *mask != 0).map(|mask| self.samples[mask.trailing_zeros() as usize])
     }
+}
+
+/// The code of the other side of a facet.
+fn other_side(code: u32) -> u32 {
+    item::decode(code).map_or(code, |(facet, back)| item::encode(facet, !back))
 }
 
 /// The place of a number's n-th set bit, counted round and round.

@@ -3,17 +3,12 @@
 //! its diffuse albedo being the share that comes through, is what comes through.
 
 use super::band::SeenPart;
-use super::{Fragment, SampleGroup, VisibleSurfaces};
+use super::{Fragment, SampleGroup, VisibleSurfaces, other_side};
 use crate::hemicube::item;
 use crate::patches::FacetIndex;
 use crate::radiometry::Rgb;
 use crate::surface::World;
 use glam::Vec2;
-
-/// The code of the other side of a facet.
-pub(super) fn other_side(code: u32) -> u32 {
-    item::decode(code).map_or(code, |(facet, back)| item::encode(facet, !back))
-}
 
 impl VisibleSurfaces {
     /// Whether light may go diffusely through what a code stands for.
