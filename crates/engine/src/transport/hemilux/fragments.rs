@@ -256,10 +256,10 @@ impl VisibleSurfaces {
             // A shadow's edge needs places that are ever closer to each other. But not beyond the
             // facets, where a wall may stand.
             let other = self.another_place(fragment, offset, n);
-            match self.covering(fragment, (code, other)) {
-                Some(covers) => (code, offset) = (covers, other),
-                None if self.is_whole(fragment) && fragment.has_one_facet() => offset = other,
-                None => {}
+            if self.is_whole(fragment) && fragment.has_one_facet() {
+                offset = other;
+            } else if let Some(covers) = self.covering(fragment, (code, other)) {
+                (code, offset) = (covers, other);
             }
         }
         let Some((facet, back)) = item::decode(code) else { return fragment.point };
