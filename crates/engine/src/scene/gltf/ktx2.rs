@@ -18,6 +18,7 @@ mod offset {
     pub const LEVELS: usize = 40;
     pub const SCHEME: usize = 44;
     pub const DESCRIPTOR: usize = 48;
+    pub const KEYS: usize = 56;
     pub const GLOBAL: usize = 64;
     pub const FIRST_LEVEL: usize = 80;
     /// Of the colour model, within the descriptor.
@@ -59,6 +60,7 @@ pub(super) fn size(file: &[u8]) -> Result<(u32, u32), Why> {
         return Err(format!("has {levels} levels"));
     }
     let (level, uncompressed) = first_level(file)?;
+    check_keys(file)?;
     let descriptor = number(file, offset::DESCRIPTOR)? as usize;
     let model = descriptor.checked_add(offset::MODEL).and_then(|at| file.get(at));
     let blocks = u64::from(width).div_ceil(BLOCK_SIDE) * u64::from(height).div_ceil(BLOCK_SIDE);
@@ -86,6 +88,31 @@ fn first_level(file: &[u8]) -> Result<(u64, u64), Why> {
     let (begin, length) = (long(file, at)?, long(file, at + 8)?);
     check_inside(file, begin, length, "its first level")?;
     Ok((length, long(file, at + 16)?))
+}
+
+/// Checks that keys and values end where the file says that they do, with what fills them up to four
+/// bytes: the decoder looks through them and counts on it.
+fn check_keys(file: &[u8]) -> Result<(), Why> {
+    let begin = u64::from(number(file, offset::KEYS)?);
+    let length = u64::from(number(file, offset::KEYS + 4)?);
+    let end = begin + length;
+    if length == 0 || end > file.len() as u64 {
+        return Ok(());
+    }
+    let mut at = begin;
+    while end.saturating_sub(at) > 4 {
+        let own = u64::from(number(file, at as usize)?);
+        at += 4;
+        // Here the decoder stops looking.
+        if own < 2 || own > end - at {
+            return Ok(());
+        }
+        at = (at + own).next_multiple_of(4);
+    }
+    if at > end {
+        return Err("has keys and values that are longer than it says".into());
+    }
+    Ok(())
 }
 
 /// Checks that the tables of BasisLZ are there.

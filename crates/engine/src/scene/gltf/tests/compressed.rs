@@ -490,6 +490,11 @@ fn damaged_ktx2_is_refused() {
             picture[side..side + 4].copy_from_slice(&u32::MAX.to_le_bytes());
             assert_eq!(refusal(&ktx2(&picture)).at, "images[0]");
         }
+        // Keys and values that end within what fills them up.
+        let mut picture = picture.clone();
+        picture[60] -= 1;
+        let error = refusal(&ktx2(&picture)).to_string();
+        assert!(error.contains("longer than it says"), "{error}");
     }
 }
 
