@@ -7,7 +7,7 @@ use crate::views::imported;
 use hemilux_charts::statistics::log_slope;
 use hemilux_charts::table::Table;
 use hemilux_engine::device;
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, Unobserved};
+use hemilux_engine::render::{Limits, RenderRequest, Unobserved};
 use hemilux_engine::scene::made;
 use hemilux_engine::transport::render;
 use serde::{Deserialize, Serialize};
@@ -61,17 +61,8 @@ pub fn point(arguments: &PointArguments) -> Result<(), Failure> {
     }
     let triangles = scene.triangles.len();
     let request = RenderRequest {
-        scene: scene.into(),
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: SIDE,
-        height: SIDE,
-        method: "hemilux".into(),
         limits: Limits { target_error: Some(GOAL), ..Limits::default() },
-        seed: 1,
-        options: Default::default(),
-        begin: Default::default(),
+        ..RenderRequest::new(scene.into(), "hemilux", [SIDE; 2])
     };
     let mut device = device::open("cpu")?;
     // The peak until now is that of the import.

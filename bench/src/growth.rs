@@ -9,7 +9,7 @@ use hemilux_charts::chart::{Chart, Line, Panel};
 use hemilux_charts::statistics::log_slope;
 use hemilux_charts::table::Table;
 use hemilux_engine::device;
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, StopReason, Unobserved};
+use hemilux_engine::render::{Limits, RenderRequest, StopReason, Unobserved};
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
 use hemilux_engine::scene::made;
 use hemilux_engine::transport::render;
@@ -125,24 +125,16 @@ pub fn point(arguments: &PointArguments) -> Result<(), Failure> {
         ("pixel_samples", "4".into()),
     ];
     let request = RenderRequest {
-        scene: Arc::new(scene),
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: SIDE,
-        height: SIDE,
-        method: arguments.method.clone(),
         limits: Limits {
             seconds: Some(arguments.limit),
             iterations: work(&arguments.method).0,
             ..Limits::default()
         },
-        seed: 1,
         options: relevant(
             &arguments.method,
             &options.map(|(name, value)| (name.into(), value)).into(),
         ),
-        begin: Default::default(),
+        ..RenderRequest::new(Arc::new(scene), &arguments.method, [SIDE; 2])
     };
     let resident_bytes = results::status_bytes("VmRSS");
     let stats = render(device.as_mut(), &request, &mut Unobserved)?.stats;

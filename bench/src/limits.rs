@@ -11,10 +11,9 @@ use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::device::{Device, ShootingSettings};
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::rays::{Eye, Hit, Rays};
-use hemilux_engine::render::{Begin, CameraChoice, Limits, RenderRequest, Rendered, Unobserved};
+use hemilux_engine::render::{Limits, RenderRequest, Rendered, Unobserved};
 use hemilux_engine::scene::{Scene, made};
 use hemilux_engine::transport::render;
-use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -296,17 +295,8 @@ fn stages() -> Result<Table, Failure> {
     let mut renders = Vec::new();
     for (name, glb) in [("Cornell box", made::cornell()), ("office", made::office())] {
         let request = RenderRequest {
-            scene: Arc::new(imported(&glb)),
-            environment: None,
-            background: Default::default(),
-            camera: CameraChoice::First,
-            width: 500,
-            height: 500,
-            method: "hemilux".into(),
-            limits: Limits { seconds: Some(3.0), ..Limits::default() },
-            seed: 1,
-            options: BTreeMap::new(),
-            begin: Begin::Afresh,
+            limits: Limits::seconds(3.0),
+            ..RenderRequest::new(Arc::new(imported(&glb)), "hemilux", [500; 2])
         };
         renders.push((name, render(&mut CpuDevice::new(None)?, &request, &mut Unobserved)?));
     }

@@ -122,7 +122,7 @@ fn measure(
             .map(|picture| block_means(picture, BLOCK));
     let mut rows = Vec::new();
     for seconds in &arguments.seconds {
-        let limits = Limits { seconds: Some(*seconds), ..Limits::default() };
+        let limits = Limits::seconds(*seconds);
         let rendered = view.render(device, ("auto", limits), 1)?;
         let (stats, figures) = (&rendered.stats, &rendered.stats.figures);
         for warning in &stats.warnings {

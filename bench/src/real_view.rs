@@ -6,12 +6,11 @@ use hemilux_charts::accuracy::Reference;
 use hemilux_engine::device::Device;
 use hemilux_engine::image::Picture;
 use hemilux_engine::render::{
-    Begin, CameraChoice, Limits, RenderRequest, Rendered, Unobserved, choose_camera,
+    CameraChoice, Limits, RenderRequest, Rendered, Unobserved, choose_camera,
 };
 use hemilux_engine::scene::made::real::RealScene;
 use hemilux_engine::scene::{Camera, Environment, Scene};
 use hemilux_engine::transport::render;
-use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hasher};
 use std::path::Path;
 use std::sync::Arc;
@@ -50,17 +49,10 @@ impl RealView {
         seed: u64,
     ) -> Result<Rendered, Failure> {
         let request = RenderRequest {
-            scene: self.scene.clone(),
             environment: Some(self.environment.clone()),
-            background: Default::default(),
-            camera: CameraChoice::First,
-            width: self.side,
-            height: self.side,
-            method: method.into(),
             limits,
             seed,
-            options: BTreeMap::default(),
-            begin: Begin::Afresh,
+            ..RenderRequest::new(self.scene.clone(), method, [self.side; 2])
         };
         Ok(render(device, &request, &mut Unobserved)?)
     }
@@ -77,7 +69,7 @@ impl RealView {
             if let Ok(bytes) = std::fs::read(&path) {
                 return Ok(Picture::from_exr(&bytes)?);
             }
-            let limits = Limits { seconds: Some(seconds), ..Limits::default() };
+            let limits = Limits::seconds(seconds);
             let rendered = self.render(device, ("ray-traced", limits), seed)?;
             eprintln!("{}: half {name}, {} passes", self.key, rendered.stats.figures.iterations);
             std::fs::write(&path, rendered.picture.to_exr()?)?;

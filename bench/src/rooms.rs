@@ -94,11 +94,11 @@ impl Row {
 }
 
 fn by_iterations(iterations: u64) -> Limits {
-    Limits { iterations: Some(iterations), ..Limits::default() }
+    Limits::iterations(iterations)
 }
 
 fn by_time(seconds: f64) -> Limits {
-    Limits { seconds: Some(seconds), ..Limits::default() }
+    Limits::seconds(seconds)
 }
 
 /// What ends a job, in words.

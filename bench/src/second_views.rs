@@ -129,7 +129,7 @@ fn second_picture(
 ) -> Result<Vec<String>, Failure> {
     let alone_request = request(scene, arguments, beside(scene), arguments.seconds);
     let reference = RenderRequest {
-        limits: Limits { seconds: Some(arguments.reference_seconds), ..Limits::default() },
+        limits: Limits::seconds(arguments.reference_seconds),
         seed: 1000,
         ..alone_request.clone()
     };
@@ -143,7 +143,7 @@ fn second_picture(
     let mut last = None;
     for iterations in ITERATIONS {
         let view = RenderRequest {
-            limits: Limits { iterations: Some(iterations), ..Limits::default() },
+            limits: Limits::iterations(iterations),
             begin: Begin::View(checkpoint.clone()),
             ..alone_request.clone()
         };
@@ -183,18 +183,11 @@ fn request(
     seconds: f64,
 ) -> RenderRequest {
     RenderRequest {
-        scene: scene.clone(),
-        environment: None,
-        background: Default::default(),
         camera,
-        width: arguments.side,
-        height: arguments.side,
-        method: "hemilux".into(),
-        limits: Limits { seconds: Some(seconds), ..Limits::default() },
-        seed: 1,
+        limits: Limits::seconds(seconds),
         // What limits by iterations would choose otherwise than limits by seconds.
         options: [("pixel_samples".to_string(), PIXEL_SAMPLES.to_string())].into(),
-        begin: Begin::Afresh,
+        ..RenderRequest::new(scene.clone(), "hemilux", [arguments.side; 2])
     }
 }
 

@@ -13,6 +13,7 @@ pub mod load;
 pub mod malformed;
 pub mod mutate;
 pub mod oracle;
+pub mod rendering;
 pub mod replicas;
 pub mod rooms_by_chance;
 pub mod scenes;

@@ -3,7 +3,7 @@
 use super::variants::Variant;
 use crate::results::Failure;
 use hemilux_engine::device::Device;
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, Rendered, Unobserved};
+use hemilux_engine::render::{Limits, RenderRequest, Rendered, Unobserved};
 use hemilux_engine::scene::Scene;
 use hemilux_engine::transport::render;
 use std::collections::BTreeMap;
@@ -135,19 +135,7 @@ impl Bench {
             options.remove("hemicube_resolution");
         }
         options.extend(variant.options.iter().map(|(n, v)| ((*n).to_string(), v.clone())));
-        RenderRequest {
-            scene: scene.clone(),
-            environment: None,
-            background: Default::default(),
-            camera: CameraChoice::First,
-            width: side,
-            height: side,
-            method: "stochastic".into(),
-            limits: Limits::default(),
-            seed: 1,
-            options,
-            begin: Default::default(),
-        }
+        RenderRequest { options, ..RenderRequest::new(scene.clone(), "stochastic", [side; 2]) }
     }
 
     pub(super) fn render(
@@ -155,7 +143,7 @@ impl Bench {
         mut job: RenderRequest,
         iterations: u64,
     ) -> Result<Rendered, Failure> {
-        job.limits = Limits { iterations: Some(iterations), ..Limits::default() };
+        job.limits = Limits::iterations(iterations);
         self.jobs += 1;
         Ok(render(self.device.as_mut(), &job, &mut Unobserved)?)
     }

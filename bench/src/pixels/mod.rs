@@ -15,7 +15,7 @@ use crate::views::{imported, regions};
 use hemilux_charts::accuracy::Reference;
 use hemilux_charts::regions::Regions;
 use hemilux_engine::device::{self, Device};
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, Rendered, Unobserved};
+use hemilux_engine::render::{Limits, RenderRequest, Rendered, Unobserved};
 use hemilux_engine::scene::{Scene, made};
 use hemilux_engine::transport::render;
 use std::path::PathBuf;
@@ -54,20 +54,13 @@ impl Bench {
         seed: u64,
     ) -> Result<Rendered, Failure> {
         let mut request = RenderRequest {
-            scene: scene.clone(),
-            environment: None,
-            background: Default::default(),
-            camera: CameraChoice::First,
-            width: self.size.side,
-            height: self.size.side,
-            method: "ray-traced".into(),
-            limits: Limits { iterations: Some(passes), ..Limits::default() },
+            limits: Limits::iterations(passes),
             seed,
             // What pixels do, alone.
             options: [("pixel_samples", CELLS.to_string()), ("path_strata", "false".into())]
                 .map(|(name, value)| (name.to_string(), value))
                 .into(),
-            begin: Default::default(),
+            ..RenderRequest::new(scene.clone(), "ray-traced", [self.size.side; 2])
         };
         for (name, value) in options.iter().copied().flatten() {
             request.options.insert((*name).into(), (*value).into());

@@ -44,7 +44,7 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
         // In turn, so that a disturbance hits all alike.
         for seed in 1..=SEEDS {
             for ((name, options), errors) in VARIANTS.iter().zip(&mut errors) {
-                let limits = Limits { seconds: Some(SECONDS), ..Limits::default() };
+                let limits = Limits::seconds(SECONDS);
                 let request = view.request("hemilux", limits, seed, options);
                 let rendered = render(study.device.as_mut(), &request, &mut Unobserved)?;
                 let error = truth.error(&rendered);

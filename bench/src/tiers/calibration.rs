@@ -84,7 +84,7 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
         let truth = study.truth(view)?;
         for seed in 1..=SEEDS {
             for iterations in ITERATIONS {
-                let limits = Limits { iterations: Some(iterations), ..Limits::default() };
+                let limits = Limits::iterations(iterations);
                 let request = view.request("hemilux", limits, seed, &[]);
                 let rendered = render(study.device.as_mut(), &request, &mut Unobserved)?;
                 points.push(Point::new(view, &truth, &rendered, seed));

@@ -79,7 +79,7 @@ impl ViewConvergence {
         let mut first = None;
         let mut climb = None;
         for iterations in LADDER {
-            let limits = Limits { iterations: Some(iterations), ..Limits::default() };
+            let limits = Limits::iterations(iterations);
             let request = view.request("hemilux", limits, 1, &[]);
             let rendered = render(study.device.as_mut(), &request, &mut Unobserved)?;
             let seconds = rendered.stats.seconds_solve;

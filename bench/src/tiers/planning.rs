@@ -55,7 +55,7 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
         let mut errors = vec![Vec::new(); HANDS.len()];
         for seed in 1..=SEEDS {
             for (hand, errors) in HANDS.iter().zip(&mut errors) {
-                let limits = Limits { seconds: Some(SECONDS), ..Limits::default() };
+                let limits = Limits::seconds(SECONDS);
                 let request = view.request(hand.0, limits, seed, hand.1);
                 let rendered = render(study.device.as_mut(), &request, &mut Unobserved)?;
                 let error = truth.error(&rendered);

@@ -10,7 +10,7 @@ use hemilux_engine::device::Device;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
-    Begin, CameraChoice, Limits, RenderRequest, Rendered, Unobserved, choose_camera,
+    CameraChoice, Limits, RenderRequest, Rendered, Unobserved, choose_camera,
 };
 use hemilux_engine::scene::{Camera, Material, Scene, Triangle, Vertex, made};
 use hemilux_engine::transport::render;
@@ -52,17 +52,10 @@ impl View {
     ) -> RenderRequest {
         let text = |(name, value): &(&str, &str)| ((*name).to_string(), (*value).to_string());
         RenderRequest {
-            scene: self.scene.clone(),
-            environment: None,
-            background: Default::default(),
-            camera: CameraChoice::First,
-            width: self.side,
-            height: self.side,
-            method: method.into(),
             limits,
             seed,
             options: options.iter().map(text).collect::<BTreeMap<_, _>>(),
-            begin: Begin::Afresh,
+            ..RenderRequest::new(self.scene.clone(), method, [self.side; 2])
         }
     }
 
@@ -82,7 +75,7 @@ impl View {
             }
             eprintln!("{}: reference, half {half}", self.name);
             let longer = if DARK.contains(&self.name.as_str()) { LONGER } else { 1.0 };
-            let limits = Limits { seconds: Some(seconds * longer), ..Limits::default() };
+            let limits = Limits::seconds(seconds * longer);
             let request = self.request("ray-traced", limits, seed, &[]);
             let picture = render(device, &request, &mut Unobserved)?.picture;
             std::fs::write(&path, picture.to_exr()?)?;

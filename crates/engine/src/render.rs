@@ -119,6 +119,16 @@ impl Limits {
     /// Time budget of a job that names no limit, seconds.
     pub const DEFAULT_SECONDS: f64 = 10.0;
 
+    /// So many iterations, and no other limit.
+    pub fn iterations(iterations: u64) -> Self {
+        Self { iterations: Some(iterations), ..Self::default() }
+    }
+
+    /// So many seconds, and no other limit.
+    pub fn seconds(seconds: f64) -> Self {
+        Self { seconds: Some(seconds), ..Self::default() }
+    }
+
     /// What was asked for, the default of a job that names no limit filled in, and without the
     /// cap: what a job is planned by.
     pub fn to_plan_by(self) -> Self {
@@ -430,6 +440,24 @@ fn explicit_camera(camera: &ExplicitCamera) -> Result<Camera, RenderError> {
 }
 
 impl RenderRequest {
+    /// A scene by a method in a picture of `[width, height]` pixels, and whatever a job has that
+    /// asks for no more: the scene's first camera, seed 1, no limits, no settings.
+    pub fn new(scene: Arc<Scene>, method: impl Into<String>, [width, height]: [u32; 2]) -> Self {
+        Self {
+            scene,
+            environment: None,
+            background: Background::default(),
+            camera: CameraChoice::First,
+            width,
+            height,
+            method: method.into(),
+            limits: Limits::default(),
+            seed: 1,
+            options: BTreeMap::new(),
+            begin: Begin::Afresh,
+        }
+    }
+
     /// The camera that takes the picture, with a warning where it had to be made up.
     ///
     /// # Errors
@@ -486,17 +514,9 @@ mod tests {
 
     fn refused(camera: ExplicitCamera) -> Option<String> {
         let request = RenderRequest {
-            scene: Arc::default(),
-            environment: None,
-            background: Default::default(),
             camera: CameraChoice::Explicit(camera),
-            width: 8,
-            height: 8,
-            method: "auto".into(),
-            limits: Limits::default(),
             seed: 0,
-            options: BTreeMap::new(),
-            begin: Begin::Afresh,
+            ..RenderRequest::new(Arc::default(), "auto", [8, 8])
         };
         match request.check() {
             Ok(()) => None,

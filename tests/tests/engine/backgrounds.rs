@@ -5,10 +5,11 @@ use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
-    Begin, CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest, StopReason, Unobserved,
+    CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest, StopReason, Unobserved,
 };
 use hemilux_engine::scene::{Background, Environment, Material, Scene, Sky};
 use hemilux_engine::transport::render;
+use hemilux_tests::rendering::rendered;
 use hemilux_tests::scenes::Builder;
 use std::sync::Arc;
 
@@ -48,17 +49,13 @@ fn request(scene: &Arc<Scene>, (method, iterations): (&str, u64)) -> RenderReque
     let is_on_patches = METHODS[3..].iter().any(|(name, _)| *name == method);
     let options = coarse.iter().filter(|_| is_on_patches);
     RenderRequest {
-        scene: scene.clone(),
         environment: Some(Arc::new(environment)),
         background: Background::Sky,
         camera: CameraChoice::Explicit(camera),
-        width: SIDE,
-        height: SIDE,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        limits: Limits::iterations(iterations),
         seed: 3,
         options: options.map(|(name, value)| (name.to_string(), value.to_string())).collect(),
-        begin: Begin::Afresh,
+        ..RenderRequest::new(scene.clone(), method, [SIDE; 2])
     }
 }
 
@@ -136,8 +133,7 @@ fn without_light_surfaces_are_black_before_the_background() {
             background: Background::Colour(COLOUR),
             ..request(&scene, (method, 2))
         };
-        let mut device = CpuDevice::new(Some(2)).expect("threads");
-        let rendered = render(&mut device, &dark, &mut Unobserved).expect("it renders");
+        let rendered = rendered(&dark);
         assert_eq!(rendered.stats.stopped, StopReason::NoLight);
         let middle = (SIDE * SIDE / 2 + SIDE / 2) as usize;
         let pixels = &rendered.picture.pixels;

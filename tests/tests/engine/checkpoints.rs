@@ -57,17 +57,8 @@ impl Observer for Keeper {
 
 fn request(scene: &Arc<Scene>, method: &str, iterations: u64) -> RenderRequest {
     RenderRequest {
-        scene: scene.clone(),
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: 32,
-        height: 27,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
-        seed: 1,
-        options: Default::default(),
-        begin: Begin::Afresh,
+        limits: Limits::iterations(iterations),
+        ..RenderRequest::new(scene.clone(), method, [32, 27])
     }
 }
 
@@ -292,7 +283,7 @@ fn a_second_camera_begins_with_the_first_ones_solution() {
         let mut keeper = Keeper::default();
         let view = run(&RenderRequest { begin: begin.clone(), ..other.clone() }, &mut keeper);
         assert!(view.stats.figures.iterations <= 1, "{method}: {:?}", view.stats.stopped);
-        let limits = Limits { iterations: Some(alone), ..Limits::default() };
+        let limits = Limits::iterations(alone);
         let by_itself = run(&RenderRequest { limits, ..other.clone() }, &mut Keeper::default());
         let afresh = run(&other, &mut Keeper::default());
         // A pixel at the lamp's edge shows how finely that is seen.
@@ -311,7 +302,7 @@ fn a_second_camera_begins_with_the_first_ones_solution() {
         }
         // A view goes on like any other job, and hands on in its turn.
         let part = Arc::new(keeper.taken.pop().expect("a solution"));
-        let limits = Limits { iterations: Some(3), ..Limits::default() };
+        let limits = Limits::iterations(3);
         let three = RenderRequest { limits, ..other };
         let undisturbed = RenderRequest { begin, ..three.clone() };
         let continued = RenderRequest { begin: Begin::Continue(part.clone()), ..three.clone() };

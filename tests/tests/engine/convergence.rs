@@ -5,7 +5,7 @@ use crate::references::{CORNELL_SIDE, cornell_halves};
 use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, StopReason, Unobserved};
+use hemilux_engine::render::{Limits, RenderRequest, StopReason, Unobserved};
 use hemilux_engine::scene::{Scene, made};
 use hemilux_engine::transport::render;
 use hemilux_tests::comparison::{away_from_light, relative_rmse};
@@ -17,19 +17,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 fn request(scene: &Arc<Scene>, method: &str, side: u32) -> RenderRequest {
-    RenderRequest {
-        scene: scene.clone(),
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: side,
-        height: side,
-        method: method.into(),
-        limits: Limits::default(),
-        seed: 1,
-        options: Default::default(),
-        begin: Default::default(),
-    }
+    RenderRequest::new(scene.clone(), method, [side; 2])
 }
 
 /// The same on few patches with small hemicubes.
@@ -171,7 +159,7 @@ fn hemilux_falls_to_its_floor_in_any_room() {
     let seed = seed.unwrap_or_else(today);
     let (scene, camera) = room(seed);
     let traced = RenderRequest { camera: camera.clone(), ..request(&scene, "ray-traced", 32) };
-    let limits = Limits { iterations: Some(800), ..Limits::default() };
+    let limits = Limits::iterations(800);
     let halves = Halves::traced(&RenderRequest { limits, ..traced }, 4.0);
     let shown = RenderRequest { camera, ..request(&scene, "hemilux", 32) };
     let pictures = [1, 16].map(|iterations| picture(&shown, Some(iterations)));

@@ -3,9 +3,7 @@
 
 use hemilux_engine::checkpoint::Checkpoint;
 use hemilux_engine::device::cpu::CpuDevice;
-use hemilux_engine::render::{
-    Begin, CameraChoice, Limits, Observer, Progress, RenderRequest, Rendered,
-};
+use hemilux_engine::render::{Begin, Limits, Observer, Progress, RenderRequest, Rendered};
 use hemilux_engine::scene::made;
 use hemilux_engine::transport::render;
 use hemilux_tests::comparison::{away_from_light, relative_rmse};
@@ -27,19 +25,7 @@ impl Observer for Keeper {
 }
 
 fn request(glb: &[u8], size: [u32; 2], limits: Limits) -> RenderRequest {
-    RenderRequest {
-        scene: imported(glb),
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: size[0],
-        height: size[1],
-        method: "hemilux".into(),
-        limits,
-        seed: 3,
-        options: Default::default(),
-        begin: Default::default(),
-    }
+    RenderRequest { limits, seed: 3, ..RenderRequest::new(imported(glb), "hemilux", size) }
 }
 
 fn done(request: &RenderRequest) -> (Rendered, Option<Checkpoint>) {
@@ -54,11 +40,11 @@ fn shrink(rendered: &Rendered) -> f64 {
 }
 
 fn by_time(seconds: f64) -> Limits {
-    Limits { seconds: Some(seconds), ..Limits::default() }
+    Limits::seconds(seconds)
 }
 
 fn by_iterations(iterations: u64) -> Limits {
-    Limits { iterations: Some(iterations), ..Limits::default() }
+    Limits::iterations(iterations)
 }
 
 /// The picture has the size that was asked for, also where the draft's shape is another, and its

@@ -1,15 +1,14 @@
 //! Glass: what `hemilux` shows behind, in and by way of it, against closed forms and path tracing.
 
 use glam::Vec3;
-use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
-use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest, Unobserved};
+use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest};
 use hemilux_engine::scene::{
     Environment, LightKind, Material, PunctualLight, Scene, Sky, Sun, Triangle, Vertex, Volume,
 };
-use hemilux_engine::transport::render;
 use hemilux_tests::blocks::{block_means, largest_deviation};
+use hemilux_tests::rendering::rendered;
 use hemilux_tests::scenes::Builder;
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -26,20 +25,13 @@ struct Shot {
 impl Shot {
     fn by(&self, method: &str, iterations: u64) -> Picture {
         let request = RenderRequest {
-            scene: self.scene.clone(),
             environment: Some(Arc::new(self.environment.clone())),
-            background: Default::default(),
             camera: CameraChoice::Explicit(self.camera),
-            width: self.side,
-            height: self.side,
-            method: method.into(),
-            limits: Limits { iterations: Some(iterations), ..Limits::default() },
+            limits: Limits::iterations(iterations),
             seed: self.seed,
-            options: Default::default(),
-            begin: Default::default(),
+            ..RenderRequest::new(self.scene.clone(), method, [self.side; 2])
         };
-        let mut device = CpuDevice::new(Some(2)).expect("threads");
-        render(&mut device, &request, &mut Unobserved).expect("it renders").picture
+        rendered(&request).picture
     }
 }
 

@@ -3,39 +3,22 @@
 
 use crate::references::cornell_halves;
 use glam::Vec3;
-use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
-use hemilux_engine::render::{
-    CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, Unobserved,
-};
+use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest};
 use hemilux_engine::scene::{Camera, Projection, Scene, made};
-use hemilux_engine::transport::render;
 use hemilux_tests::comparison::{away_from_light, error_by_halves, mean_ratio, relative_rmse};
 use hemilux_tests::halves::Halves;
+use hemilux_tests::rendering::rendered;
 use hemilux_tests::scenes::{Builder, imported};
 use hemilux_tests::skips::shared_or_skip;
 use std::sync::Arc;
 
 fn request(scene: &Arc<Scene>, method: &str, iterations: u64) -> RenderRequest {
     RenderRequest {
-        scene: scene.clone(),
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: 96,
-        height: 96,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
-        seed: 1,
-        options: Default::default(),
-        begin: Default::default(),
+        limits: Limits::iterations(iterations),
+        ..RenderRequest::new(scene.clone(), method, [96; 2])
     }
-}
-
-fn run(request: &RenderRequest) -> Rendered {
-    let mut device = CpuDevice::new(None).unwrap();
-    render(&mut device, request, &mut Unobserved).expect("the request is good")
 }
 
 fn looking(eye: [f32; 3], target: [f32; 3]) -> CameraChoice {
@@ -49,7 +32,7 @@ fn looking(eye: [f32; 3], target: [f32; 3]) -> CameraChoice {
 fn furnace_is_exact() {
     for albedo in [0.2f32, 0.5, 0.8] {
         let scene = imported(&made::furnace(Rgb::splat(albedo), Rgb::ONE));
-        let rendered = run(&request(&scene, "hemilux", 2));
+        let rendered = rendered(&request(&scene, "hemilux", 2));
         let expected = 1.0 / (1.0 - albedo);
         let worst = rendered.picture.pixels.iter().flat_map(|p| p.to_array());
         let worst = worst.map(|x| (x / expected - 1.0).abs()).fold(0.0, f32::max);
@@ -70,7 +53,7 @@ fn cornell_box_reaches_two_percent_of_the_shared_reference() {
     let scene = imported(&scene);
     let mut request = request(&scene, "hemilux", 4);
     (request.width, request.height) = (a.width, a.height);
-    let rendered = run(&request);
+    let rendered = rendered(&request);
     let counted = away_from_light(&a, 4.0);
     let error = error_by_halves(&rendered.picture, &a, &b, counted);
     let estimate = rendered.stats.figures.estimated_error.expect("there is light");
@@ -84,7 +67,7 @@ fn cornell_box_reaches_two_percent_of_the_shared_reference() {
 fn cornell_box_agrees_with_path_tracing() {
     let scene = imported(&made::cornell());
     let halves = cornell_halves();
-    let picture = run(&request(&scene, "hemilux", 6)).picture;
+    let picture = rendered(&request(&scene, "hemilux", 6)).picture;
     let (error, mean) = (halves.error(&picture), halves.mean_ratio(&picture));
     println!("rRMSE {error:.4}, mean ratio {mean:.4}");
     assert!(error < 0.045, "{error}");
@@ -96,7 +79,7 @@ fn cornell_box_agrees_with_path_tracing() {
         if off != "none" {
             request.options.insert(off.into(), "false".into());
         }
-        let error = halves.error(&run(&request).picture);
+        let error = halves.error(&rendered(&request).picture);
         println!("300 patches, off {off}: {error:.4}");
         assert!(range.contains(&error), "off {off}: {error}");
     }
@@ -138,7 +121,7 @@ fn against_paths(name: &str, glb: &[u8]) -> (f64, f64) {
         RenderRequest { width: 64, height: 64, ..request }
     };
     let halves = Halves::traced(&sized("ray-traced", 400), 5.0);
-    let picture = run(&sized("hemilux", 4)).picture;
+    let picture = rendered(&sized("hemilux", 4)).picture;
     let (error, mean) = (halves.error(&picture), halves.mean_ratio(&picture));
     println!("{name}: mean ratio {mean:.4}, rRMSE {error:.4}");
     (mean, error)
@@ -156,9 +139,9 @@ fn an_orthographic_camera_sees_what_is_in_front_of_it() {
     camera.projection = Projection::Orthographic { ymag: 0.4 * (high.y - low.y) };
     scene.cameras.insert(0, camera);
     let scene = Arc::new(scene);
-    let reference = run(&request(&scene, "ray-traced", 300)).picture;
+    let reference = rendered(&request(&scene, "ray-traced", 300)).picture;
     let counted = away_from_light(&reference, 4.0);
-    let picture = run(&request(&scene, "hemilux", 3)).picture;
+    let picture = rendered(&request(&scene, "hemilux", 3)).picture;
     let mean = mean_ratio(&picture, &reference, &counted);
     let black = |picture: &Picture| picture.pixels.iter().filter(|p| **p == Rgb::ZERO).count();
     println!("mean ratio {mean:.4}, black {} and {}", black(&picture), black(&reference));
@@ -188,11 +171,11 @@ fn made_scenes_have_the_mean_of_other_methods() {
                 long.options.insert(setting.into(), value.into());
             }
         }
-        let reference = run(&long).picture;
+        let reference = rendered(&long).picture;
         let counted = away_from_light(&reference, 8.0);
         let mut request = request(&scene, "hemilux", 1);
         request.options.insert("coarse_patches".into(), "8000".into());
-        let picture = run(&request).picture;
+        let picture = rendered(&request).picture;
         let mean = mean_ratio(&picture, &reference, &counted);
         println!("{name}: mean ratio {mean:.4}");
         assert!((mean - 1.0).abs() < closest, "{name}: {mean}");
@@ -212,9 +195,9 @@ fn nothing_passes_a_sealed_wall() {
     let scene = builder.build();
     let mut dark = request(&scene, "hemilux", 3);
     dark.camera = looking([2.0, 0.5, 1.1], [1.037, 0.2, 0.3]);
-    let leaked = run(&dark).picture.mean();
+    let leaked = rendered(&dark).picture.mean();
     dark.camera = looking([0.1, 0.5, 1.1], [1.037, 0.2, 0.3]);
-    let lit = run(&dark).picture.mean();
+    let lit = rendered(&dark).picture.mean();
     println!("{leaked:.2e} behind the wall, {lit:.3} before it");
     assert!(lit > 0.1);
     // A point at the foot of the wall may be rounded to its other side.
@@ -228,9 +211,9 @@ fn nothing_passes_a_wall_that_ends_inside_others() {
     for thickness in [0.0, 0.01, 0.1] {
         let scene = imported(&made::divided_room(thickness, 0.0));
         let mut other = request(&scene, "hemilux", 3);
-        let leaked = run(&other).picture.mean();
+        let leaked = rendered(&other).picture.mean();
         other.camera = looking([0.2, 1.5, 3.7], [1.5, 0.3, 0.3]);
-        let lit = run(&other).picture.mean();
+        let lit = rendered(&other).picture.mean();
         println!("{thickness} m: {leaked:.2e} behind the wall, {lit:.3} before it");
         assert!(lit > 0.1);
         assert!(leaked < 2e-5 * lit, "{leaked} behind {thickness} m");
@@ -242,8 +225,8 @@ fn nothing_passes_a_wall_that_ends_inside_others() {
             let request = request(&scene, method, iterations);
             RenderRequest { width: 48, height: 48, ..request }
         };
-        let paths = run(&sized("ray-traced", 1500)).picture.mean();
-        let found = run(&sized("hemilux", 8)).picture.mean();
+        let paths = rendered(&sized("ray-traced", 1500)).picture.mean();
+        let found = rendered(&sized("hemilux", 8)).picture.mean();
         println!("{thickness} m, gap of 2 cm: {found:.3e}, by paths {paths:.3e}");
         assert!((found / paths - 1.0).abs() < 0.25, "{found} {paths}");
     }
@@ -266,7 +249,7 @@ fn a_long_white_room_keeps_its_light() {
         if method == "hemilux" {
             small.options = [("coarse_patches".into(), "1500".into())].into();
         }
-        run(&small).picture.mean()
+        rendered(&small).picture.mean()
     };
     let paths = mean("ray-traced", 400, 9);
     let found: Vec<f64> = (1..=12).map(|seed| mean("hemilux", 5, seed) / paths).collect();
@@ -290,7 +273,7 @@ fn touching_bodies_look_like_bodies_that_nearly_touch() {
         builder.quad(Vec3::new(0.35, 0.99, 0.35), Vec3::X * 0.3, Vec3::Z * 0.3, light);
         let mut request = request(&builder.build(), "hemilux", 4);
         request.camera = looking([0.5, 0.6, 0.98], [0.5, 0.1, 0.4]);
-        run(&request).picture
+        rendered(&request).picture
     };
     let (touching, hovering) = (picture(0.0), picture(1e-5));
     let error = relative_rmse(&touching, &hovering, |_| true);

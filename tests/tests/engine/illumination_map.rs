@@ -2,16 +2,16 @@
 //! path tracing makes.
 
 use glam::{DVec3, Vec3};
-use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
-    CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, StopReason, Unobserved,
+    CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, StopReason,
 };
 use hemilux_engine::scene::{Material, Scene, made};
-use hemilux_engine::transport::{METHODS, find, render};
+use hemilux_engine::transport::{METHODS, find};
 use hemilux_tests::oracle::quadrature::Rule;
 use hemilux_tests::oracle::statistics::{Moments, Scores};
+use hemilux_tests::rendering::rendered;
 use hemilux_tests::scenes::{Builder, imported};
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -20,17 +20,8 @@ const MAP: &str = "illumination-map";
 
 fn request(scene: &Arc<Scene>, method: &str, size: u32, iterations: u64) -> RenderRequest {
     RenderRequest {
-        scene: scene.clone(),
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: size,
-        height: size,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
-        seed: 1,
-        options: [].into(),
-        begin: Default::default(),
+        limits: Limits::iterations(iterations),
+        ..RenderRequest::new(scene.clone(), method, [size; 2])
     }
 }
 
@@ -39,11 +30,6 @@ fn set(request: &mut RenderRequest, name: &str, value: &str) {
     if find(&request.method, name).is_some() {
         request.options.insert(name.into(), value.into());
     }
-}
-
-fn run(request: &RenderRequest) -> Rendered {
-    let mut device = CpuDevice::new(None).expect("threads");
-    render(&mut device, request, &mut Unobserved).expect("the request is good")
 }
 
 fn look(eye: [f32; 3], target: [f32; 3], up: [f32; 3], yfov_degrees: f32) -> CameraChoice {
@@ -84,7 +70,7 @@ fn the_map_has_the_flux_that_was_traced() {
         let mut request = request(&imported(&bytes), MAP, 24, 3);
         set(&mut request, "light_rays", "100000");
         set(&mut request, "map_texels", texels);
-        let rendered = run(&request);
+        let rendered = rendered(&request);
         let (landed, mapped) = fluxes(&rendered);
         println!("{landed} W landed, {mapped} W in the map of {texels} texels");
         assert!(landed > 0.01);
@@ -131,7 +117,7 @@ fn a_plane_mirror_shows_the_floor_an_image_of_the_light() {
         // The image is smooth, so large cells do.
         set(&mut request, "light_rays", "50000");
         set(&mut request, "map_texels", "3000");
-        let rendered = run(&request);
+        let rendered = rendered(&request);
         let half = height * (0.5 * yfov.to_radians()).tan();
         // Means over blocks of 4 × 4 pixels.
         let mut ratios = Vec::new();
@@ -183,7 +169,7 @@ fn glass_in_a_furnace_is_invisible() {
         request.camera = look([1.5, 1.2, 2.8], [1.3, 0.8, 0.5], [0.0, 1.0, 0.0], 60.0);
         set(&mut request, "light_rays", "20000");
         set(&mut request, "map_texels", "5000");
-        let rendered = run(&request);
+        let rendered = rendered(&request);
         let blocks = blocks(&rendered.picture, 8);
         println!("{method}: {blocks:.4?}");
         for block in blocks {
@@ -207,7 +193,7 @@ fn blocks(picture: &Picture, side: u32) -> Vec<f64> {
 fn replicas(request: &RenderRequest, seeds: u64) -> Vec<Moments> {
     let mut means = vec![Moments::default(); 16];
     for seed in 0..seeds {
-        let rendered = run(&RenderRequest { seed, ..request.clone() });
+        let rendered = rendered(&RenderRequest { seed, ..request.clone() });
         let blocks = blocks(&rendered.picture, request.width / 4);
         for (mean, block) in means.iter_mut().zip(blocks) {
             mean.push(block);
@@ -283,7 +269,7 @@ fn the_estimated_error_knows_the_maps_share() {
     set(&mut request, "light_rays", "2000");
     set(&mut request, "map_texels", "3000");
     let rendered: Vec<Rendered> =
-        (0..SEEDS).map(|seed| run(&RenderRequest { seed, ..request.clone() })).collect();
+        (0..SEEDS).map(|seed| rendered(&RenderRequest { seed, ..request.clone() })).collect();
     let (mut squares, mut sum) = (0.0, 0.0);
     for pixel in 0..256 {
         let values = rendered.iter().map(|r| r.picture.pixels[pixel].as_dvec3());
@@ -305,7 +291,7 @@ fn the_same_seed_gives_the_same_bits() {
     let mut request = request(&scene, MAP, 20, 3);
     set(&mut request, "light_rays", "9000");
     let bits = |request: &RenderRequest| {
-        let pixels = run(request).picture.pixels;
+        let pixels = rendered(request).picture.pixels;
         pixels.iter().flat_map(|p| p.to_array().map(f32::to_bits)).collect::<Vec<_>>()
     };
     let first = bits(&request);
@@ -326,7 +312,7 @@ fn methods_on_patches_say_that_they_miss_caustics() {
             let mut request = request(&scene, method, 8, 1);
             set(&mut request, "patches", "200");
             set(&mut request, "hemicube_resolution", "16");
-            let stats = run(&request).stats;
+            let stats = rendered(&request).stats;
             let said = stats.warnings.iter().any(|warning| {
                 warning.what.contains("cannot show its caustics")
                     && warning.what.contains(material)
@@ -342,10 +328,10 @@ fn methods_on_patches_say_that_they_miss_caustics() {
 #[test]
 fn scenes_without_mirrors_are_path_traced_and_say_so() {
     let scene = imported(&made::cornell());
-    let mapped = run(&request(&scene, MAP, 16, 2));
+    let mapped = rendered(&request(&scene, MAP, 16, 2));
     assert_eq!(mapped.stats.stopped, StopReason::Iterations);
     assert!(mapped.stats.warnings.iter().any(|w| w.what.contains("no caustics to map")));
-    assert_eq!(mapped.picture, run(&request(&scene, "ray-traced", 16, 2)).picture);
+    assert_eq!(mapped.picture, rendered(&request(&scene, "ray-traced", 16, 2)).picture);
 }
 
 /// A mirror over the lamp, and neither floor nor camera where light is: nothing hangs.
@@ -353,9 +339,9 @@ fn scenes_without_mirrors_are_path_traced_and_say_so() {
 fn time_ends_a_job_in_the_middle_of_a_pass() {
     let scene = imported(&made::ring());
     let mut request = request(&scene, MAP, 400, 1_000_000);
-    request.limits = Limits { seconds: Some(0.5), ..Limits::default() };
+    request.limits = Limits::seconds(0.5);
     set(&mut request, "light_rays", "20000");
-    let stats = run(&request).stats;
+    let stats = rendered(&request).stats;
     assert_eq!(stats.stopped, StopReason::TimeBudget);
     assert!(stats.figures.iterations >= 1);
 }

@@ -158,22 +158,15 @@ fn picture(scene: Scene, method: &str, iterations: u64) -> Picture {
 
 fn by_threads(scene: Scene, method: &str, iterations: u64, threads: usize) -> Picture {
     let request = RenderRequest {
-        scene: Arc::new(scene),
-        environment: None,
-        background: Default::default(),
         camera: CameraChoice::Explicit(ExplicitCamera {
             eye: [5.6, 3.6, 5.6],
             target: [1.5, 1.6, 1.5],
             up: [0.0, 1.0, 0.0],
             yfov_degrees: 60.0,
         }),
-        width: 64,
-        height: 48,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        limits: Limits::iterations(iterations),
         seed: 3,
-        options: Default::default(),
-        begin: Default::default(),
+        ..RenderRequest::new(Arc::new(scene), method, [64, 48])
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let mut device = CpuDevice::new(Some(threads)).expect("threads");

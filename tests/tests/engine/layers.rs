@@ -1,13 +1,12 @@
 //! Surfaces with layers on top, such as clear coats and sheen: `hemilux` against path tracing.
 
 use glam::{Vec2, Vec3};
-use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
-use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest, Unobserved};
+use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest};
 use hemilux_engine::scene::{Environment, Layering, Layers, Material, Scene};
-use hemilux_engine::transport::render;
 use hemilux_tests::blocks::{block_means, largest_deviation};
+use hemilux_tests::rendering;
 use hemilux_tests::scenes::Builder;
 use std::sync::Arc;
 
@@ -21,20 +20,13 @@ fn rendered(scene: &Arc<Scene>, method: &str, iterations: u64) -> Picture {
         yfov_degrees: 60.0,
     };
     let request = RenderRequest {
-        scene: scene.clone(),
         environment: Some(Arc::new(Environment::none())),
-        background: Default::default(),
         camera: CameraChoice::Explicit(camera),
-        width: SIDE,
-        height: SIDE,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        limits: Limits::iterations(iterations),
         seed: 5,
-        options: Default::default(),
-        begin: Default::default(),
+        ..RenderRequest::new(scene.clone(), method, [SIDE; 2])
     };
-    let mut device = CpuDevice::new(Some(2)).expect("threads");
-    render(&mut device, &request, &mut Unobserved).expect("it renders").picture
+    rendering::rendered(&request).picture
 }
 
 fn covered(below: Material, factors: Layers) -> Material {

@@ -5,44 +5,31 @@ use hemilux_engine::device::DeviceError;
 use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
-    CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest, Rendered, StopReason,
-    Unobserved,
+    CameraChoice, ExplicitCamera, Limits, RenderError, RenderRequest, StopReason, Unobserved,
 };
 use hemilux_engine::scene::{Scene, made};
 use hemilux_engine::transport::render;
 use hemilux_tests::comparison::{mean_ratio, relative_rmse};
+use hemilux_tests::rendering::rendered;
 use hemilux_tests::scenes::{Builder, imported};
 use std::sync::Arc;
 
 fn request(scene: &Arc<Scene>, method: &str, limits: Limits) -> RenderRequest {
     let options = [("patches", "1500"), ("hemicube_resolution", "128"), ("pixel_samples", "4")];
     RenderRequest {
-        scene: scene.clone(),
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: 64,
-        height: 64,
-        method: method.into(),
         limits,
-        seed: 1,
         options: options.map(|(name, value)| (name.to_string(), value.to_string())).into(),
-        begin: Default::default(),
+        ..RenderRequest::new(scene.clone(), method, [64; 2])
     }
 }
 
-fn run(request: &RenderRequest) -> Rendered {
-    let mut device = CpuDevice::new(None).unwrap();
-    render(&mut device, request, &mut Unobserved).expect("the request is good")
-}
-
 fn iterations(count: u64) -> Limits {
-    Limits { iterations: Some(count), ..Limits::default() }
+    Limits::iterations(count)
 }
 
 /// Time enough to converge.
 fn until_converged() -> Limits {
-    Limits { seconds: Some(120.0), ..Limits::default() }
+    Limits::seconds(120.0)
 }
 
 /// What stochastic iteration, Monte-Carlo radiosity, progressive refinement and Gauss–Seidel say
@@ -52,7 +39,7 @@ fn all_methods_see_the_same_cornell_box() {
     let scene = imported(&made::cornell());
     let mut long = request(&scene, "stochastic", iterations(4000));
     long.options.insert("burn_in".into(), "10".into());
-    let reference = run(&long);
+    let reference = rendered(&long);
     let shows_no_light = |index: usize| reference.picture.pixels[index].max_element() < 5.0;
     for (method, limits, closest, worst) in [
         ("monte-carlo", iterations(300), 0.02, 0.12),
@@ -63,7 +50,7 @@ fn all_methods_see_the_same_cornell_box() {
         if method == "gauss-seidel" {
             request.options.insert("form_factor_points".into(), "4".into());
         }
-        let rendered = run(&request);
+        let rendered = rendered(&request);
         let error = relative_rmse(&rendered.picture, &reference.picture, shows_no_light);
         let mean = mean_ratio(&rendered.picture, &reference.picture, shows_no_light);
         let stats = &rendered.stats;
@@ -99,7 +86,7 @@ fn radiosity_methods_reach_the_furnace() {
         let mut request = request(&scene, method, limits);
         request.camera = camera.clone();
         request.options.insert("patches".into(), "200".into());
-        let rendered = run(&request);
+        let rendered = rendered(&request);
         let mean = rendered.picture.mean() / 2.0;
         println!("{method}: {mean:.5}, {:?}", rendered.stats.diagnostics);
         assert!((mean - 1.0).abs() < allowed, "{method}: {mean}");
@@ -124,10 +111,10 @@ fn a_matrix_too_large_is_refused_before_it_starts() {
 #[test]
 fn a_matrix_that_takes_too_long_is_given_up_in_time() {
     let scene = imported(&made::cornell());
-    let limits = Limits { seconds: Some(0.3), ..Limits::default() };
+    let limits = Limits::seconds(0.3);
     let mut request = request(&scene, "gauss-seidel", limits);
     request.options.insert("form_factor_points".into(), "64".into());
-    let stats = run(&request).stats;
+    let stats = rendered(&request).stats;
     assert_eq!(stats.stopped, StopReason::TimeBudget);
     assert!(stats.seconds_solve < 2.0, "{}", stats.seconds_solve);
 }
@@ -138,7 +125,7 @@ fn diffuse_methods_say_what_they_make_of_gloss() {
     for method in ["monte-carlo", "progressive", "gauss-seidel"] {
         let mut request = request(&scene, method, iterations(2));
         request.options.insert("patches".into(), "200".into());
-        let stats = run(&request).stats;
+        let stats = rendered(&request).stats;
         let said = stats.warnings.iter().any(|warning| warning.what.contains("glossy"));
         assert!(said, "{method}: {:?}", stats.warnings);
     }
@@ -176,7 +163,7 @@ fn matrix(scene: &Arc<Scene>, patches: u32, points: u32, resolution: u32) -> Mat
     {
         request.options.insert(name.into(), value.to_string());
     }
-    let said = run(&request).stats.diagnostics;
+    let said = rendered(&request).stats.diagnostics;
     let matrix = Matrix {
         closure: [said["closure_mean"], said["closure_largest"]],
         reciprocity: said["reciprocity"],

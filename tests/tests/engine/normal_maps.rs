@@ -1,13 +1,12 @@
 //! Normal maps turn all light, also what has bounced.
 
 use glam::{Vec2, Vec3};
-use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::radiometry::Rgb;
-use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest, Unobserved};
+use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest};
 use hemilux_engine::scene::{
     Encoding, Environment, Material, NormalMap, Scene, Texture, TextureSlot,
 };
-use hemilux_engine::transport::render;
+use hemilux_tests::rendering::rendered;
 use hemilux_tests::scenes::Builder;
 use std::sync::Arc;
 
@@ -62,20 +61,13 @@ fn floor(scene: &Arc<Scene>, (method, iterations): (&str, u64)) -> Rgb {
         yfov_degrees: 60.0,
     };
     let request = RenderRequest {
-        scene: scene.clone(),
         environment: Some(Arc::new(Environment::none())),
-        background: Default::default(),
         camera: CameraChoice::Explicit(camera),
-        width: SIDE,
-        height: SIDE,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        limits: Limits::iterations(iterations),
         seed: 3,
-        options: Default::default(),
-        begin: Default::default(),
+        ..RenderRequest::new(scene.clone(), method, [SIDE; 2])
     };
-    let mut device = CpuDevice::new(None).expect("threads");
-    let picture = render(&mut device, &request, &mut Unobserved).expect("it renders").picture;
+    let picture = rendered(&request).picture;
     picture.pixels.iter().sum::<Rgb>() / picture.pixels.len() as f32
 }
 

@@ -8,10 +8,11 @@ use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
     Begin, CameraChoice, ExplicitCamera, Limits, Observer, Progress, RenderRequest, Rendered,
-    StopReason, Unobserved,
+    StopReason,
 };
 use hemilux_engine::scene::{Environment, LightKind, PunctualLight, Scene, Sky, Sun};
 use hemilux_engine::transport::render;
+use hemilux_tests::rendering::rendered;
 use hemilux_tests::scenes::Builder;
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -28,28 +29,17 @@ fn request(
     (method, iterations): (&str, u64),
 ) -> RenderRequest {
     let mut request = RenderRequest {
-        scene: scene.clone(),
         environment: environment.map(Arc::new),
-        background: Default::default(),
         camera: CameraChoice::Explicit(camera),
-        width: SIDE,
-        height: SIDE,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        limits: Limits::iterations(iterations),
         seed: 5,
-        options: Default::default(),
-        begin: Begin::Afresh,
+        ..RenderRequest::new(scene.clone(), method, [SIDE; 2])
     };
     if method != "ray-traced" {
         request.options.insert("patches".into(), "700".into());
         request.options.insert("hemicube_resolution".into(), "64".into());
     }
     request
-}
-
-fn rendered(request: &RenderRequest) -> Rendered {
-    let mut device = CpuDevice::new(Some(2)).expect("threads");
-    render(&mut device, request, &mut Unobserved).expect("it renders")
 }
 
 fn mean(picture: &Picture) -> Rgb {

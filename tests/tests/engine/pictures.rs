@@ -17,17 +17,8 @@ use std::sync::Arc;
 
 fn request(scene: Arc<Scene>, side: u32, iterations: u64) -> RenderRequest {
     RenderRequest {
-        scene,
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: side,
-        height: side,
-        method: "stochastic".into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
-        seed: 1,
-        options: Default::default(),
-        begin: Default::default(),
+        limits: Limits::iterations(iterations),
+        ..RenderRequest::new(scene, "stochastic", [side; 2])
     }
 }
 
@@ -245,7 +236,7 @@ fn a_fan_of_many_triangles_is_no_burden() {
 fn limits_are_kept() {
     let scene = imported(&made::cornell());
     let mut timed = request(scene.clone(), 64, 1);
-    timed.limits = Limits { seconds: Some(1.5), ..Limits::default() };
+    timed.limits = Limits::seconds(1.5);
     let rendered = run(None, &timed);
     assert_eq!(rendered.stats.stopped, StopReason::TimeBudget);
     assert!((1.2..2.5).contains(&rendered.stats.seconds_solve), "{}", rendered.stats.seconds_solve);

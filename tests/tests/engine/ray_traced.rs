@@ -7,7 +7,6 @@ use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::{Rgb, lobe_albedo};
 use hemilux_engine::render::{
     CameraChoice, ExplicitCamera, Limits, Observer, Progress, RenderRequest, Rendered, StopReason,
-    Unobserved,
 };
 use hemilux_engine::scene::{Material, Scene, made};
 use hemilux_engine::transport::render;
@@ -15,6 +14,7 @@ use hemilux_tests::comparison::mean_ratio;
 use hemilux_tests::oracle::paths::Walks;
 use hemilux_tests::oracle::rays::Generator;
 use hemilux_tests::oracle::statistics::{Moments, Scores};
+use hemilux_tests::rendering::rendered;
 use hemilux_tests::replicas::Replicas;
 use hemilux_tests::scenes::{Builder, imported};
 use hemilux_tests::skips::shared_or_skip;
@@ -24,17 +24,8 @@ use std::time::Instant;
 
 fn request(scene: &Arc<Scene>, side: u32, passes: u64) -> RenderRequest {
     RenderRequest {
-        scene: scene.clone(),
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: side,
-        height: side,
-        method: "ray-traced".into(),
-        limits: Limits { iterations: Some(passes), ..Limits::default() },
-        seed: 1,
-        options: Default::default(),
-        begin: Default::default(),
+        limits: Limits::iterations(passes),
+        ..RenderRequest::new(scene.clone(), "ray-traced", [side; 2])
     }
 }
 
@@ -43,16 +34,11 @@ fn with(mut request: RenderRequest, options: &[(&str, &str)]) -> RenderRequest {
     request
 }
 
-fn run(request: &RenderRequest) -> Rendered {
-    let mut device = CpuDevice::new(Some(1)).expect("threads");
-    render(&mut device, request, &mut Unobserved).expect("the request is good")
-}
-
 /// The same request from `count` seeds, with the errors that each estimates of itself.
 fn replicas(request: &RenderRequest, count: u64) -> (Replicas, Vec<f64>) {
     let (mut pictures, mut estimates) = (Vec::new(), Vec::new());
     for seed in 1..=count {
-        let Rendered { picture, stats } = run(&RenderRequest { seed, ..request.clone() });
+        let Rendered { picture, stats } = rendered(&RenderRequest { seed, ..request.clone() });
         pictures.push(picture);
         estimates.extend(stats.figures.estimated_error);
     }
@@ -70,7 +56,7 @@ fn off_emitters(scene: &Arc<Scene>, side: u32) -> impl Fn(usize) -> bool {
     for material in &mut dark.materials {
         (material.base_color, material.metallic, material.specular_factor) = (Rgb::ZERO, 0.0, 0.0);
     }
-    let shining = run(&request(&Arc::new(dark), side, 64)).picture;
+    let shining = rendered(&request(&Arc::new(dark), side, 64)).picture;
     let dark = move |x: i32, y: i32| {
         let inside = (0..side as i32).contains(&x) && (0..side as i32).contains(&y);
         !inside || shining.pixels[(y * side as i32 + x) as usize] == Rgb::ZERO
@@ -352,7 +338,7 @@ fn disk_lights_light_a_floor_as_they_should() {
         let camera = looking([aside as f32 + 0.3, 0.8, 2.0], [aside as f32, 0.0, 0.0], 0.2);
         let seen = |options: &[(&str, &str)], passes| {
             let request = RenderRequest { camera: camera.clone(), ..request(&scene, 2, passes) };
-            run(&with(request, options)).picture.mean()
+            rendered(&with(request, options)).picture.mean()
         };
         let power = PI * radius * radius;
         let square = height * height + aside * aside;
@@ -445,7 +431,7 @@ fn threads_and_steps_leave_the_bits_alone() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         let request = with(request(&scene, 37, 5), &[("pixel_sampling", sampling)]);
         let request = RenderRequest { height: 23, seed, ..request };
-        pool.install(|| run(&request))
+        pool.install(|| rendered(&request))
     };
     for sampling in ["jittered", "adaptive"] {
         let one = traced(1, 1, sampling);
@@ -475,9 +461,8 @@ fn glossy_bodies_look_as_stochastic_iteration_shows_them() {
             ("pixel_samples", "4"),
         ],
     );
-    let mut device = CpuDevice::new(None).expect("threads");
-    let shot = render(&mut device, &shot, &mut Unobserved).expect("the request is good");
-    let traced = run(&request(&scene, 48, 96));
+    let shot = rendered(&shot);
+    let traced = rendered(&request(&scene, 48, 96));
     let ratio = mean_ratio(&traced.picture, &shot.picture, &counted);
     println!("ray-traced over stochastic: {ratio:.4}");
     assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
@@ -518,11 +503,11 @@ fn a_target_without_an_estimate_has_an_end() {
 fn targets_and_budgets_end_a_job() {
     let scene = imported(&made::cornell());
     let limits = Limits { target_error: Some(0.3), ..Limits::default() };
-    let stats = run(&RenderRequest { limits, ..request(&scene, 32, 1) }).stats;
+    let stats = rendered(&RenderRequest { limits, ..request(&scene, 32, 1) }).stats;
     assert_eq!(stats.stopped, StopReason::TargetError);
     assert!(stats.figures.estimated_error.is_some_and(|error| error <= 0.3));
-    let limits = Limits { seconds: Some(0.3), ..Limits::default() };
-    let stats = run(&RenderRequest { limits, ..request(&scene, 32, 1) }).stats;
+    let limits = Limits::seconds(0.3);
+    let stats = rendered(&RenderRequest { limits, ..request(&scene, 32, 1) }).stats;
     assert_eq!(stats.stopped, StopReason::TimeBudget);
     assert!(stats.seconds_solve < 1.0, "{}", stats.seconds_solve);
     assert_eq!(stats.figures.shots as f64, stats.diagnostics["rays"]);
@@ -532,7 +517,7 @@ fn targets_and_budgets_end_a_job() {
 fn bias_that_was_asked_for_is_said() {
     let scene = imported(&made::cornell());
     let said = |options: &[(&str, &str)]| {
-        let stats = run(&with(request(&scene, 4, 1), options)).stats;
+        let stats = rendered(&with(request(&scene, 4, 1), options)).stats;
         let biased = stats.warnings.iter().filter(|warning| warning.what.contains("biased"));
         biased.map(|warning| warning.at.clone()).collect::<Vec<_>>()
     };
@@ -561,7 +546,7 @@ fn extreme_materials_give_finite_pictures() {
         let camera = looking([0.1, 0.2, 0.1], [0.9, 0.3, 0.9], 60.0);
         for preset in ["default", "lange"] {
             let request = RenderRequest { camera: camera.clone(), ..request(&scene, 8, 8) };
-            let rendered = run(&with(request, &[("preset", preset)]));
+            let rendered = rendered(&with(request, &[("preset", preset)]));
             assert!(
                 rendered.picture.pixels.iter().all(|pixel| pixel.is_finite()),
                 "specular {specular}, emission {emission}, {preset}"

@@ -1,16 +1,13 @@
 //! Real light against closed forms: skies, suns, lights without extent, the format's microfacets.
 
 use glam::Vec3;
-use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
-use hemilux_engine::render::{
-    CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, Unobserved,
-};
+use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered};
 use hemilux_engine::scene::{
     Alpha, Environment, LightKind, Material, PunctualLight, Scene, Sky, Sun, Triangle, Vertex,
 };
-use hemilux_engine::transport::render;
+use hemilux_tests::rendering;
 use hemilux_tests::scenes::Builder;
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -26,20 +23,13 @@ fn rendered(
     (method, iterations): (&str, u64),
 ) -> Rendered {
     let request = RenderRequest {
-        scene: scene.clone(),
         environment: environment.map(Arc::new),
-        background: Default::default(),
         camera: CameraChoice::Explicit(camera),
-        width: SIDE,
-        height: SIDE,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        limits: Limits::iterations(iterations),
         seed: 5,
-        options: Default::default(),
-        begin: Default::default(),
+        ..RenderRequest::new(scene.clone(), method, [SIDE; 2])
     };
-    let mut device = CpuDevice::new(Some(2)).expect("threads");
-    render(&mut device, &request, &mut Unobserved).expect("it renders")
+    rendering::rendered(&request)
 }
 
 /// The mean of a picture.

@@ -1,13 +1,12 @@
 //! Scenes with real light on real materials, of which nobody knows the light: blocks of pixels of
 //! `hemilux` against path tracing. The larger ones, longer, are in docs/stability.md.
 
-use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, Unobserved};
+use hemilux_engine::render::{Limits, RenderRequest};
 use hemilux_engine::scene::Scene;
 use hemilux_engine::scene::made::real::{self, RealScene};
-use hemilux_engine::transport::render;
 use hemilux_tests::blocks::{block_means, largest_deviation};
+use hemilux_tests::rendering;
 use hemilux_tests::scenes::imported;
 use std::sync::Arc;
 
@@ -20,20 +19,12 @@ fn rendered(
     (method, iterations): (&str, u64),
 ) -> Picture {
     let request = RenderRequest {
-        scene: scene.clone(),
         environment: Some(Arc::new(made.environment.clone())),
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: SIDE,
-        height: SIDE,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        limits: Limits::iterations(iterations),
         seed: 7,
-        options: Default::default(),
-        begin: Default::default(),
+        ..RenderRequest::new(scene.clone(), method, [SIDE; 2])
     };
-    let mut device = CpuDevice::new(Some(2)).expect("threads");
-    render(&mut device, &request, &mut Unobserved).expect("it renders").picture
+    rendering::rendered(&request).picture
 }
 
 /// Asserts that no block is off by `bound`, and that one would be if a quarter of the picture had

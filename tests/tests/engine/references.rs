@@ -1,6 +1,6 @@
 //! References that several tests compare with, each made once.
 
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest};
+use hemilux_engine::render::{Limits, RenderRequest};
 use hemilux_engine::scene::made;
 use hemilux_tests::halves::Halves;
 use hemilux_tests::scenes::imported;
@@ -14,17 +14,12 @@ pub fn cornell_halves() -> &'static Halves {
     static HALVES: OnceLock<Halves> = OnceLock::new();
     HALVES.get_or_init(|| {
         let request = RenderRequest {
-            scene: imported(&made::cornell()),
-            environment: None,
-            background: Default::default(),
-            camera: CameraChoice::First,
-            width: CORNELL_SIDE,
-            height: CORNELL_SIDE,
-            method: "ray-traced".into(),
-            limits: Limits { iterations: Some(800), ..Limits::default() },
-            seed: 1,
-            options: Default::default(),
-            begin: Default::default(),
+            limits: Limits::iterations(800),
+            ..RenderRequest::new(
+                imported(&made::cornell()),
+                "ray-traced",
+                [CORNELL_SIDE, CORNELL_SIDE],
+            )
         };
         Halves::traced(&request, 4.0)
     })

@@ -2,16 +2,13 @@
 //! against a shining sphere of triangles.
 
 use glam::Vec3;
-use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
-use hemilux_engine::render::{
-    Begin, CameraChoice, ExplicitCamera, Limits, RenderRequest, Unobserved,
-};
+use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest};
 use hemilux_engine::scene::{
     Environment, LightKind, Material, PunctualLight, Scene, Triangle, Vertex,
 };
-use hemilux_engine::transport::render;
+use hemilux_tests::rendering::rendered;
 use hemilux_tests::scenes::Builder;
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
@@ -94,20 +91,13 @@ fn picture(scene: &Arc<Scene>, light_radius: f32, (method, iterations): (&str, u
         yfov_degrees: 90.0,
     };
     let request = RenderRequest {
-        scene: scene.clone(),
         environment: Some(Arc::new(Environment { light_radius, ..Environment::none() })),
-        background: Default::default(),
         camera: CameraChoice::Explicit(camera),
-        width: SIDE as u32,
-        height: SIDE as u32,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        limits: Limits::iterations(iterations),
         seed: 11,
-        options: Default::default(),
-        begin: Begin::Afresh,
+        ..RenderRequest::new(scene.clone(), method, [SIDE as u32; 2])
     };
-    let mut device = CpuDevice::new(Some(2)).expect("threads");
-    render(&mut device, &request, &mut Unobserved).expect("it renders").picture
+    rendered(&request).picture
 }
 
 /// Mean radiance of blocks, row by row.

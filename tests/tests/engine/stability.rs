@@ -5,7 +5,7 @@ use glam::Vec3;
 use hemilux_engine::device::{Selection, ShootingSettings};
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::{Reflectance, Rgb};
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, StopReason};
+use hemilux_engine::render::{Limits, RenderRequest, StopReason};
 use hemilux_engine::scene::{Environment, Material, Scene, made};
 use hemilux_tests::comparison::largest_relative_deviation;
 use hemilux_tests::devices::{Effort, means};
@@ -19,20 +19,12 @@ use std::sync::Arc;
 
 fn request(scene: Arc<Scene>, iterations: u64, options: &[(&str, &str)]) -> RenderRequest {
     RenderRequest {
-        scene,
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: 24,
-        height: 24,
-        method: "stochastic".into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
-        seed: 1,
+        limits: Limits::iterations(iterations),
         options: options
             .iter()
             .map(|(name, value)| (name.to_string(), value.to_string()))
             .collect(),
-        begin: Default::default(),
+        ..RenderRequest::new(scene, "stochastic", [24; 2])
     }
 }
 

@@ -7,7 +7,7 @@ use hemilux_engine::device::{
 };
 use hemilux_engine::patches::PatchedScene;
 use hemilux_engine::radiometry::Rgb;
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, StopReason};
+use hemilux_engine::render::{Limits, RenderRequest, StopReason};
 use hemilux_engine::scene::made;
 use hemilux_engine::transport::known::{Beforehand, ConstantRadiance, known_light};
 use hemilux_tests::comparison::largest_relative_deviation;
@@ -280,17 +280,9 @@ fn a_picture_of_nothing_but_the_constant_term() {
     let scene = imported(&made::furnace(Rgb::splat(0.5), Rgb::new(1.0, 2.0, 0.5)));
     let option = |name: &str, value: &str| (name.to_string(), value.to_string());
     let request = RenderRequest {
-        scene,
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: 16,
-        height: 16,
-        method: "stochastic".into(),
-        limits: Limits { iterations: Some(40), ..Limits::default() },
-        seed: 1,
+        limits: Limits::iterations(40),
         options: [option("preset", "paper"), option("patches", "60")].into(),
-        begin: Default::default(),
+        ..RenderRequest::new(scene, "stochastic", [16; 2])
     };
     on_every_device("ΔL ≡ 0 | preset paper", |device| {
         let rendered = rendered(device, &request);

@@ -3,7 +3,7 @@
 
 use crate::references::{CORNELL_SIDE, cornell_halves};
 use hemilux_engine::device::cpu::CpuDevice;
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, StopReason, Unobserved};
+use hemilux_engine::render::{Limits, RenderRequest, StopReason, Unobserved};
 use hemilux_engine::scene::made;
 use hemilux_engine::transport::render;
 use hemilux_tests::halves::Halves;
@@ -12,17 +12,8 @@ use std::sync::Arc;
 
 fn request(scene: &Arc<hemilux_engine::scene::Scene>, method: &str, target: f64) -> RenderRequest {
     RenderRequest {
-        scene: scene.clone(),
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: CORNELL_SIDE,
-        height: CORNELL_SIDE,
-        method: method.into(),
         limits: Limits { target_error: Some(target), seconds: Some(60.0), ..Limits::default() },
-        seed: 1,
-        options: Default::default(),
-        begin: Default::default(),
+        ..RenderRequest::new(scene.clone(), method, [CORNELL_SIDE; 2])
     }
 }
 

@@ -1,15 +1,12 @@
 //! Textures that are finer than a pixel, and textures that shine: what a picture shows of them is
 //! their mean, as rays that know nothing but points of them find it.
 
-use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
-use hemilux_engine::render::{
-    CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered, Unobserved,
-};
+use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest, Rendered};
 use hemilux_engine::scene::{Environment, Scene, Sky, made};
-use hemilux_engine::transport::render;
 use hemilux_tests::comparison::error_by_halves;
+use hemilux_tests::rendering;
 use hemilux_tests::scenes::imported;
 use std::sync::Arc;
 
@@ -28,20 +25,13 @@ fn rendered(
         _ => Environment { sky: Sky::Uniform(Rgb::splat(sky)), ..Environment::none() },
     };
     let request = RenderRequest {
-        scene: scene.clone(),
         environment: Some(Arc::new(environment)),
-        background: Default::default(),
         camera,
-        width: SIDE,
-        height: SIDE,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        limits: Limits::iterations(iterations),
         seed,
-        options: Default::default(),
-        begin: Default::default(),
+        ..RenderRequest::new(scene.clone(), method, [SIDE; 2])
     };
-    let mut device = CpuDevice::new(None).expect("threads");
-    render(&mut device, &request, &mut Unobserved).expect("it renders")
+    rendering::rendered(&request)
 }
 
 /// Pictures of several seeds and their mean.

@@ -2,16 +2,15 @@
 //! closed forms, and `hemilux` against path tracing.
 
 use glam::{Quat, Vec3};
-use hemilux_engine::device::cpu::CpuDevice;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::{Rgb, importance};
-use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest, Unobserved};
+use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest};
 use hemilux_engine::scene::{
     Environment, Layering, Layers, LightKind, Material, PunctualLight, Scene, Sky, Sun,
     Translucency,
 };
-use hemilux_engine::transport::render;
 use hemilux_tests::blocks::{block_means, largest_deviation};
+use hemilux_tests::rendering::rendered;
 use hemilux_tests::scenes::Builder;
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -29,20 +28,14 @@ impl View<'_> {
     fn rendered(&self, method: &str, iterations: u64) -> Picture {
         let options = self.options.iter().filter(|_| method == "hemilux");
         let request = RenderRequest {
-            scene: self.scene.clone(),
             environment: Some(Arc::new(self.environment.clone())),
-            background: Default::default(),
             camera: CameraChoice::Explicit(self.camera),
-            width: self.side,
-            height: self.side,
-            method: method.into(),
-            limits: Limits { iterations: Some(iterations), ..Limits::default() },
+            limits: Limits::iterations(iterations),
             seed: 5,
             options: options.map(|(key, value)| (key.to_string(), value.to_string())).collect(),
-            begin: Default::default(),
+            ..RenderRequest::new(self.scene.clone(), method, [self.side; 2])
         };
-        let mut device = CpuDevice::new(Some(2)).expect("threads");
-        render(&mut device, &request, &mut Unobserved).expect("it renders").picture
+        rendered(&request).picture
     }
 }
 

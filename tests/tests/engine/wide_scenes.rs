@@ -35,22 +35,16 @@ fn request(method: &str, iterations: u64) -> RenderRequest {
     let towards = Vec3::new(0.4, 0.6, 0.7).normalize();
     let sun = Sun::towards(towards, Rgb::new(4.0, 3.7, 3.2), environment::SUN_RADIUS);
     RenderRequest {
-        scene: pavilion(1000.0),
         environment: Some(Arc::new(Environment { sky, sun: Some(sun), light_radius: 0.0 })),
-        background: Default::default(),
         camera: CameraChoice::Explicit(ExplicitCamera {
             eye: [2.2, 1.6, 1.5],
             target: [-1.2, 1.2, -1.6],
             up: [0.0, 1.0, 0.0],
             yfov_degrees: 66.0,
         }),
-        width: 48,
-        height: 36,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
+        limits: Limits::iterations(iterations),
         seed: 7,
-        options: Default::default(),
-        begin: Default::default(),
+        ..RenderRequest::new(pavilion(1000.0), method, [48, 36])
     }
 }
 

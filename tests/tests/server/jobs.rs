@@ -1,7 +1,7 @@
 //! The life of jobs over HTTP, with real renders.
 
 use hemilux_engine::device::cpu::CpuDevice;
-use hemilux_engine::render::{CameraChoice, Limits, Observer, Plan, RenderRequest};
+use hemilux_engine::render::{Limits, Observer, Plan, RenderRequest};
 use hemilux_engine::scene::Warning;
 use hemilux_engine::scene::gltf::{ImportLimits, Resources, import};
 use hemilux_engine::transport::render;
@@ -379,17 +379,9 @@ fn plan_of_the_engine(limits: Limits) -> Value {
     let file = scene("cornell.glb");
     let scene = import(&file, &Resources::new(), &ImportLimits::default()).unwrap();
     let request = RenderRequest {
-        scene: std::sync::Arc::new(scene),
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: 32,
-        height: 24,
-        method: "hemilux".into(),
         limits,
         seed: 0,
-        options: Default::default(),
-        begin: Default::default(),
+        ..RenderRequest::new(std::sync::Arc::new(scene), "hemilux", [32, 24])
     };
     let mut planner = Planner::default();
     render(&mut CpuDevice::new(None).unwrap(), &request, &mut planner).unwrap();
@@ -431,7 +423,7 @@ fn the_same_request_has_the_same_plan_whatever_the_longest_time_and_on_the_comma
     assert!(patches.len() > 2, "the limits that are asked for do decide: {patches:?}");
     assert_eq!(
         plan_of_the_engine(Limits::default()),
-        plan_of_the_engine(Limits { seconds: Some(10.0), ..Limits::default() }),
+        plan_of_the_engine(Limits::seconds(10.0)),
         "10 s are the default of whoever asks"
     );
 

@@ -43,17 +43,11 @@ impl View {
         seed: u64,
     ) -> RenderRequest {
         RenderRequest {
-            scene: self.scene.clone(),
-            environment: None,
-            background: Default::default(),
             camera: self.camera.clone(),
-            width: self.size.0,
-            height: self.size.1,
-            method: contender.method.clone(),
             limits,
             seed,
             options: contender.options.clone(),
-            begin: Default::default(),
+            ..RenderRequest::new(self.scene.clone(), contender.method.clone(), self.size.into())
         }
     }
 }

@@ -296,7 +296,7 @@ fn run_one(
         contestant.add(at, run, &picture);
         return;
     }
-    let limits = Limits { seconds: Some(task.budgets[at]), ..Limits::default() };
+    let limits = Limits::seconds(task.budgets[at]);
     match bench.render(&task.view.request(&contestant.contender, limits, seed)) {
         // Cut short by the user: no run of that budget.
         Ok(rendered) if rendered.stats.stopped == StopReason::Cancelled => {}

@@ -149,7 +149,7 @@ fn read(name: &str, bytes: &[u8], size: Option<(u32, u32)>) -> Result<Picture, T
 /// [`TruthError::Failed`].
 pub fn trace(view: &View, seconds: f64, bench: &mut Bench<'_>) -> Result<Truth, TruthError> {
     let tracer = Contender { method: "ray-traced".into(), options: BTreeMap::new() };
-    let limits = Limits { seconds: Some(0.5 * seconds), ..Limits::default() };
+    let limits = Limits::seconds(0.5 * seconds);
     let mut halves = Vec::new();
     for (at, seed) in SEEDS.into_iter().enumerate() {
         let what = format!("reference, half {} of 2, {} s", at + 1, 0.5 * seconds);

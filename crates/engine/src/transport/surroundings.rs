@@ -68,24 +68,16 @@ fn mean_glow(scene: &Scene) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{Begin, CameraChoice, Limits};
+
     use crate::scene::environment::Sky;
     use crate::scene::gltf::{ImportLimits, Resources, import};
     use crate::scene::made;
 
     fn request(scene: Scene, environment: Option<Environment>) -> RenderRequest {
         RenderRequest {
-            scene: Arc::new(scene),
             environment: environment.map(Arc::new),
-            background: Default::default(),
-            camera: CameraChoice::First,
-            width: 4,
-            height: 4,
-            method: "auto".into(),
-            limits: Limits::default(),
             seed: 0,
-            options: Default::default(),
-            begin: Begin::Afresh,
+            ..RenderRequest::new(Arc::new(scene), "auto", [4; 2])
         }
     }
 

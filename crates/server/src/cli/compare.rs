@@ -11,7 +11,7 @@ use hemilux_charts::comparison::{
     Bench, Contender, Outcome, Task, Truth, TruthError, View, check_memory, compare, from_files,
     report, trace,
 };
-use hemilux_engine::render::{CameraChoice, Limits, RenderRequest, choose_camera};
+use hemilux_engine::render::{CameraChoice, RenderRequest, choose_camera};
 use hemilux_engine::scene::Scene;
 use hemilux_engine::scene::gltf::ImportOptions;
 use hemilux_engine::transport::{METHODS, REGISTRY, check, check_settings, find};
@@ -181,17 +181,9 @@ fn seeds(arguments: &Arguments) -> u64 {
 
 fn check_size(scene: &Arc<Scene>, camera: &CameraChoice, size: (u32, u32)) -> Result<(), Failure> {
     let request = RenderRequest {
-        scene: scene.clone(),
-        environment: None,
-        background: Default::default(),
         camera: camera.clone(),
-        width: size.0,
-        height: size.1,
-        method: "auto".into(),
-        limits: Limits::default(),
         seed: 0,
-        options: BTreeMap::new(),
-        begin: Default::default(),
+        ..RenderRequest::new(scene.clone(), "auto", size.into())
     };
     check(&request).map_err(Failure::usage)
 }

@@ -188,13 +188,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let device_ids = devices::candidates(&arguments.device).map_err(Failure::usage)?;
     let camera = arguments.view.camera(&scene);
     let request = RenderRequest {
-        scene: Arc::new(scene),
         environment: arguments.surroundings.read()?,
         background: arguments.background,
         camera,
-        width: arguments.size.0,
-        height: arguments.size.1,
-        method: arguments.method.clone(),
         limits: Limits {
             seconds: arguments.seconds,
             iterations: arguments.iterations,
@@ -204,6 +200,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         seed: arguments.seed,
         options: arguments.settings.iter().cloned().collect::<BTreeMap<_, _>>(),
         begin: begin(arguments)?,
+        ..RenderRequest::new(Arc::new(scene), arguments.method.clone(), arguments.size.into())
     };
     let mut device = devices::open_first(&device_ids).map_err(Failure::failed)?;
     let mut console = Console::new(arguments.quiet, arguments.checkpoint.clone());

@@ -3,7 +3,7 @@
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::device::cpu::CpuDevice;
 use crate::random::{Numbers, Stream};
-use crate::render::{Begin, CameraChoice, Limits, Observer, Progress, RenderError, RenderRequest};
+use crate::render::{Begin, Limits, Observer, Progress, RenderError, RenderRequest};
 use crate::scene::gltf::{ImportLimits, Resources, import};
 use crate::scene::made;
 use crate::transport::render;
@@ -38,17 +38,9 @@ fn request(method: &str, iterations: u64) -> RenderRequest {
     };
     let options = options.into_iter().map(|(name, value)| (name.into(), value.into()));
     RenderRequest {
-        scene: Arc::new(scene),
-        environment: None,
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: 10,
-        height: 8,
-        method: method.into(),
-        limits: Limits { iterations: Some(iterations), ..Limits::default() },
-        seed: 1,
+        limits: Limits::iterations(iterations),
         options: options.collect(),
-        begin: Begin::Afresh,
+        ..RenderRequest::new(Arc::new(scene), method, [10, 8])
     }
 }
 

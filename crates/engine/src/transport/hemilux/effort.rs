@@ -54,30 +54,21 @@ impl Effort {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{Begin, CameraChoice};
-    use std::collections::BTreeMap;
+
     use std::sync::Arc;
 
     fn effort(limits: Limits, side: u32) -> Effort {
         Effort::new(&RenderRequest {
-            scene: Arc::default(),
-            environment: None,
-            background: Default::default(),
-            camera: CameraChoice::First,
-            width: side,
-            height: side,
-            method: "hemilux".into(),
             limits,
             seed: 0,
-            options: BTreeMap::new(),
-            begin: Begin::Afresh,
+            ..RenderRequest::new(Arc::default(), "hemilux", [side; 2])
         })
     }
 
     #[test]
     fn whoever_asks_for_more_gets_no_less() {
         let seconds = [0.1, 0.5, 1.5, 3.0, 10.0, 60.0, 600.0];
-        let by_time = seconds.map(|s| Limits { seconds: Some(s), ..Limits::default() });
+        let by_time = seconds.map(Limits::seconds);
         let errors = [0.1, 0.03, 0.02, 0.01, 0.005, 0.002];
         let by_error = errors.map(|e| Limits { target_error: Some(e), ..Limits::default() });
         for limits in [&by_time[..], &by_error[..]] {
@@ -92,7 +83,7 @@ mod tests {
 
     #[test]
     fn what_the_server_allows_changes_nothing() {
-        let asked = Limits { seconds: Some(3.0), ..Limits::default() };
+        let asked = Limits::seconds(3.0);
         let (free, capped) =
             (effort(asked, 500), effort(Limits { cap_seconds: Some(0.1), ..asked }, 500));
         assert_eq!((free.samples, free.patches, free.hasty), (64, 16_000, false));

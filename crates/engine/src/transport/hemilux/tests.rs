@@ -26,17 +26,10 @@ fn request(glb: &[u8], seed: u64, brightness: f32) -> RenderRequest {
     let mut scene = import(glb, &Resources::default(), &ImportLimits::default()).unwrap();
     scene.materials.iter_mut().for_each(|material| material.emission *= brightness);
     RenderRequest {
-        scene: Arc::new(scene),
         environment: Some(Arc::new(Environment::none())),
-        background: Default::default(),
-        camera: CameraChoice::First,
-        width: 70,
-        height: 50,
-        method: "hemilux".into(),
-        limits: Limits { iterations: Some(4), ..Limits::default() },
+        limits: Limits::iterations(4),
         seed,
-        options: Default::default(),
-        begin: Default::default(),
+        ..RenderRequest::new(Arc::new(scene), "hemilux", [70, 50])
     }
 }
 
@@ -59,7 +52,7 @@ fn the_bits_do_not_depend_on_the_threads() {
 /// A room of some 40,000 triangles, for which so many patches are wanted.
 fn room(patches: usize) -> RenderRequest {
     let options = [("coarse_patches".to_owned(), patches.to_string())].into();
-    let limits = Limits { iterations: Some(2), ..Limits::default() };
+    let limits = Limits::iterations(2);
     RenderRequest { options, limits, ..request(&made::tessellated_room(40_000), 5, 1.0) }
 }
 
@@ -96,7 +89,7 @@ fn a_crowd_on_a_plain_goes_on_as_if_it_had_never_stopped() {
         scene.triangles.push(Triangle { vertices, material: 0 });
     }
     let mut device = CpuDevice::new(Some(2)).unwrap();
-    let begun = Limits { iterations: Some(1), ..Limits::default() };
+    let begun = Limits::iterations(1);
     let half = RenderRequest { limits: begun, ..whole.clone() };
     let mut keeper = Keeper::default();
     render(&mut device, &half, &mut keeper).unwrap();
