@@ -1,5 +1,5 @@
 //! Devices: who runs shots. [`cpu`] needs nothing installed; [`wgpu`] runs the same iteration in
-//! WGSL kernels. Both take the same [`Shot`]s and are compared shot by shot in the tests.
+//! WGSL kernels. Both take the same [`Shot`](crate::hemicube::Shot)s and are compared shot by shot in the tests.
 //!
 //! Shots do not ask `surface`'s interface to reflection. A patch reflects what it has gathered, pixel
 //! by pixel and in vectors, by the diffuse part and the modified Phong lobe of a

@@ -180,7 +180,7 @@ fn bodies(triangles: &[UntexturedEmitter]) -> Vec<Body> {
 /// Adds a polygon light for each triangle, or for two that share an edge, lie in one plane, emit
 /// the same and form a convex quadrilateral: that halves the edges to sum over in Lambert's
 /// formula. Where there are many, quadrilaterals are joined to larger ones. `of_triangle` gets each
-/// triangle's light, as in [`super::PolygonLights`].
+/// triangle's light, as in [`super::polygons::PolygonLights`].
 pub fn merge_into_polygons(
     triangles: &[UntexturedEmitter],
     lights: &mut Vec<PolygonLight>,

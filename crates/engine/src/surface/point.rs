@@ -10,7 +10,7 @@ use glam::Vec3;
 /// A point of a surface, seen from the side that reflects.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface {
-    /// Index into [`Scene::triangles`].
+    /// Index into [`crate::scene::Scene::triangles`].
     pub triangle: u32,
     /// Barycentric (u, v) there.
     pub at: [f32; 2],

@@ -103,7 +103,7 @@ impl World {
         self.rays.held_bytes() + self.finishes.held_bytes() + pyramids
     }
 
-    /// Bytes that [`World::new`] and the scene's lights take at their peak for so many triangles.
+    /// Bytes that [`Self::surrounded`] and the scene's lights take at their peak for so many triangles.
     pub fn needed_bytes(triangles: u64) -> u64 {
         // Finishes; emitters with their densities, picks and groups, if all shine.
         Rays::needed_bytes(triangles) + triangles * 300

@@ -1,6 +1,6 @@
 //! Daylight: the sun and the clear sky as light sources, from the sun's direction alone.
 //!
-//! [`PlaceAndTime`] is read from `LAT,LON,TIME`, [`sun_position`] gives the sun's direction there,
+//! [`PlaceAndTime`] is read from `LAT,LON,TIME`, [`sun_position()`] gives the sun's direction there,
 //! [`daylight`] the light. All light is photometric: lux and cd/m² folded into linear Rec. 709 RGB,
 //! so that a white of luminance Y has R = G = B = Y.
 
