@@ -227,7 +227,8 @@ impl Reflection for Ggx {
 
     fn albedo(&self, viewer: Vec3) -> Rgb {
         let cosine = self.cosine(viewer);
-        self.facets.diffuse_albedo(cosine) + self.facets.lobe_albedo(cosine)
+        let diffuse = self.facets.diffuse_albedo(cosine);
+        if cosine > 0.0 { diffuse + self.facets.lobe_albedo(cosine) } else { diffuse }
     }
 
     fn mean_albedo(&self) -> Rgb {

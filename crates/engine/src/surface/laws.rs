@@ -10,7 +10,7 @@ use std::f32::consts::TAU;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Law {
     /// The mean factor of sampled directions is the albedo, where shading and geometric normals are
-    /// the same.
+    /// the same, and no more than that elsewhere, even where the shading normal faces away.
     Furnace,
     /// The directional albedo's mean is the mean albedo.
     MeanAlbedo,
@@ -75,9 +75,22 @@ pub fn broken_within(reflection: &impl Reflection, table: f32) -> Vec<Law> {
             check(Law::Reciprocity, (there - back).abs().cmple(1e-4 * there.max(back)).all());
         }
     }
+    if side.normal != side.shading_normal {
+        check(Law::Furnace, is_bounded_behind(reflection, &mut numbers));
+    }
     let off = (mean_of_albedo(reflection) - reflection.mean_albedo()).abs();
     check(Law::MeanAlbedo, off.cmple(Rgb::splat(table)).all());
     found
+}
+
+/// Whether no more is sampled than the albedo says, for a viewer low above the surface where the
+/// shading normal leans away from it.
+fn is_bounded_behind(reflection: &impl Reflection, numbers: &mut Numbers) -> bool {
+    let side = reflection.side();
+    let away = -side.shading_normal.reject_from(side.normal).normalize();
+    let viewer = (away + 0.1 * side.normal).normalize();
+    let Sampled { mean, error, .. } = sampled(reflection, viewer, numbers);
+    (mean - reflection.albedo(viewer)).cmple(error * CHANCE + TABLE).all()
 }
 
 /// What the sampled directions say together.

@@ -70,34 +70,40 @@ impl Layered {
         self
     }
 
-    /// What is left of light from the base towards a viewer at an angle of that cosine.
-    fn left(&self, cosine: f32) -> f32 {
-        self.coat.left(cosine) * self.sheen.left(cosine)
+    /// What is left of light from the base towards a viewer at an angle of that cosine to the shading
+    /// normal, and of the other one to the coat's.
+    fn left(&self, [cosine, to_coat]: [f32; 2]) -> f32 {
+        self.sheen.left(cosine) * self.coat.left(to_coat)
     }
 
     /// What lies below the layers, and what these leave of light from there towards a viewer at an
     /// angle of that cosine, or on the mean over all.
     pub fn below(&self, cosine: Option<f32>) -> (Microfacets, f32) {
-        let mean = || self.mean(|layered, cosine| Rgb::splat(layered.left(cosine))).x;
-        (self.base.facets, cosine.map_or_else(mean, |cosine| self.left(cosine)))
+        let mean = || self.mean(|layered, cosine| Rgb::splat(layered.left([cosine; 2]))).x;
+        (self.base.facets, cosine.map_or_else(mean, |cosine| self.left([cosine; 2])))
     }
 
-    /// Albedo of the diffuse part towards a viewer at an angle of that cosine.
-    fn diffuse_albedo(&self, cosine: f32) -> Rgb {
-        self.base.diffuse_albedo(cosine) * self.left(cosine)
+    /// Albedo of the diffuse part towards a viewer at such angles.
+    fn diffuse_albedo(&self, cosines: [f32; 2]) -> Rgb {
+        self.base.diffuse_albedo(cosines[0]) * self.left(cosines)
     }
 
-    /// Albedos of the lobes: of the base, of the sheen and of the coat.
-    fn lobe_albedos(&self, cosine: f32) -> [Rgb; 3] {
-        [
-            self.base.lobe_albedo(cosine) * self.left(cosine),
-            self.sheen.albedo(cosine) * self.coat.left(cosine),
-            Rgb::splat(self.coat.albedo(cosine)),
-        ]
+    /// Albedos of the lobes, of the base, of the sheen and of the coat, towards a viewer at such
+    /// angles. A lobe that faces away reflects nothing.
+    fn lobe_albedos(&self, [cosine, to_coat]: [f32; 2]) -> [Rgb; 3] {
+        let mut albedos = [Rgb::ZERO; 3];
+        if cosine > 0.0 {
+            albedos[0] = self.base.lobe_albedo(cosine) * self.left([cosine, to_coat]);
+            albedos[1] = self.sheen.albedo(cosine) * self.coat.left(to_coat);
+        }
+        if to_coat > 0.0 {
+            albedos[2] = Rgb::splat(self.coat.albedo(to_coat));
+        }
+        albedos
     }
 
     fn lobe_albedo(&self, cosine: f32) -> Rgb {
-        self.lobe_albedos(cosine).into_iter().sum()
+        self.lobe_albedos([cosine; 2]).into_iter().sum()
     }
 
     /// The mean of an albedo over the hemisphere.
@@ -107,24 +113,24 @@ impl Layered {
 
     /// Albedo of all of it for light that comes at an angle of that cosine.
     pub fn albedo(&self, cosine: f32) -> Rgb {
-        self.diffuse_albedo(cosine) + self.lobe_albedo(cosine)
+        self.diffuse_albedo([cosine; 2]) + self.lobe_albedo(cosine)
     }
 
     /// Mean albedo of diffuse part and lobes together.
     pub fn mean_albedo(&self) -> Rgb {
-        self.mean(|layered, cosine| layered.diffuse_albedo(cosine) + layered.lobe_albedo(cosine))
+        self.mean(Self::albedo)
     }
 
     /// Albedo of the diffuse part before Fresnel's loss towards grazing angles, which
     /// [`Layered::lobe_factor`] accounts for.
     pub fn plain_diffuse_albedo(&self, cosine: f32) -> Rgb {
-        self.base.plain_diffuse_albedo(cosine) * self.left(cosine)
+        self.base.plain_diffuse_albedo(cosine) * self.left([cosine; 2])
     }
 
     /// What the lobes' radiance is multiplied by to account for the diffuse part's loss at grazing
     /// angles, too; see [`Microfacets::lobe_factor`].
     pub fn lobe_factor(&self, cosine: f32) -> Rgb {
-        let loss = self.plain_diffuse_albedo(cosine) - self.diffuse_albedo(cosine);
+        let loss = self.plain_diffuse_albedo(cosine) - self.diffuse_albedo([cosine; 2]);
         let albedo = self.lobe_albedo(cosine).max(Rgb::splat(f32::MIN_POSITIVE));
         (Rgb::ONE - loss / albedo).max(Rgb::splat(LEAST_LOBE_FACTOR))
     }
@@ -159,11 +165,15 @@ impl LayeredReflection {
         self.side.shading_normal.dot(direction)
     }
 
+    /// To the shading normal and to the coat's.
+    fn cosines(&self, direction: Vec3) -> [f32; 2] {
+        [self.side.shading_normal, self.layered.coat.normal_on(self.side)]
+            .map(|normal| normal.dot(direction))
+    }
+
     /// Probabilities of the lobes: of the base, of the sheen and of the coat.
     fn shares(&self, viewer: Vec3) -> [f32; 3] {
-        let Layered { coat, .. } = &self.layered;
-        let mut albedos = self.layered.lobe_albedos(self.cosine(viewer)).map(importance);
-        albedos[2] = coat.albedo(coat.normal_on(self.side).dot(viewer));
+        let albedos = self.layered.lobe_albedos(self.cosines(viewer)).map(importance);
         let sum: f32 = albedos.iter().sum();
         if sum > 0.0 { albedos.map(|albedo| albedo / sum) } else { [0.0, 0.0, 1.0] }
     }
@@ -190,13 +200,13 @@ impl Reflection for LayeredReflection {
     #[cold]
     #[inline(never)]
     fn diffuse(&self, viewer: Vec3) -> Rgb {
-        self.layered.diffuse_albedo(self.cosine(viewer))
+        self.layered.diffuse_albedo(self.cosines(viewer))
     }
 
     #[cold]
     #[inline(never)]
     fn mean_diffuse(&self) -> Rgb {
-        self.layered.mean(Layered::diffuse_albedo)
+        self.layered.mean(|layered, cosine| layered.diffuse_albedo([cosine; 2]))
     }
 
     #[cold]
@@ -274,12 +284,12 @@ impl Reflection for LayeredReflection {
     #[cold]
     #[inline(never)]
     fn albedo(&self, viewer: Vec3) -> Rgb {
-        let cosine = self.cosine(viewer);
-        let mut lobes = self.layered.lobe_albedos(cosine);
+        let cosines = self.cosines(viewer);
+        let mut lobes = self.layered.lobe_albedos(cosines);
         if let Some(base) = self.base().lobe_albedo(viewer) {
-            lobes[0] = base * self.layered.left(cosine);
+            lobes[0] = base * self.layered.left(cosines);
         }
-        self.layered.diffuse_albedo(cosine) + lobes.into_iter().sum::<Rgb>()
+        self.layered.diffuse_albedo(cosines) + lobes.into_iter().sum::<Rgb>()
     }
 
     #[cold]
@@ -291,12 +301,13 @@ impl Reflection for LayeredReflection {
     #[cold]
     #[inline(never)]
     fn diffuse_share(&self, viewer: Vec3) -> f32 {
-        let cosine = self.cosine(viewer);
-        if cosine <= 0.0 {
+        let cosines = self.cosines(viewer);
+        if cosines.iter().all(|cosine| *cosine <= 0.0) {
             return 1.0;
         }
-        let diffuse = importance(self.layered.diffuse_albedo(cosine));
-        let lobes = importance(self.layered.lobe_albedo(cosine)).max(1e-6);
+        let diffuse = importance(self.layered.diffuse_albedo(cosines));
+        let lobes = self.layered.lobe_albedos(cosines).into_iter().sum();
+        let lobes = importance(lobes).max(1e-6);
         if diffuse > 0.0 { diffuse / (diffuse + lobes) } else { 0.0 }
     }
 }
@@ -522,7 +533,7 @@ mod tests {
             for cosine in [0.15, 0.5, 1.0] {
                 let lobes = layered.lobe_albedo(cosine) * layered.lobe_factor(cosine);
                 let split = layered.plain_diffuse_albedo(cosine) + lobes;
-                let whole = layered.diffuse_albedo(cosine) + layered.lobe_albedo(cosine);
+                let whole = layered.albedo(cosine);
                 assert!(split.abs_diff_eq(whole, 1e-3), "{layered:?} {cosine}: {split} {whole}");
             }
         }

@@ -95,7 +95,8 @@ impl Reflection for Phong {
 
     #[inline]
     fn albedo(&self, viewer: Vec3) -> Rgb {
-        self.reflectance.albedo(self.side.shading_normal.dot(viewer))
+        let cosine = self.side.shading_normal.dot(viewer);
+        if cosine > 0.0 { self.reflectance.albedo(cosine) } else { self.reflectance.diffuse }
     }
 
     #[inline]

@@ -127,7 +127,8 @@ pub trait Reflection {
 
     /// Directional albedo: the share of the light from all around, of the same radiance everywhere,
     /// that goes on towards `viewer`, ∫ f_r cosθ dω; since f_r is reciprocal, also the share of light
-    /// from there that is reflected anywhere.
+    /// from there that is reflected anywhere. Towards a viewer that the shading normal faces away
+    /// from it is that of the diffuse part, and of a coat with a normal of its own.
     fn albedo(&self, viewer: Vec3) -> Rgb;
 
     /// Mean albedo: the share of the light from all around that is reflected anywhere, which is the

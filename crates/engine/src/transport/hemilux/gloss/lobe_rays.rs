@@ -214,12 +214,6 @@ pub fn radiance_by_lobe(
     found
 }
 
-/// Albedo of a surface's lobe towards the viewer; 0 where the shading normal faces away.
-pub fn albedo_towards(lobe: &Surface, viewer: Vec3) -> Rgb {
-    let is_faced = lobe.shading_normal.dot(viewer) > 0.0;
-    if is_faced { lobe.reflection().albedo(viewer) } else { Rgb::ZERO }
-}
-
 /// What arrives along a ray, as it is found out afresh and as tier 1 says.
 #[derive(Clone, Copy, Default)]
 pub struct Arriving {

@@ -2,7 +2,7 @@
 //! pixels share these rays as far as the lobes blur what they show (docs/decisions/0024). What they
 //! share is radiance over the lobe's albedo, so that textures of colour and metal stay sharp.
 
-use super::lobe_rays::{LobePathNumbers, LobeRadiance, albedo_towards, radiance_by_lobe};
+use super::lobe_rays::{LobePathNumbers, LobeRadiance, radiance_by_lobe};
 use super::open_sky;
 use super::seen_through::seen_through;
 use super::sharing::{Shared, Shown};
@@ -499,7 +499,7 @@ fn trace(
     };
     let LobeRadiance { radiance, sky, open_sky, nearness } =
         radiance_by_lobe(coarse, surface, viewer, path_numbers);
-    let albedo = albedo_towards(&surface.lobe_only(), viewer);
+    let albedo = surface.lobe_only().reflection().albedo(viewer);
     Found { radiance, sky, open_sky, albedo, nearness }
 }
 

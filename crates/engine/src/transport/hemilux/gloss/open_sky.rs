@@ -4,7 +4,6 @@
 //! beside a lamp of 5°: where directions are dense they had its light, and where they are few the
 //! means had it again. Nor was their noise lower, given directions of both kinds.)
 
-use super::lobe_rays::albedo_towards;
 use crate::emitters::DirectLights;
 use crate::radiometry::Rgb;
 use crate::random::pcg;
@@ -62,7 +61,7 @@ pub fn batch(
             sum += direction.map_or(Rgb::ZERO, |direction| picks.along(direction));
         }
     }
-    (sum, albedo_towards(&surface, viewer))
+    (sum, reflection.albedo(viewer))
 }
 
 impl Picks<'_> {
