@@ -20,9 +20,21 @@ use std::f32::consts::FRAC_1_PI;
 /// Smallest α: below it single precision can't tell the lobe from a mirror's.
 const LEAST_ALPHA: f32 = 1e-3;
 
-/// Least factor of [`Microfacets::lobe_factor`]: where the lobe is dim, its noise must not be
-/// multiplied.
-const LEAST_LOBE_FACTOR: f32 = -1.0;
+/// What irradiance over π and what the lobe's radiance are multiplied by, so that the diffuse part's loss
+/// towards grazing angles goes with the light that it loses: by its albedos without the loss and with it,
+/// and that of the lobe.
+///
+/// The diffuse part loses ρ(F90 − F0) ∫ L (1 − v·h)⁵ cosθ/π dω. The light for which (1 − v·h)⁵
+/// is not small comes from low directions opposite to the viewer, as most that the lobe shows
+/// does; so L is taken to be the lobe's radiance over its albedo. What is more than the lobe shows is
+/// taken from light from all around, so that nothing is less than black. Under light from all around
+/// this is exact.
+pub fn split([plain, diffuse]: [Rgb; 2], lobe: Rgb) -> [Rgb; 2] {
+    let loss = plain - diffuse;
+    let covered = loss.min(lobe);
+    let factor = Rgb::ONE - covered / lobe.max(Rgb::splat(f32::MIN_POSITIVE));
+    [diffuse + covered, factor]
+}
 
 /// What a side reflects by the specification's model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,24 +94,16 @@ impl Microfacets {
         self.faded(diffuse_loss(cosine))
     }
 
-    /// Albedo of the diffuse part before Fresnel's loss towards grazing angles, which
-    /// [`Microfacets::lobe_factor`] accounts for.
+    /// Albedo of the diffuse part before Fresnel's loss towards grazing angles.
     pub fn plain_diffuse_albedo(&self) -> Rgb {
         self.faded(0.0)
     }
 
-    /// What the lobe's radiance towards a viewer at an angle of that cosine is multiplied by to
-    /// account for the diffuse part's loss at grazing angles, too.
-    ///
-    /// The diffuse part loses ρ(F90 − F0) ∫ L (1 − v·h)⁵ cosθ/π dω. The light for which (1 − v·h)⁵
-    /// is not small comes from low directions opposite to the viewer, as most that the lobe shows
-    /// does; so L is taken to be the lobe's radiance over its albedo. Under light from all around
-    /// this is exact.
-    pub fn lobe_factor(&self, cosine: f32) -> Rgb {
-        let [f0, f90] = self.dielectric;
-        let loss = self.diffuse * ((f90 - f0) * diffuse_loss(cosine));
-        let albedo = self.lobe_albedo(cosine).max(Rgb::splat(f32::MIN_POSITIVE));
-        (Rgb::ONE - loss / albedo).max(Rgb::splat(LEAST_LOBE_FACTOR))
+    /// Diffuse albedo and factor of the lobe, towards a viewer at an angle of that cosine, for light
+    /// without directions: see [`split`].
+    pub fn diffuse_and_lobe_factor(&self, cosine: f32) -> [Rgb; 2] {
+        let lobe = if cosine > 0.0 { self.lobe_albedo(cosine) } else { Rgb::ZERO };
+        split([self.plain_diffuse_albedo(), self.diffuse_albedo(cosine)], lobe)
     }
 
     /// The mean of [`Microfacets::diffuse_albedo`] over the hemisphere.

@@ -3,7 +3,7 @@
 
 use super::base_lobe::{Base, BaseReflection};
 use super::coat::Coat;
-use super::ggx::Microfacets;
+use super::ggx::{Microfacets, split};
 use super::reflection::{Parts, Reflection, direction_about};
 use super::sheen::Sheen;
 use super::side::Side;
@@ -11,10 +11,6 @@ use crate::radiometry::{Rgb, importance};
 use crate::scene::Layers;
 use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
-
-/// Least factor of [`Layered::lobe_factor`]: where the lobes are dim, their noise must not be
-/// multiplied.
-const LEAST_LOBE_FACTOR: f32 = -1.0;
 
 /// Exponent of a Phong lobe about as wide as sheen.
 const SHEEN_EXPONENT: f32 = 1.0;
@@ -121,18 +117,11 @@ impl Layered {
         self.mean(Self::albedo)
     }
 
-    /// Albedo of the diffuse part before Fresnel's loss towards grazing angles, which
-    /// [`Layered::lobe_factor`] accounts for.
-    pub fn plain_diffuse_albedo(&self, cosine: f32) -> Rgb {
-        self.base.plain_diffuse_albedo(cosine) * self.left([cosine; 2])
-    }
-
-    /// What the lobes' radiance is multiplied by to account for the diffuse part's loss at grazing
-    /// angles, too; see [`Microfacets::lobe_factor`].
-    pub fn lobe_factor(&self, cosine: f32) -> Rgb {
-        let loss = self.plain_diffuse_albedo(cosine) - self.diffuse_albedo([cosine; 2]);
-        let albedo = self.lobe_albedo(cosine).max(Rgb::splat(f32::MIN_POSITIVE));
-        (Rgb::ONE - loss / albedo).max(Rgb::splat(LEAST_LOBE_FACTOR))
+    /// Diffuse albedo and factor of the lobes, towards a viewer at an angle of that cosine, for light
+    /// without directions: see [`split`].
+    pub fn diffuse_and_lobe_factor(&self, cosine: f32) -> [Rgb; 2] {
+        let plain = self.base.plain_diffuse_albedo(cosine) * self.left([cosine; 2]);
+        split([plain, self.diffuse_albedo([cosine; 2])], self.lobe_albedo(cosine))
     }
 
     /// Exponents of the lobes that there are.
@@ -525,14 +514,16 @@ mod tests {
         }
     }
 
-    /// What the split for light without directions says under light from all around is the albedo.
+    /// What the split for light without directions says under light from all around is the albedo, and
+    /// nothing is less than black.
     #[test]
     fn diffuse_part_and_factor_of_the_lobes_make_the_albedo() {
         for below in bases() {
             let layered = coated(below, 0.8, 0.3, Rgb::splat(0.7));
-            for cosine in [0.15, 0.5, 1.0] {
-                let lobes = layered.lobe_albedo(cosine) * layered.lobe_factor(cosine);
-                let split = layered.plain_diffuse_albedo(cosine) + lobes;
+            for cosine in [-0.1, 0.0, 0.02, 0.15, 0.5, 1.0] {
+                let [diffuse, factor] = layered.diffuse_and_lobe_factor(cosine);
+                assert!(diffuse.min(factor).min_element() >= 0.0, "{layered:?} {cosine}");
+                let split = diffuse + layered.lobe_albedo(cosine) * factor;
                 let whole = layered.albedo(cosine);
                 assert!(split.abs_diff_eq(whole, 1e-3), "{layered:?} {cosine}: {split} {whole}");
             }

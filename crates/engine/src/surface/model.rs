@@ -83,14 +83,12 @@ impl Parameters {
 
     /// What radiance of light without directions is multiplied by to be seen by a viewer at an angle
     /// of that cosine, and what the lobe's is: diffuse albedo and factor. Loss of the diffuse part
-    /// towards grazing angles is in the factor ([`Microfacets::lobe_factor`]).
+    /// towards grazing angles is in the factor ([`super::ggx::split`]).
     pub fn diffuse_and_lobe_factor(&self, cosine: f32) -> [Rgb; 2] {
         match self {
             Self::Phong(reflectance) => [reflectance.diffuse, Rgb::ONE],
-            Self::Ggx(facets) => [facets.plain_diffuse_albedo(), facets.lobe_factor(cosine)],
-            Self::Layered(layered) => {
-                [layered.plain_diffuse_albedo(cosine), layered.lobe_factor(cosine)]
-            }
+            Self::Ggx(facets) => facets.diffuse_and_lobe_factor(cosine),
+            Self::Layered(layered) => layered.diffuse_and_lobe_factor(cosine),
         }
     }
 
