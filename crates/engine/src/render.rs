@@ -278,7 +278,7 @@ impl From<&Warning> for WarningText {
 
 /// Who watches a job. Called on the rendering thread, between submissions to the device.
 pub trait Observer {
-    /// Called once, before the first iteration.
+    /// Called before the first iteration, and again at the end where there is one more warning then.
     fn planned(&mut self, _plan: &Plan, _warnings: &[Warning]) {}
     /// Called several times a second.
     fn progress(&mut self, _progress: &Progress) {}

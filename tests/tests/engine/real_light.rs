@@ -104,6 +104,32 @@ fn an_emitter_shines_by_its_cosine() {
     }
 }
 
+/// A lamp that lights one side of a floor leaves the other black: who looks at that side is told why.
+#[test]
+fn a_black_picture_is_warned_of() {
+    let mut builder = floor();
+    let light = builder.light(Rgb::ZERO, Rgb::splat(100.0));
+    builder.quad(Vec3::new(-0.5, 1.0, -0.5), Vec3::X, Vec3::Z, light);
+    let mut scene = Scene::clone(&builder.build());
+    scene.materials[0].double_sided = true;
+    let scene = Arc::new(scene);
+    let at = |height: f32| ExplicitCamera {
+        eye: [3.0, height, 0.0],
+        target: [2.0, 0.0, 0.0],
+        up: [0.0, 1.0, 0.0],
+        yfov_degrees: 20.0,
+    };
+    for method in ["hemilux", "ray-traced", "stochastic"] {
+        for (height, is_black) in [(0.5, false), (-3.0, true)] {
+            let Rendered { picture, stats } =
+                rendered(&scene, Some(Environment::none()), at(height), (method, 2));
+            assert_eq!(mean(&picture) == Rgb::ZERO, is_black, "{method} {height}");
+            let warned = stats.warnings.iter().any(|w| w.what.contains("the picture is black"));
+            assert_eq!(warned, is_black, "{method} {height}");
+        }
+    }
+}
+
 /// A sun on a plane: E cosθ; a uniform sky: πL.
 #[test]
 fn the_sun_shines_by_the_cosine_and_a_uniform_sky_by_pi() {

@@ -5,13 +5,16 @@
 //!
 //! All is averaged in linear light, colours by what is there of them: behind holes is no colour.
 
-use super::texture::{Encoding, Texture, TextureSlot};
+use super::texture::{Encoding, Texture, TextureSlot, floor};
 use super::{Alpha, Material, Scene};
 use glam::{DVec2, Vec2, Vec4};
 use rayon::prelude::*;
 
 /// Where a part is longer than this many widths, coarser texels are read, which blur the width too.
 const MOST_PLACES: f32 = 8.0;
+/// Texels from one place that is read to the next, at most: each is between texels on both sides of it,
+/// so that one place is as wide as one texel and a half, and none is left out.
+const SPACING: f32 = 1.25;
 /// Bytes of a texel of the pyramid.
 const STORED_BYTES: u64 = size_of::<[u16; 4]>() as u64;
 /// Bytes of a texel before it is stored: as single rows, and as one list.
@@ -134,18 +137,19 @@ impl Pyramids {
         };
         let (axis, long, short) = axes(edges);
         let width = short.max(long / MOST_PLACES).max(1.0);
-        let level = (width.log2().floor() - 1.0).clamp(0.0, pyramid.levels.len() as f32);
-        // As many places as it takes for no texel to be left out, nor a good part of one.
-        let texel = level.exp2();
+        let level =
+            (width as u64).max(1).ilog2().saturating_sub(1).min(pyramid.levels.len() as u32);
+        // As many places as it takes for no texel to be left out.
+        let texel = (1u64 << level) as f32;
         let count = |side: f32, most: f32| {
-            let least = if side > 0.5 * texel { 2.0 } else { 1.0 };
-            (side / texel - 1e-3).ceil().clamp(least, most) as u32
+            let least = (side / (SPACING * texel)).min(most);
+            (least as u32 + u32::from(least.fract() > 1e-3)).max(1)
         };
         let counts = [count(long, 4.0 * MOST_PLACES), count(short, 4.0)];
         let places = (counts[0] * counts[1]) as f32;
         // Nearest texels have sharp edges, which the part blurs by its own width.
         let extent = edges[0].abs() + edges[1].abs();
-        let is_sharp = slot.nearest && level == 0.0;
+        let is_sharp = slot.nearest && level == 0;
         let sharp = if is_sharp { extent.min(Vec2::ONE) } else { Vec2::ONE };
         let off = |place: u32, count: u32| (place as f32 + 0.5) / count as f32 - 0.5;
         let mut sum = Vec4::ZERO;
@@ -168,7 +172,7 @@ pub(super) fn axes([a, b]: [Vec2; 2]) -> (Vec2, f32, f32) {
     // The symmetric matrix ((p, q), (q, r)) of the sums over both edges.
     let (p, q, r) = (a.x * a.x + b.x * b.x, a.x * a.y + b.x * b.y, a.y * a.y + b.y * b.y);
     let (mean, half) = (0.5 * (p + r), 0.5 * (p - r));
-    let spread = half.hypot(q);
+    let spread = (half * half + q * q).sqrt();
     let long = (mean + spread).max(0.0).sqrt();
     let short = (mean - spread).max(0.0).sqrt();
     let axis = if half > 0.0 { Vec2::new(half + spread, q) } else { Vec2::new(q, spread - half) };
@@ -237,7 +241,7 @@ impl Pyramid {
         let level = level.checked_sub(1).map(|level| &self.levels[level]);
         let size = level.map_or([texture.width, texture.height], |level| level.size);
         let at = at * Vec2::new(size[0] as f32, size[1] as f32) / whole - 0.5;
-        let first = at.floor();
+        let first = Vec2::new(floor(at.x), floor(at.y));
         let part =
             ((at - first - 0.5) / sharp.max(Vec2::splat(1e-6)) + 0.5).clamp(Vec2::ZERO, Vec2::ONE);
         let [x, y] = [first.x as i64, first.y as i64];

@@ -11,6 +11,7 @@ use crate::checkpoint::CheckpointError;
 use crate::image::Picture;
 use crate::measurement::Measurement;
 use crate::patches::{Cut, Focus, PatchedScene};
+use crate::radiometry::Rgb;
 use crate::render::{Observer, Plan, RenderError, RenderRequest, Rendered, Stats, StopReason};
 use crate::scene::environment::Environment;
 use crate::scene::{Camera, Scene, Warning};
@@ -52,6 +53,8 @@ pub struct Job<'a> {
     pub run: Run<'a>,
     /// What computes, in words.
     device: String,
+    /// Whether anything emits light.
+    shines: bool,
     plan: Plan,
     warnings: Vec<Warning>,
 }
@@ -105,6 +108,7 @@ impl<'a> Job<'a> {
             past,
             run,
             device: String::new(),
+            shines: false,
             plan,
             warnings,
         })
@@ -118,7 +122,7 @@ impl<'a> Job<'a> {
     /// Tells the observer the plan, with the method's warnings and one where nothing shines.
     pub fn announce(&mut self, told: Announcement) {
         (self.plan.patches, self.plan.triangles) = (told.patches as u64, told.triangles as u64);
-        self.device = told.device;
+        (self.device, self.shines) = (told.device, told.shines);
         if !told.shines {
             self.warnings.push(Warning::new(
                 "scene",
@@ -224,12 +228,24 @@ impl<'a> Job<'a> {
         Ok(value)
     }
 
+    /// Warns of a picture that is black although something gives light.
+    fn warn_of_black(&mut self, picture: &Picture) {
+        if !self.shines || picture.pixels.iter().any(|pixel| *pixel != Rgb::ZERO) {
+            return;
+        }
+        let what = "the picture is black: what gives light in the scene lights nothing that the camera sees; \
+                    choose another camera, or add a sky or a sun (on the command line `--sky 1,1,1`)";
+        self.warnings.push(Warning::new("camera", what));
+        self.run.observer().planned(&self.plan, &self.warnings);
+    }
+
     /// The result, with the method's own figures.
     pub fn rendered(
         mut self,
         (picture, stopped): (Picture, StopReason),
         diagnostics: BTreeMap<String, f64>,
     ) -> Rendered {
+        self.warn_of_black(&picture);
         let progress = self.run.finish();
         let seconds = self.run.seconds();
         let stats = Stats {
