@@ -177,7 +177,7 @@ fn glass_in_a_uniform_sky_loses_nothing() {
         let scene = ball(material);
         let environment = Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::none() };
         let shot = Shot { scene, environment, camera, side: 16, seed: 3 };
-        let [ours, traced] = [("hemilux", 32), ("ray-traced", 256)]
+        let [ours, traced] = [("hemilux", 16), ("ray-traced", 128)]
             .map(|(method, iterations)| mean(&shot.by(method, iterations)).y);
         println!("roughness {roughness}: {ours}, {traced}");
         assert!((least..1.003).contains(&ours), "{roughness}: {ours}");
@@ -227,8 +227,8 @@ fn a_room_with_glass_is_that_of_path_tracing() {
         side: 48,
         seed: 5,
     };
-    let reference = block_means(&shot.by("ray-traced", 1200), 8);
-    let ours = shot.by("hemilux", 24);
+    let reference = block_means(&shot.by("ray-traced", 600), 8);
+    let ours = shot.by("hemilux", 12);
     let deviation = largest_deviation(&block_means(&ours, 8), &reference);
     println!("largest deviation of a block: {deviation:.4}");
     assert!(deviation < 0.04, "{deviation}");

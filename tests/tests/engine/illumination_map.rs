@@ -231,8 +231,8 @@ fn pictures_are_those_of_path_tracing() {
             options.iter().for_each(|(option, value)| set(&mut request, option, value));
             request
         };
-        let traced = replicas(&with("ray-traced", 1200, &[]), 12);
-        let mapped = replicas(&with(MAP, 48, &[("light_rays", "16384")]), 12);
+        let traced = replicas(&with("ray-traced", 600, &[]), 12);
+        let mapped = replicas(&with(MAP, 24, &[("light_rays", "16384")]), 12);
         let sum = |means: &[Moments]| means.iter().map(Moments::mean).sum::<f64>();
         let scores = Scores::between(&mapped, &traced);
         println!("{name}: {scores:?}, {:.4} and {:.4}", sum(&mapped), sum(&traced));

@@ -49,7 +49,7 @@ fn assert_blocks(made: &RealScene, [iterations, passes]: [u64; 2], bound: f64) {
 #[test]
 fn courtyards_are_those_of_path_tracing() {
     for seed in [1, 2] {
-        assert_blocks(&real::courtyard(seed), [10, 500], 0.06);
+        assert_blocks(&real::courtyard(seed), [8, 300], 0.06);
     }
 }
 

@@ -235,7 +235,7 @@ fn leaves_shine_as_by_path_tracing() {
     for (name, options) in [("leaves", &[][..]), ("a crowd", &[("coarse_patches", "8")][..])] {
         let environment = environment.clone();
         let view = View { scene: &scene, environment, camera, side: 48, options };
-        agrees(name, &view, &planted, [12, 1000]);
+        agrees(name, &view, &planted, [6, 500]);
     }
 }
 
