@@ -158,9 +158,9 @@ fn a_process_that_dies_while_idle_costs_nothing() {
     assert!(killed.unwrap().success());
     let deadline = Instant::now() + PATIENCE;
     while server.children().contains(&child) && Instant::now() < deadline {
-        // It stays a zombie until its worker looks.
-        if std::fs::read_to_string(format!("/proc/{child}/cmdline")).unwrap_or_default().is_empty()
-        {
+        // It stays a zombie until its worker looks; before it is one, its pipes may still be open.
+        let stat = std::fs::read_to_string(format!("/proc/{child}/stat")).unwrap_or_default();
+        if stat.rsplit(") ").next().is_none_or(|rest| rest.is_empty() || rest.starts_with('Z')) {
             break;
         }
         std::thread::sleep(Duration::from_millis(10));
