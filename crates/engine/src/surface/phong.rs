@@ -190,7 +190,12 @@ mod tests {
             self.right.lobe_direction(viewer, xi)
         }
         fn albedo(&self, viewer: Vec3) -> Rgb {
-            let off = if self.law == Law::Furnace { 1.05 } else { 1.0 };
+            let leans = self.right.side.normal != self.right.side.shading_normal;
+            let off = match self.law {
+                Law::Furnace if leans => 0.5,
+                Law::Furnace => 1.05,
+                _ => 1.0,
+            };
             off * self.right.albedo(viewer)
         }
         fn mean_albedo(&self) -> Rgb {
@@ -209,5 +214,11 @@ mod tests {
             let found = broken(&Mistaken { right, law });
             assert!(found.contains(&law), "{law:?}: {found:?}");
         }
+        let shading_normal = Vec3::new(0.1, 0.2, 1.0).normalize();
+        let leaning = Side { shading_normal, ..sides()[0] };
+        let right = Phong::new(reflectance(0.4, 0.5, 20.0), leaning);
+        let found = broken(&Mistaken { right, law: Law::Furnace });
+        assert!(found.contains(&Law::Furnace), "an albedo that is too small: {found:?}");
+        assert!(!broken(&right).contains(&Law::Furnace));
     }
 }
