@@ -1,5 +1,5 @@
 //! `tiers`: how good `hemilux` is and why. Every part switched off in turn ([`ablation`]), predicted
-//! against actual errors ([`calibration`]), time against what a scene has more of ([`growth`]),
+//! against actual errors ([`calibration`]), how errors fall with time ([`slopes`]), time against what a scene has more of ([`growth`]),
 //! and what `auto` picks against what the best hand would ([`planning`]); on [`views`] that differ
 //! in what makes light hard.
 
@@ -7,6 +7,7 @@ mod ablation;
 mod calibration;
 mod growth;
 mod planning;
+mod slopes;
 mod study;
 mod views;
 
@@ -49,6 +50,7 @@ enum Part {
     Ablation,
     Calibration,
     Targets,
+    Slopes,
     Growth,
     Planning,
 }
@@ -85,6 +87,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     if wanted(Part::Targets) {
         parts.extend(calibration::ask(&mut study)?);
+    }
+    if wanted(Part::Slopes) {
+        parts.extend(slopes::run(&mut study)?);
     }
     if wanted(Part::Ablation) {
         parts.extend(ablation::run(&mut study)?);

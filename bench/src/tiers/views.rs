@@ -104,6 +104,11 @@ impl Truth {
         error(self.reference.squared_error(&rendered.picture, &self.counted))
     }
 
+    /// The same after a Gaussian of six pixels: what is left of the error from afar.
+    pub fn blurred_error(&self, rendered: &Rendered) -> f64 {
+        error(self.reference.blurred_squared_error(&rendered.picture, &self.counted))
+    }
+
     /// Mean radiance over the reference's.
     pub fn energy(&self, rendered: &Rendered) -> f64 {
         self.reference.energy(&rendered.picture, &self.counted)

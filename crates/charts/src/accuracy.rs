@@ -3,6 +3,7 @@
 //!
 //! Relative errors are over linear RGB: √mean((x − ref)²)/mean(ref) over the counted pixels.
 
+use crate::blur::{BLUR, blurred};
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 
@@ -68,6 +69,13 @@ impl Reference {
     /// the reference.
     pub fn squared_error(&self, x: &Picture, counted: &[bool]) -> f64 {
         product((x, &self.first), (x, &self.second), 1.0, counted) / self.mean(counted).powi(2)
+    }
+
+    /// The same after a Gaussian of [`BLUR`] pixels over the counted ones: what is left of the error
+    /// from afar.
+    pub fn blurred_squared_error(&self, x: &Picture, counted: &[bool]) -> f64 {
+        let soft = |picture| blurred(picture, counted, BLUR);
+        Self::new(soft(&self.first), soft(&self.second)).squared_error(&soft(x), counted)
     }
 
     /// Relative error below which this reference can't tell pictures apart: √ of twice the standard
