@@ -1,6 +1,7 @@
-//! Each part of the method switched off in turn: error at equal time.
+//! Each part of the method switched off in turn: error at equal time, as it is and from afar.
 
 use super::study::Study;
+use super::views::View;
 use crate::page::percent;
 use crate::results::Failure;
 use hemilux_charts::statistics::median;
@@ -31,45 +32,57 @@ const VARIANTS: [(&str, &[(&str, &str)]); 12] = [
 pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
     let mut views = study.views();
     views.truncate(5);
-    let mut header = vec!["switched off".to_string()];
-    header.extend(views.iter().map(|view| view.name.clone()));
-    let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
-    let mut csv = Table::new(&["view", "switched_off", "seed", "error", "seconds_solve"]);
-    let mut rows: Vec<Vec<String>> =
-        VARIANTS.iter().map(|(name, _)| vec![(*name).into()]).collect();
+    let mut csv =
+        Table::new(&["view", "switched_off", "seed", "error", "blurred", "seconds_solve"]);
+    let mut medians = Vec::new();
     for view in &views {
         eprintln!("ablation: {}", view.name);
         let truth = study.truth(view)?;
-        let mut errors = vec![Vec::new(); VARIANTS.len()];
+        let mut errors = vec![[Vec::new(), Vec::new()]; VARIANTS.len()];
         // In turn, so that a disturbance hits all alike.
         for seed in 1..=SEEDS {
             for ((name, options), errors) in VARIANTS.iter().zip(&mut errors) {
                 let limits = Limits::seconds(SECONDS);
                 let request = view.request("hemilux", limits, seed, options);
                 let rendered = render(study.device.as_mut(), &request, &mut Unobserved)?;
-                let error = truth.error(&rendered);
-                errors.push(error);
-                let seconds = rendered.stats.seconds_solve;
+                let own = [truth.error(&rendered), truth.blurred_error(&rendered)];
+                errors.iter_mut().zip(own).for_each(|(errors, error)| errors.push(error));
                 csv.add(vec![
                     view.name.clone(),
                     (*name).into(),
                     seed.to_string(),
-                    format!("{error:.5}"),
-                    format!("{seconds:.3}"),
+                    format!("{:.5}", own[0]),
+                    format!("{:.5}", own[1]),
+                    format!("{:.3}", rendered.stats.seconds_solve),
                 ]);
             }
         }
-        let whole = median(errors[0].clone());
-        for ((at, row), errors) in rows.iter_mut().enumerate().zip(errors) {
-            let error = median(errors);
-            row.push(match at {
+        medians.push(errors.into_iter().map(|errors| errors.map(median)).collect::<Vec<_>>());
+    }
+    std::fs::write(study.out.join("ablation.csv"), csv.csv())?;
+    let text = format!(
+        "Median of {SEEDS} seeds, {SECONDS} s each.\n\n{}\nAfter a Gaussian of six pixels:\n\n{}",
+        table(&views, &medians, 0),
+        table(&views, &medians, 1),
+    );
+    Ok(vec![("ablation".into(), text)])
+}
+
+/// One of the measures of every variant on every view, and over that of the whole method.
+fn table(views: &[View], medians: &[Vec<[f64; 2]>], measure: usize) -> String {
+    let mut header = vec!["switched off".to_string()];
+    header.extend(views.iter().map(|view| view.name.clone()));
+    let mut table = Table::new(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    for (at, (name, _)) in VARIANTS.iter().enumerate() {
+        let mut row = vec![(*name).to_string()];
+        row.extend(medians.iter().map(|of_view| {
+            let (error, whole) = (of_view[at][measure], of_view[0][measure]);
+            match at {
                 0 => percent(error),
                 _ => format!("{} (× {:.2})", percent(error), error / whole),
-            });
-        }
+            }
+        }));
+        table.add(row);
     }
-    rows.into_iter().for_each(|row| table.add(row));
-    std::fs::write(study.out.join("ablation.csv"), csv.csv())?;
-    let text = format!("Median of {SEEDS} seeds, {SECONDS} s each.\n\n{}", table.markdown());
-    Ok(vec![("ablation".into(), text)])
+    table.markdown()
 }

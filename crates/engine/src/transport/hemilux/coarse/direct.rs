@@ -1,6 +1,7 @@
 //! Direct light of an element of the coarse mesh (tier 1): shadow rays from random points of it.
 
 use super::elements::{ElementIndex, Elements};
+use super::inside::is_inside;
 use crate::emitters::DirectLights;
 use crate::patches::Cut;
 use crate::radiometry::Rgb;
@@ -87,9 +88,7 @@ impl SampledLight {
             let mut hidden = false;
             match world.rays.closest(Eye::Light, start, direction) {
                 None => self.escaped = 1,
-                // Seeing a black back: inside a body, or behind a one-sided wall; light never
-                // comes here.
-                Some(hit) if world.is_black(&hit) => continue,
+                Some(hit) if world.is_black(&hit) && is_inside(world, start, normal) => continue,
                 Some(hit) => hidden = hit.distance < crevice,
             }
             self.open += 1;

@@ -10,6 +10,7 @@
 use super::direct::DirectLight;
 use super::elements::ElementIndex;
 use super::far_sides::FarSides;
+use super::inside::is_inside;
 use super::mesh::{CellSpot, CoarseMesh};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::{Rgb, importance};
@@ -125,6 +126,9 @@ pub struct Linking<'a> {
 struct LinkRay {
     /// The element that it starts from.
     from: u32,
+    /// Where it starts, and the unit normal there.
+    start: Vec3,
+    normal: Vec3,
     /// Unit vector.
     direction: Vec3,
     /// Whether its colour may be kept.
@@ -197,14 +201,15 @@ impl Links {
             let done = self.rounds.iter().map(|round| round.of(element).len() as u32).sum();
             let sequence = Shifted::new(seed, Stream::PatchLight, index as u64).at(done);
             let count = start[index + 1] - start[index];
-            let (batch, arrives) = link_rays(world, mesh, element, count, sequence);
+            let (batch, normals) = link_rays(world, mesh, element, count, sequence);
             let mut hits = Vec::with_capacity(batch.len());
             world.rays.closest_many(Eye::Light, &batch, &mut hits);
             let mut way = OnTheWay::default();
-            let links = hits.into_iter().zip(&batch).zip(arrives);
-            let links = links.map(|((hit, ray), arrives)| {
-                let ray = LinkRay { from: element.0, direction: ray.direction, has_tint };
-                linking.link(hit.filter(|_| arrives), &ray, &mut way)
+            let links = hits.into_iter().zip(&batch).zip(normals);
+            let links = links.map(|((hit, ray), normal)| {
+                let Ray { origin: start, direction } = *ray;
+                let ray = LinkRay { from: element.0, start, normal, direction, has_tint };
+                linking.link(hit, &ray, &mut way)
             });
             (links.collect::<Vec<(u32, CellSpot)>>(), way)
         };
@@ -476,9 +481,12 @@ impl Linking<'_> {
         let element = |hit: &Hit| {
             mesh.spot_at(hit).map_or((DARK, CellSpot::MIDDLE), |(element, spot)| (element.0, spot))
         };
-        let Some(hit) = hit else { return (DARK, CellSpot::MIDDLE) };
+        // No light arrives from below the geometric plane.
+        let arrives = ray.normal.dot(ray.direction) > 0.0;
+        let Some(hit) = hit.filter(|_| arrives) else { return (DARK, CellSpot::MIDDLE) };
         if world.is_black(&hit) {
-            return (COVERED, CellSpot::MIDDLE);
+            let link = if is_inside(world, ray.start, ray.normal) { COVERED } else { DARK };
+            return (link, CellSpot::MIDDLE);
         }
         let (is_clear, is_mirror) =
             (world.is_clear(hit.triangle), self.follows_mirrors && world.may_mirror(hit.triangle));
@@ -523,14 +531,14 @@ fn tint(left: Rgb, has_tint: bool) -> (f32, Rgb) {
 }
 
 /// So many rays from points of an element over the hemisphere about the normal that each is lit by, and
-/// whether light from there arrives: none does from below the geometric plane.
+/// the geometric normals there.
 fn link_rays(
     world: &World,
     mesh: &CoarseMesh,
     element: ElementIndex,
     count: u32,
     mut sequence: Shifted,
-) -> (Vec<Ray>, Vec<bool>) {
+) -> (Vec<Ray>, Vec<Vec3>) {
     let members = mesh.elements.members(element);
     let alone = members.len() == 1 && !mesh.cut.is_cluster(members[0]);
     let points = mesh.elements.points(world, &mesh.cut, element, 0.0);
@@ -546,7 +554,7 @@ fn link_rays(
         };
         let lit = points.lit_point(world, sequence.second_pair());
         let direction = cosine_direction(lit.lit_normal, xi);
-        (Ray { origin: lit.start, direction }, lit.normal.dot(direction) > 0.0)
+        (Ray { origin: lit.start, direction }, lit.normal)
     };
     (0..count).map(ray).unzip()
 }

@@ -8,6 +8,7 @@ mod elements;
 mod far_sides;
 mod groups;
 mod guide;
+mod inside;
 mod links;
 mod mesh;
 mod outlook;
