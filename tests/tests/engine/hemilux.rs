@@ -232,6 +232,31 @@ fn nothing_passes_a_wall_that_ends_inside_others() {
     }
 }
 
+/// One-sided plates that hang in a white room are black behind and take the light that comes there.
+/// With links that do not count where they meet a black back the room is 4 % too bright.
+#[test]
+fn black_backs_of_plates_take_light() {
+    let mut builder = Builder::default();
+    let white = builder.lambertian(Rgb::splat(0.9));
+    let light = builder.light(Rgb::ZERO, Rgb::splat(10.0));
+    let dark = builder.lambertian(Rgb::ZERO);
+    builder.cuboid(Vec3::ZERO, Vec3::splat(2.0), true, white);
+    builder.quad(Vec3::new(0.8, 1.99, 0.8), Vec3::X * 0.4, Vec3::Z * 0.4, light);
+    for (x, z) in [(0.4, 0.4), (1.2, 0.4), (0.4, 1.2), (1.2, 1.2)] {
+        builder.quad(Vec3::new(x, 1.2, z), Vec3::X * 0.4, Vec3::Z * 0.4, dark);
+    }
+    let scene = builder.build();
+    let mean = |method, iterations| {
+        let mut small = request(&scene, method, iterations);
+        (small.width, small.height) = (48, 48);
+        small.camera = looking([0.1, 0.3, 0.2], [1.8, 1.0, 1.9]);
+        rendered(&small).picture.mean()
+    };
+    let (paths, found) = (mean("ray-traced", 600), mean("hemilux", 6));
+    println!("{:.4}", found / paths);
+    assert!((found / paths - 1.0).abs() < 0.01, "{found} {paths}");
+}
+
 /// A long white room on few patches: at its far end there is as much light as path tracing finds,
 /// though light may move by part of a patch at each of its many bounces.
 #[test]

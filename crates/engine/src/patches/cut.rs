@@ -138,6 +138,13 @@ impl Cut {
         }
     }
 
+    /// Whether a triangle bounds a closed body that no light gets into, as far as that is known.
+    pub fn bounds_dark_body(&self, triangle: u32, u: f32, v: f32) -> bool {
+        let Self::Listed(listed) = self else { return false };
+        let facet = listed.place_on_triangle(triangle, u, v);
+        facet.is_some_and(|(facet, _)| listed.facets[facet.at()].cull_back)
+    }
+
     /// Barycentric (u, v) of a facet's corners in its triangle.
     #[inline]
     pub fn source_uv(&self, facet: FacetIndex) -> [Vec2; 3] {

@@ -1,7 +1,7 @@
 //! Direct light of an element of the coarse mesh (tier 1): shadow rays from random points of it.
 
 use super::elements::{ElementIndex, Elements};
-use super::inside::is_inside;
+use super::inside::{Place, is_inside};
 use crate::emitters::DirectLights;
 use crate::patches::Cut;
 use crate::radiometry::Rgb;
@@ -77,7 +77,7 @@ impl SampledLight {
         let Lighting { world, lights, cut, elements, .. } = *lighting;
         let sequence = Shifted::new(seed, Stream::PatchLight, u64::from(element.0));
         let mut sequence = sequence.at(self.points);
-        let crevice = CREVICE * elements.area[element.at()].sqrt() * world.rays.scale() as f32;
+        let side = elements.area[element.at()].sqrt() * world.rays.scale() as f32;
         self.points += points;
         for _ in 0..points {
             let xi = sequence.next_pair();
@@ -88,8 +88,13 @@ impl SampledLight {
             let mut hidden = false;
             match world.rays.closest(Eye::Light, start, direction) {
                 None => self.escaped = 1,
-                Some(hit) if world.is_black(&hit) && is_inside(world, start, normal) => continue,
-                Some(hit) => hidden = hit.distance < crevice,
+                Some(hit)
+                    if world.is_black(&hit)
+                        && is_inside(world, cut, &Place { start, normal, side }, &hit) =>
+                {
+                    continue;
+                }
+                Some(hit) => hidden = hit.distance < CREVICE * side,
             }
             self.open += 1;
             let sums = if hidden { &mut self.hidden } else { &mut self.visible };

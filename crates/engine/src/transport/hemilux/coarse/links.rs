@@ -10,7 +10,7 @@
 use super::direct::DirectLight;
 use super::elements::ElementIndex;
 use super::far_sides::FarSides;
-use super::inside::is_inside;
+use super::inside::{Place, is_inside};
 use super::mesh::{CellSpot, CoarseMesh};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::{Rgb, importance};
@@ -126,9 +126,8 @@ pub struct Linking<'a> {
 struct LinkRay {
     /// The element that it starts from.
     from: u32,
-    /// Where it starts, and the unit normal there.
-    start: Vec3,
-    normal: Vec3,
+    /// Where it starts.
+    place: Place,
     /// Unit vector.
     direction: Vec3,
     /// Whether its colour may be kept.
@@ -206,9 +205,11 @@ impl Links {
             world.rays.closest_many(Eye::Light, &batch, &mut hits);
             let mut way = OnTheWay::default();
             let links = hits.into_iter().zip(&batch).zip(normals);
+            let side = mesh.elements.area[index].sqrt() * world.rays.scale() as f32;
             let links = links.map(|((hit, ray), normal)| {
                 let Ray { origin: start, direction } = *ray;
-                let ray = LinkRay { from: element.0, start, normal, direction, has_tint };
+                let place = Place { start, normal, side };
+                let ray = LinkRay { from: element.0, place, direction, has_tint };
                 linking.link(hit, &ray, &mut way)
             });
             (links.collect::<Vec<(u32, CellSpot)>>(), way)
@@ -482,10 +483,11 @@ impl Linking<'_> {
             mesh.spot_at(hit).map_or((DARK, CellSpot::MIDDLE), |(element, spot)| (element.0, spot))
         };
         // No light arrives from below the geometric plane.
-        let arrives = ray.normal.dot(ray.direction) > 0.0;
+        let arrives = ray.place.normal.dot(ray.direction) > 0.0;
         let Some(hit) = hit.filter(|_| arrives) else { return (DARK, CellSpot::MIDDLE) };
         if world.is_black(&hit) {
-            let link = if is_inside(world, ray.start, ray.normal) { COVERED } else { DARK };
+            let inside = is_inside(world, &mesh.cut, &ray.place, &hit);
+            let link = if inside { COVERED } else { DARK };
             return (link, CellSpot::MIDDLE);
         }
         let (is_clear, is_mirror) =
