@@ -28,6 +28,9 @@ const REFILLED_FROM: f64 = 0.25;
 const NOISE_OF_NEW: f64 = 0.3;
 /// Fewest rays of a new record.
 const LEAST_NEW_RAYS: f64 = 32.0;
+/// How many times its usual share of the rays the audit gets where it has a suspicion: then more paths
+/// either find what is wrong, and take it off, or find nothing.
+const AUDIT_TIMES: u32 = 5;
 
 /// What an iteration does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
@@ -43,6 +46,8 @@ pub struct Balance {
     pub refine_every: u32,
     /// Rays of new records, where the next iteration is to make some; 0 where not.
     pub new_rays: u32,
+    /// How many times its usual share of the rays the audit gets.
+    pub audit_times: u32,
 }
 
 /// What has been done so far.
@@ -88,7 +93,14 @@ impl EdgeWork {
 
 impl Default for Balance {
     fn default() -> Self {
-        Self { shadow_passes: 1, lobe_passes: 1, edge_rays: 0, refine_every: 1, new_rays: 0 }
+        Self {
+            shadow_passes: 1,
+            lobe_passes: 1,
+            edge_rays: 0,
+            refine_every: 1,
+            new_rays: 0,
+            audit_times: 1,
+        }
     }
 }
 
@@ -139,6 +151,7 @@ impl Balance {
             edge_rays: (edge_rays.round() as u32).min(MOST_EDGE_RAYS),
             refine_every: (refine_every.round() as u32).clamp(1, MOST_REFINE_EVERY),
             new_rays: if refills { enough.max(LEAST_NEW_RAYS).round() as u32 } else { 0 },
+            audit_times: if errors.is_suspect { AUDIT_TIMES } else { 1 },
         }
     }
 
@@ -150,6 +163,7 @@ impl Balance {
             edge_rays: self.edge_rays.min(MOST_EDGE_RAYS),
             refine_every: self.refine_every.clamp(1, MOST_REFINE_EVERY),
             new_rays: self.new_rays,
+            audit_times: self.audit_times.clamp(1, AUDIT_TIMES),
         }
     }
 }
@@ -219,6 +233,7 @@ mod tests {
             edge_rays: 999,
             refine_every: 0,
             new_rays: 7,
+            audit_times: 99,
         };
         let bounded = Balance {
             shadow_passes: 1,
@@ -226,6 +241,7 @@ mod tests {
             edge_rays: 128,
             refine_every: 1,
             new_rays: 7,
+            audit_times: 5,
         };
         assert_eq!(wild.bounded(), bounded);
     }

@@ -1,6 +1,6 @@
 //! The picture from what the three tiers know, and how far it may be off.
 
-use super::audit::Verdict;
+use super::audit::{Corrected, Verdict};
 use super::coarse::CoarseSolution;
 use super::direct::DirectLighting;
 use super::fragments::{Fragment, VisibleSurfaces};
@@ -79,6 +79,8 @@ pub struct Errors {
     pub bounds: Option<ErrorBounds>,
     /// Mean radiance over the pixels and channels that count.
     pub mean: f64,
+    /// Whether an audit suspects more than these causes.
+    pub is_suspect: bool,
 }
 
 impl Errors {
@@ -100,11 +102,12 @@ impl Errors {
         });
     }
 
-    /// Takes in what an audit says of the same picture.
-    pub fn audited(&mut self, verdict: Verdict) {
+    /// Takes in what an audit says of the same picture, and what it took off before.
+    pub fn audited(&mut self, verdict: Verdict, corrected: Corrected) {
+        self.is_suspect = corrected.is_suspect;
         let square = self.mean * self.mean;
         let known = self.by_links * self.by_links + COARSE_MESH_ERROR * COARSE_MESH_ERROR;
-        let found = (verdict.found / square - known).max(0.0);
+        let found = (verdict.found / square - known).max(0.0) + corrected.left / square;
         let by_causes = self.total;
         self.by_audit = found.sqrt();
         self.total = self.total.hypot(self.by_audit);

@@ -336,7 +336,8 @@ impl Tiers {
         let caustics = self.coarse.caustics().map(|caustics| caustics.map() as &dyn Caustics);
         let (world, known) = (&*self.world, &*self.lights);
         let (visible, seed) = (&self.visible, self.seed);
-        self.audit.follow(&Audited { world, known, visible, caustics, seed }, rays);
+        let times = self.balance.audit_times;
+        self.audit.follow(&Audited { world, known, visible, caustics, seed }, (rays, times));
     }
 
     /// Finds how later iterations share out their time, by what is wrong with the present picture.

@@ -1,5 +1,6 @@
 //! The picture after an iteration, and how far it may be off.
 
+use super::super::audit::Corrected;
 use super::super::draft::{Draft, Lit, loss, loss_of_light, noise_of_light, without_noise};
 use super::super::estimate::{self, PictureInputs};
 use super::Tiers;
@@ -51,9 +52,14 @@ impl Tiers {
             options: &self.options,
             link_variance: self.link_variance,
         };
-        let (picture, mut errors) = estimate::measure(&known);
+        let (mut picture, mut errors) = estimate::measure(&known);
+        let mut corrected = Corrected::default();
+        if self.draft.is_none() {
+            corrected = self.audit.correct(&self.visible, self.seed, &mut picture);
+        }
         if let Some(errors) = &mut errors {
-            errors.audited(self.audit.judge(&self.visible, self.seed, &picture));
+            let verdict = self.audit.judge(&self.visible, self.seed, &picture);
+            errors.audited(verdict, corrected);
         }
         let iterations = Some(iterations);
         let mut drawn = DrawnPicture { iterations, picture, errors, ..DrawnPicture::default() };

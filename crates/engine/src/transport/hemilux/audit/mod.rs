@@ -5,7 +5,11 @@
 //! well-spread places of the picture have the right mean whatever the tiers do. They are few and noisy,
 //! so single pixels say nothing, but the mean difference over wide areas does: what lies beyond the
 //! noise of the paths is error that no cause has, and what lies below it bounds what may have been
-//! missed. The paths do not become part of the picture.
+//! missed. What is surely wrong over wide areas is taken off the picture ([`correction`]); apart from that
+//! the paths do not become part of it.
+
+mod correction;
+mod grid;
 
 use super::fragments::VisibleSurfaces;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
@@ -17,6 +21,7 @@ use crate::sampling::{Seed, Shifted};
 use crate::surface::World;
 use crate::transport::ray_traced::{Caustics, Tracer, Walk};
 use glam::Vec2;
+use grid::Grid;
 use rayon::prelude::*;
 
 /// Rays of the audit, as a share of all other rays.
@@ -25,8 +30,6 @@ const SHARE: f64 = 0.03;
 const BATCH: usize = 1024;
 /// Most paths of a job, 12 bytes each; a multiple of [`BATCH`].
 const MOST_PATHS: usize = 1 << 20;
-/// Fewest paths of a square that is judged.
-const LEAST_PATHS: f64 = 64.0;
 /// Squares along a side of the finest grid that differences are averaged over; each other has half as
 /// many.
 const FINEST: usize = 8;
@@ -59,6 +62,15 @@ pub struct Verdict {
     pub hidden: Option<f64>,
 }
 
+/// What was taken off a picture.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Corrected {
+    /// Whether the picture differed from the paths by more than most right pictures do.
+    pub is_suspect: bool,
+    /// Expected squared error, the mean over channels, that is left of what was wrong; 0 where nothing was.
+    pub left: f64,
+}
+
 /// What is audited.
 pub struct Audited<'a> {
     /// The scene.
@@ -79,9 +91,10 @@ impl Audit {
         self.brought.len()
     }
 
-    /// Traces paths until they have their share of `rays`, those of everything else.
-    pub fn follow(&mut self, audited: &Audited<'_>, rays: u64) {
-        while (self.rays as f64) < SHARE * rays as f64 && self.paths() < MOST_PATHS {
+    /// Traces paths until they have so many `times` their share of `rays`, those of everything else.
+    pub fn follow(&mut self, audited: &Audited<'_>, (rays, times): (u64, u32)) {
+        let share = SHARE * f64::from(times);
+        while (self.rays as f64) < share * rays as f64 && self.paths() < MOST_PATHS {
             if self.lights.is_none() {
                 self.lights = SceneLights::beside(audited.world, audited.known);
             }
@@ -101,15 +114,7 @@ impl Audit {
 
     /// Holds the paths against a picture. Pixels that see an emitter are left out, as in all errors.
     pub fn judge(&self, visible: &VisibleSurfaces, seed: Seed, picture: &Picture) -> Verdict {
-        let mut grid = Grid::new(FINEST);
-        for (number, brought) in self.brought.iter().enumerate() {
-            let at = place(seed, number);
-            let (x, y) = pixel_at(at, visible);
-            let pixel = (y * visible.width + x) as usize;
-            if visible.shine[pixel] == Rgb::ZERO {
-                grid.add(at, picture.pixels[pixel] - *brought);
-            }
-        }
+        let mut grid = self.grid(visible, seed, picture);
         let mut verdict = Verdict::default();
         loop {
             if let Some((square, deviation)) = grid.beyond_noise() {
@@ -125,6 +130,42 @@ impl Audit {
             }
             grid = grid.coarser();
         }
+    }
+
+    /// Takes off the picture what is surely wrong with it over wide areas.
+    pub fn correct(
+        &self,
+        visible: &VisibleSurfaces,
+        seed: Seed,
+        picture: &mut Picture,
+    ) -> Corrected {
+        let mut corrected = Corrected::default();
+        for side in correction::SIDES {
+            let mut grid = self.grid(visible, seed, picture);
+            while grid.side > side {
+                grid = grid.coarser();
+            }
+            corrected.is_suspect |= grid.beyond_noise().is_some_and(|(square, sd)| square > sd);
+            if let Some(correction) = correction::correction(&grid) {
+                correction::apply(picture, &visible.shine, &correction.factors);
+                corrected.left += correction.left;
+            }
+        }
+        corrected
+    }
+
+    /// Differences of a picture from the paths.
+    fn grid(&self, visible: &VisibleSurfaces, seed: Seed, picture: &Picture) -> Grid {
+        let mut grid = Grid::new(FINEST);
+        for (number, brought) in self.brought.iter().enumerate() {
+            let at = place(seed, number);
+            let (x, y) = pixel_at(at, visible);
+            let pixel = (y * visible.width + x) as usize;
+            if visible.shine[pixel] == Rgb::ZERO {
+                grid.add(at, picture.pixels[pixel], *brought);
+            }
+        }
+        grid
     }
 
     /// Writes what the paths have brought.
@@ -176,82 +217,6 @@ impl Audited<'_> {
     }
 }
 
-/// Differences of a picture from the paths, by square.
-struct Grid {
-    side: usize,
-    squares: Vec<Differences>,
-}
-
-/// Sums over the paths of a square.
-#[derive(Clone, Copy, Default)]
-struct Differences {
-    count: f64,
-    sum: [f64; 3],
-    squares: [f64; 3],
-}
-
-impl Grid {
-    fn new(side: usize) -> Self {
-        Self { side, squares: vec![Differences::default(); side * side] }
-    }
-
-    fn add(&mut self, at: Vec2, difference: Rgb) {
-        let along = |at: f32| ((at * self.side as f32) as usize).min(self.side - 1);
-        let own = &mut self.squares[along(at.y) * self.side + along(at.x)];
-        own.count += 1.0;
-        for (channel, difference) in difference.to_array().into_iter().enumerate() {
-            let difference = f64::from(difference);
-            own.sum[channel] += difference;
-            own.squares[channel] += difference * difference;
-        }
-    }
-
-    /// The same by squares of twice the side.
-    fn coarser(&self) -> Self {
-        let mut coarser = Self::new(self.side / 2);
-        for (index, own) in self.squares.iter().enumerate() {
-            let (x, y) = (index % self.side / 2, index / self.side / 2);
-            let sum = &mut coarser.squares[y * (self.side / 2) + x];
-            sum.count += own.count;
-            for channel in 0..3 {
-                sum.sum[channel] += own.sum[channel];
-                sum.squares[channel] += own.squares[channel];
-            }
-        }
-        coarser
-    }
-
-    /// Mean over squares and channels of the squared mean difference, free of the paths' noise, and its
-    /// standard deviation where there is nothing but noise. `None` where too few paths meet most squares.
-    fn beyond_noise(&self) -> Option<(f64, f64)> {
-        let all: f64 = self.squares.iter().map(|own| own.count).sum();
-        let enough = self.squares.iter().filter(|own| own.count >= LEAST_PATHS);
-        let (mut judged, mut square, mut variance) = (0.0, 0.0, 0.0);
-        for own in enough {
-            let (mean, noise) = own.mean_and_noise();
-            judged += own.count;
-            square += own.count * (mean - noise) / 3.0;
-            // As if all channels had the same noise, which is nearly so.
-            variance += 2.0 * (own.count * noise / 3.0).powi(2);
-        }
-        (judged > 0.5 * all).then(|| (square / judged, variance.sqrt() / judged))
-    }
-}
-
-impl Differences {
-    /// Σ over channels of the squared mean, and of the variance of the mean.
-    fn mean_and_noise(&self) -> (f64, f64) {
-        let n = self.count;
-        let (mut square, mut noise) = (0.0, 0.0);
-        for channel in 0..3 {
-            let mean = self.sum[channel] / n;
-            square += mean * mean;
-            noise += (self.squares[channel] / n - mean * mean).max(0.0) / (n - 1.0);
-        }
-        (square, noise)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -272,7 +237,7 @@ mod tests {
             seed: SEED,
         };
         let mut audit = Audit::default();
-        audit.follow(&audited, rays);
+        audit.follow(&audited, (rays, 1));
         let radiance = EMISSION / (1.0 - ALBEDO);
         let (width, height) = (visible.width, visible.height);
         let pixel = |at: u32| if at % width < width / 2 { left } else { right };
@@ -310,6 +275,26 @@ mod tests {
         }
     }
 
+    /// A picture that is wrong all over or on one side comes out right, and one that is right as it was.
+    #[test]
+    fn a_planted_error_is_taken_off() {
+        for halves in [[1.0, 1.0], [1.06, 1.06], [1.05, 0.97], [0.95, 1.0]] {
+            let (audit, visible, mut picture) = furnace(20_000_000, halves);
+            let corrected = audit.correct(&visible, SEED, &mut picture);
+            assert_eq!(corrected.left > 0.0, halves != [1.0; 2], "{halves:?}");
+            assert!(corrected.is_suspect || halves == [1.0; 2], "{halves:?}");
+            let radiance = EMISSION / (1.0 - ALBEDO);
+            let (width, quarter) = (picture.width, picture.width / 4);
+            for (index, pixel) in picture.pixels.iter().enumerate() {
+                let off = (*pixel / radiance - 1.0).abs().max_element();
+                // Between the halves factors are smooth.
+                let column = index as u32 % width;
+                let between = column.abs_diff(width / 2) < quarter / 2;
+                assert!(off < if between { 0.06 } else { 0.012 }, "{halves:?} {index}: {off}");
+            }
+        }
+    }
+
     #[test]
     fn too_few_paths_say_nothing() {
         let (audit, visible, picture) = furnace(0, [2.0; 2]);
@@ -330,7 +315,7 @@ mod tests {
                 let at = Vec2::new(numbers.uniform(), numbers.uniform());
                 // Skewed, as what paths bring.
                 let value = 1.0 / (numbers.uniform() + 0.1) - 11f32.ln();
-                grid.add(at, Rgb::splat(value));
+                grid.add(at, Rgb::splat(value), Rgb::ZERO);
             }
             let (square, deviation) = grid.beyond_noise().unwrap();
             surely += u32::from(square > SURE * deviation);
