@@ -54,7 +54,9 @@ impl Tiers {
         };
         let (mut picture, mut errors) = estimate::measure(&known);
         let mut corrected = Corrected::default();
-        if self.draft.is_none() {
+        // Where a part is switched off for a study, what it lacks is to be seen.
+        let is_whole = self.options.gather && self.options.light;
+        if self.draft.is_none() && is_whole {
             corrected = self.audit.correct(&self.visible, self.seed, &mut picture);
         }
         if let Some(errors) = &mut errors {
