@@ -7,6 +7,7 @@ use glam::Vec2;
 pub const LEAST_PATHS: f64 = 64.0;
 
 /// Differences of a picture from the paths, by square.
+#[derive(Clone)]
 pub struct Grid {
     /// Squares along a side.
     pub side: usize,

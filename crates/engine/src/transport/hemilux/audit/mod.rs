@@ -140,8 +140,9 @@ impl Audit {
         picture: &mut Picture,
     ) -> Corrected {
         let mut corrected = Corrected::default();
+        let mut finest = self.grid(visible, seed, picture);
         for side in correction::SIDES {
-            let mut grid = self.grid(visible, seed, picture);
+            let mut grid = finest.clone();
             while grid.side > side {
                 grid = grid.coarser();
             }
@@ -149,6 +150,7 @@ impl Audit {
             if let Some(correction) = correction::correction(&grid) {
                 correction::apply(picture, &visible.shine, &correction.factors);
                 corrected.left += correction.left;
+                finest = self.grid(visible, seed, picture);
             }
         }
         corrected
