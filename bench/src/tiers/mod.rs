@@ -1,6 +1,6 @@
 //! `tiers`: how good `hemilux` is and why. Every part switched off in turn ([`ablation`]), predicted
-//! against actual errors ([`calibration`]), how errors fall with time ([`slopes`]), time against what a scene has more of ([`growth`]),
-//! and what `auto` picks against what the best hand would ([`planning`]); on [`views`] that differ
+//! against actual errors ([`calibration`]), how errors fall with time ([`slopes`]), time against what a
+//! scene has more of ([`growth`]), and what `auto` picks against what the best hand would ([`planning`]); on [`views`] that differ
 //! in what makes light hard.
 
 mod ablation;

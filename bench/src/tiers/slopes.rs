@@ -39,15 +39,16 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
             let rendered = render(study.device.as_mut(), &request, &mut Unobserved)?;
             let figures = &rendered.stats.figures;
             let predicted = figures.estimated_error.unwrap_or(f64::NAN);
-            errors.push(truth.error(&rendered));
-            blurred.push(truth.blurred_error(&rendered));
+            let [error, from_afar] = [truth.error(&rendered), truth.blurred_error(&rendered)];
+            errors.push(error);
+            blurred.push(from_afar);
             last = vec![format!("{:.4}", truth.energy(&rendered)), percent(predicted)];
             csv.add(vec![
                 view.name.clone(),
                 format!("{:.3}", rendered.stats.seconds_solve),
                 figures.iterations.to_string(),
-                format!("{:.5}", truth.error(&rendered)),
-                format!("{:.5}", truth.blurred_error(&rendered)),
+                format!("{error:.5}"),
+                format!("{from_afar:.5}"),
                 format!("{:.5}", truth.resolution()),
                 format!("{predicted:.5}"),
                 last[0].clone(),

@@ -73,9 +73,9 @@ mod tests {
     }
 
     /// Whether a place with the normal upwards is inside, by the black back above it, if any.
-    fn is_within((world, cut): &(World, Cut), at: [f32; 3]) -> bool {
+    fn is_within((world, cut): &(World, Cut), at: [f32; 3], side: f32) -> bool {
         let start = world.rays.place(Vec3::from(at));
-        let place = Place { start, normal: Vec3::Y, side: 0.01 };
+        let place = Place { start, normal: Vec3::Y, side };
         let hit = world.rays.closest(Eye::Light, start, Vec3::Y);
         hit.is_some_and(|hit| world.is_black(&hit) && is_inside(world, cut, &place, &hit))
     }
@@ -90,12 +90,14 @@ mod tests {
             [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         ]);
         for [x, z] in [[0.5, 0.5], [0.02, 0.98], [0.3, 0.01]] {
-            assert!(is_within(&open_box, [x, 1e-3, z]), "{x} {z}");
+            assert!(is_within(&open_box, [x, 1e-3, z], 0.01), "{x} {z}");
         }
-        assert!(!is_within(&open_box, [0.5, 1.01, 0.5]));
-        assert!(!is_within(&open_box, [1.02, 1e-3, 0.5]));
+        assert!(!is_within(&open_box, [0.5, 1.01, 0.5], 0.01));
+        assert!(!is_within(&open_box, [1.02, 1e-3, 0.5], 0.01));
         // Its back is towards the floor.
         let plate = squares(&[[[0.0, 0.2, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]]);
-        assert!(!is_within(&plate, [0.5, 0.0, 0.5]));
+        assert!(!is_within(&plate, [0.5, 0.0, 0.5], 0.01));
+        // An element that is larger than it is far away is cut by it.
+        assert!(is_within(&plate, [0.5, 0.0, 0.5], 10.0));
     }
 }
