@@ -72,12 +72,14 @@ mod tests {
         (World::new(scene.clone()), Cut::new(scene, 100, None))
     }
 
-    /// Whether a place with the normal upwards is inside, by the black back above it, if any.
-    fn is_within((world, cut): &(World, Cut), at: [f32; 3], side: f32) -> bool {
+    /// Whether a place with the normal upwards is inside, by the black back above it; `None` where there
+    /// is no black back. The place and the side of its element in metres.
+    fn is_within((world, cut): &(World, Cut), at: [f32; 3], side: f64) -> Option<bool> {
         let start = world.rays.place(Vec3::from(at));
+        let side = (side * world.rays.scale()) as f32;
         let place = Place { start, normal: Vec3::Y, side };
-        let hit = world.rays.closest(Eye::Light, start, Vec3::Y);
-        hit.is_some_and(|hit| world.is_black(&hit) && is_inside(world, cut, &place, &hit))
+        let hit = world.rays.closest(Eye::Light, start, Vec3::Y)?;
+        world.is_black(&hit).then(|| is_inside(world, cut, &place, &hit))
     }
 
     #[test]
@@ -90,12 +92,15 @@ mod tests {
             [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         ]);
         for [x, z] in [[0.5, 0.5], [0.02, 0.98], [0.3, 0.01]] {
-            assert!(is_within(&open_box, [x, 1e-3, z], 0.01), "{x} {z}");
+            assert_eq!(is_within(&open_box, [x, 1e-3, z], 0.01), Some(true), "{x} {z}");
         }
-        assert!(!is_within(&open_box, [0.5, 1.01, 0.5], 0.01));
-        assert!(!is_within(&open_box, [1.02, 1e-3, 0.5], 0.01));
+        assert_eq!(is_within(&open_box, [0.5, 1.01, 0.5], 0.01), None, "above the box");
+        assert_eq!(is_within(&open_box, [1.02, 1e-3, 0.5], 0.01), None, "beside the box");
         // Its back is towards the floor.
         let plate = squares(&[[[0.0, 0.2, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]]);
-        assert!(!is_within(&plate, [0.5, 0.0, 0.5], 0.01));
+        // Below a triangle's middle, not its edge, where rays may pass.
+        let below = [0.3, 0.0, 0.6];
+        assert_eq!(is_within(&plate, below, 0.19), Some(false), "farther than the element is large");
+        assert_eq!(is_within(&plate, below, 0.21), Some(true), "nearer than the element is large");
     }
 }
