@@ -5,7 +5,8 @@ use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest};
 use hemilux_engine::scene::{
-    Environment, LightKind, Material, PunctualLight, Scene, Sky, Sun, Triangle, Vertex, Volume,
+    Alpha, Environment, LightKind, Material, PunctualLight, Scene, Sky, Sun, Triangle, Vertex,
+    Volume,
 };
 use hemilux_tests::blocks::{block_means, largest_deviation};
 use hemilux_tests::rendering::rendered;
@@ -293,4 +294,112 @@ fn a_box_of_coloured_panes_is_lit_inside() {
     println!("a box of panes: largest deviation {ours:.4}, planted {planted:.4}");
     assert!(ours < 0.02, "{ours}");
     assert!(planted > 0.04, "{planted}");
+}
+
+/// A small plate of albedo ½ in the middle of a ball of glass, in a box whose walls all shine: by way of
+/// the glass it gets from every side what it would get without, but for what the ball mirrors back.
+/// (Radiance inside is n² times that outside, within a cone so much narrower.)
+#[test]
+fn a_plate_inside_glass_gets_what_it_would_get_outside() {
+    let mut builder = Builder::default();
+    let walls = builder.light(Rgb::ZERO, Rgb::ONE);
+    let gray = builder.lambertian(Rgb::splat(0.5));
+    let solid = builder.material(Material::glass("ball", 1.5));
+    builder.cuboid(Vec3::splat(-2.0), Vec3::splat(2.0), true, walls);
+    builder.quad(Vec3::new(-0.05, 0.0, 0.05), 0.1 * Vec3::X, -0.1 * Vec3::Z, gray);
+    let mut scene = Scene::clone(&builder.build());
+    add_ball(&mut scene, (Vec3::ZERO, 0.5), solid, [40, 80]);
+    let camera = ExplicitCamera {
+        eye: [0.0, 0.3, 0.0],
+        target: [0.0; 3],
+        up: [0.0, 0.0, -1.0],
+        yfov_degrees: 12.0,
+    };
+    let shot = Shot {
+        scene: Arc::new(scene),
+        environment: Environment::none(),
+        camera,
+        side: 12,
+        seed: 4,
+    };
+    // A 25th is mirrored and comes back to the plate, which reflects half of it again.
+    let expected = 0.5 * (0.96 + 0.04 * 0.49);
+    for (method, iterations) in [("hemilux", 12), ("ray-traced", 600)] {
+        let found = mean(&shot.by(method, iterations)).y;
+        println!("{method}: {found} of {expected}");
+        assert!((found / expected - 1.0).abs() < 0.04, "{method}: {found} {expected}");
+    }
+}
+
+/// A lamp and a plate inside a block of glass, in a room: blocks of pixels are what path tracing says. The
+/// camera looks at the lamp's back, which is not there for it, through the glass either.
+#[test]
+fn a_lamp_inside_glass_is_that_of_path_tracing() {
+    let mut builder = Builder::default();
+    let wall = builder.lambertian(Rgb::splat(0.5));
+    let lamp = builder.light(Rgb::ZERO, Rgb::splat(20.0));
+    let solid = builder.material(Material::glass("block", 1.5));
+    builder.cuboid(Vec3::ZERO, Vec3::splat(3.0), true, wall);
+    builder.cuboid(Vec3::new(0.8, 0.5, 0.8), Vec3::new(2.2, 1.5, 2.2), false, solid);
+    builder.quad(Vec3::new(1.2, 1.2, 1.2), 0.6 * Vec3::X, 0.6 * Vec3::Z, lamp);
+    builder.quad(Vec3::new(1.0, 0.7, 1.9), 0.5 * Vec3::X, -0.5 * Vec3::Z, wall);
+    let camera = ExplicitCamera {
+        eye: [1.5, 2.4, 2.9],
+        target: [1.5, 0.6, 1.2],
+        up: [0.0, 1.0, 0.0],
+        yfov_degrees: 60.0,
+    };
+    let shot = Shot {
+        scene: builder.build(),
+        environment: Environment::none(),
+        camera,
+        side: 32,
+        seed: 8,
+    };
+    let reference = block_means(&shot.by("ray-traced", 6000), 8);
+    let deviation = largest_deviation(&block_means(&shot.by("hemilux", 16), 8), &reference);
+    println!("largest deviation of a block: {deviation:.4}");
+    assert!(deviation < 0.05, "{deviation}");
+}
+
+/// Glass behind a screen that is half there shows by half, and the screen as bright as without it.
+#[test]
+fn a_screen_before_glass_is_seen_once() {
+    let scene = |has_glass| {
+        let mut builder = Builder::default();
+        let lamp = builder.light(Rgb::ZERO, Rgb::ONE);
+        let screen = Material {
+            alpha: Alpha::Blend,
+            opacity: 0.3,
+            ..Material::lambertian("screen", Rgb::splat(0.8))
+        };
+        let screen = builder.material(screen);
+        builder.quad(Vec3::new(-5.0, -5.0, 4.0), 10.0 * Vec3::Y, 10.0 * Vec3::X, lamp);
+        builder.quad(Vec3::new(-2.0, -2.0, 0.0), 4.0 * Vec3::X, 4.0 * Vec3::Y, screen);
+        if has_glass {
+            let solid = builder.material(Material::glass("block", 1.5));
+            builder.cuboid(Vec3::new(-2.0, -2.0, -1.0), Vec3::new(2.0, 2.0, -0.5), false, solid);
+        }
+        builder.build()
+    };
+    let camera = ExplicitCamera {
+        eye: [0.0, 0.0, 3.0],
+        target: [0.0; 3],
+        up: [0.0, 1.0, 0.0],
+        yfov_degrees: 10.0,
+    };
+    let shot = |has_glass| Shot {
+        scene: scene(has_glass),
+        environment: Environment::none(),
+        camera,
+        side: 16,
+        seed: 2,
+    };
+    let alone = mean(&shot(false).by("hemilux", 12)).y;
+    let [ours, traced] = [("hemilux", 12), ("ray-traced", 800)]
+        .map(|(method, iterations)| mean(&shot(true).by(method, iterations)).y);
+    println!("{ours}, traced {traced}, without glass {alone}");
+    assert!((ours / traced - 1.0).abs() < 0.03, "{ours} {traced}");
+    // Seen twice it would be 1.7 times as bright, and what glass mirrors of the lamp less than a tenth.
+    assert!((1.0..1.4).contains(&(ours / alone)), "{ours} {alone}");
 }

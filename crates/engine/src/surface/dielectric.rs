@@ -38,9 +38,14 @@ pub struct Clear {
     inside: Option<Inside>,
 }
 
-/// The inside of a clear body: its absorption coefficient, per ray unit.
+/// The inside of a clear body.
 #[derive(Clone, Copy, Debug)]
-pub struct Inside(Rgb);
+pub struct Inside {
+    /// Absorption coefficient, per ray unit.
+    absorption: Rgb,
+    /// Index of refraction.
+    ior: f32,
+}
 
 /// A microfacet as a viewer sees it.
 struct Facet {
@@ -69,15 +74,21 @@ pub struct ExitDirection {
 }
 
 impl Inside {
-    fn new(volume: &Volume, metre: f64) -> Self {
+    fn new(volume: &Volume, ior: f32, metre: f64) -> Self {
         let left = volume.attenuation_color.max(Rgb::splat(LEAST_LEFT));
         let per_metre = left.map(|left| -left.ln()) / volume.attenuation_distance;
-        Self(per_metre / metre as f32)
+        Self { absorption: per_metre / metre as f32, ior }
     }
 
     /// What is left of each channel after a way, in ray units.
     pub fn left_after(&self, way: f32) -> Rgb {
-        (self.0 * -way).exp()
+        (self.absorption * -way).exp()
+    }
+
+    /// Its index of refraction squared: radiance there is that many times what walks carry. Of a body
+    /// that mirrors everything, 1.
+    pub fn density_of_light(&self) -> f32 {
+        self.ior.max(1.0).powi(2)
     }
 }
 
@@ -85,7 +96,7 @@ impl Clear {
     /// What a material says; `None` of an opaque one. A metre is that many ray units.
     pub fn new(material: &Material, metre: f64) -> Option<Self> {
         let share = material.clear_share();
-        let inside = material.volume.map(|volume| Inside::new(&volume, metre));
+        let inside = material.volume.map(|volume| Inside::new(&volume, material.ior, metre));
         // A sheet bends nothing. By the Abbe number V, n_F − n_C = (n_d − 1)/V.
         let spread = (material.ior - 1.0).max(0.0) * material.dispersion / 20.0;
         let half_spread = if inside.is_some() { 0.5 * spread } else { 0.0 };
@@ -363,10 +374,10 @@ mod tests {
     fn absorption_is_what_the_colour_says_at_its_distance() {
         let volume =
             Volume { attenuation_color: Rgb::new(0.5, 1.0, 0.0), attenuation_distance: 2.0 };
-        let left = Inside::new(&volume, 8.0).left_after(16.0);
+        let left = Inside::new(&volume, 1.5, 8.0).left_after(16.0);
         assert!((left - Rgb::new(0.5, 1.0, 0.0)).length() < 1e-6, "{left}");
-        assert_eq!(Inside::new(&volume, 8.0).left_after(0.0), Rgb::ONE);
-        assert_eq!(Inside::new(&Volume::default(), 8.0).left_after(1e6), Rgb::ONE);
+        assert_eq!(Inside::new(&volume, 1.5, 8.0).left_after(0.0), Rgb::ONE);
+        assert_eq!(Inside::new(&Volume::default(), 1.5, 8.0).left_after(1e6), Rgb::ONE);
     }
 
     /// Means of what goes on, mirrored and through, over numbers on a grid.

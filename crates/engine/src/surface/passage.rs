@@ -12,9 +12,13 @@ use crate::random::pcg;
 use crate::rays::{Eye, Hit};
 use glam::Vec3;
 
-/// Clear surfaces in a row before a ray may be ended by chance.
+/// Clear surfaces in a row before a ray may be ended by chance, as far as some of it was taken.
 const SURE_CROSSINGS: u32 = 8;
-/// Most that it goes on with by chance, so that it ends even in white glass.
+/// The same for what nothing was taken of: what goes on by chance counts as more than whole then, which
+/// links of the coarse mesh cannot say. Light that a block of glass holds by total reflection comes to
+/// its end after dozens of crossings.
+const SURE_WHOLE_CROSSINGS: u32 = 128;
+/// Most that it goes on with by chance after that, so that it ends even in white glass.
 const MOST_SURVIVAL: f32 = 0.97;
 
 /// Most panes that an aimed ray passes.
@@ -147,6 +151,7 @@ impl World {
     pub fn pass_both(&self, hit: Hit, direction: Vec3, number: u32) -> [Option<Passage>; 2] {
         let mut numbers = HashedNumbers::new(direction, &hit, number);
         let mut flight = Flight::new(hit, direction, &mut numbers);
+        flight.eye = Eye::Camera;
         let Some((surface, clear)) = self.arrive(&mut flight, &mut numbers) else {
             return [Some(flight.passage), None];
         };
@@ -207,7 +212,7 @@ impl World {
     /// Where a ray has arrived: a surface that it goes on at as clear; `None` where it is opaque, or
     /// where chance ends it.
     fn arrive(&self, flight: &mut Flight, numbers: &mut HashedNumbers) -> Option<(Surface, Clear)> {
-        let Flight { passage, hit, inside, crossings } = flight;
+        let Flight { passage, hit, inside, crossings, .. } = flight;
         passage.end = PassageEnd::Met(*hit);
         let surface = self.surface_of(hit);
         // What it was in: a surface at the end of the way that bounds that knows it, too.
@@ -225,7 +230,7 @@ impl World {
 
     /// Goes on from a clear surface to the next one, or out of the scene; whether there is a next one.
     fn leave(&self, flight: &mut Flight, surface: &Surface, passed: Option<ExitDirection>) -> bool {
-        let Flight { passage, hit, inside, .. } = flight;
+        let Flight { passage, hit, inside, eye, .. } = flight;
         let Some(passed) = passed else {
             passage.end = PassageEnd::Lost;
             return false;
@@ -236,8 +241,10 @@ impl World {
         let mut start = surface.start();
         if passed.through {
             (start, *inside) = (surface.start_behind(), passed.inside);
+        } else {
+            *eye = Eye::Light;
         }
-        let Some(next) = self.rays.closest(Eye::Light, start, passed.direction) else {
+        let Some(next) = self.rays.closest(*eye, start, passed.direction) else {
             passage.end = PassageEnd::Escaped;
             return false;
         };
@@ -251,6 +258,9 @@ impl World {
 #[derive(Clone, Copy)]
 struct Flight {
     passage: Passage,
+    /// Whose it is: a camera's as long as nothing mirrored it, so that it passes backs that are not there
+    /// for cameras.
+    eye: Eye,
     /// What it came to last.
     hit: Hit,
     inside: Option<Inside>,
@@ -261,7 +271,7 @@ impl Flight {
     fn new(hit: Hit, direction: Vec3, numbers: &mut HashedNumbers) -> Self {
         let passage = Passage::straight(direction, hit.distance, PassageEnd::Met(hit));
         let passage = Passage { chance: numbers.next(), ..passage };
-        Self { passage, hit, inside: None, crossings: 0 }
+        Self { passage, eye: Eye::Light, hit, inside: None, crossings: 0 }
     }
 
     /// A clear surface as the ray meets it: as one colour where that bends colours by different angles.
@@ -287,7 +297,8 @@ impl Passage {
         if crossings <= SURE_CROSSINGS {
             return true;
         }
-        let survival = self.left.max_element().min(MOST_SURVIVAL);
+        let most = if crossings > SURE_WHOLE_CROSSINGS { MOST_SURVIVAL } else { 1.0 };
+        let survival = self.left.max_element().min(most);
         if numbers.next() >= survival {
             self.end = PassageEnd::Lost;
             return false;

@@ -310,7 +310,7 @@ impl World {
     }
 
     /// The surface at a hit, black or not.
-    pub(super) fn surface_of(&self, hit: &Hit) -> Surface {
+    pub fn surface_of(&self, hit: &Hit) -> Surface {
         let side = if hit.back { -1.0 } else { 1.0 };
         self.surface_at(hit.triangle, Vec2::new(hit.u, hit.v), self.rays.spot(hit), side)
     }

@@ -19,7 +19,7 @@ use crate::rays::Eye;
 use crate::sampling::Discrete;
 use crate::sampling::frame;
 use crate::scene::Material;
-use crate::surface::{Clear, Reflection, Surface, World};
+use crate::surface::{Clear, Inside, Reflection, Surface, World};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::{PI, TAU};
@@ -31,6 +31,8 @@ const CHUNK: u64 = 256;
 const SURE_BOUNCES: u32 = 4;
 /// Most that it goes on with by chance.
 const MOST_SURVIVAL: f32 = 0.97;
+/// Least coverage of a material that light on it is divided by.
+const LEAST_COVERAGE: f32 = 0.01;
 /// Numbers of a well-spread sequence that a ray takes.
 const DIMENSIONS: usize = 6;
 
@@ -295,6 +297,24 @@ impl LightRays<'_> {
         (walk.power != Rgb::ZERO).then_some((surface, source))
     }
 
+    /// What a ray from that direction brings to a surface, in the units of radiance that walks from the
+    /// camera carry: over n² inside a body, and where a material has holes or is half there, as much as
+    /// comes to what is there of it.
+    fn landed(
+        &self,
+        surface: &Surface,
+        (source, inside): (Vec3, Option<Inside>),
+        walk: &Walk,
+    ) -> PowerDeposit {
+        let Surface { triangle, back, at, .. } = *surface;
+        let scene = &self.lit.world.scene;
+        let coverage = scene.coverage(&scene.triangle(triangle), at[0], at[1]);
+        let density = inside.map_or(1.0, |body| body.density_of_light());
+        let factor = surface.side().irradiance_factor(source);
+        let power = walk.power * (factor / (density * coverage.max(LEAST_COVERAGE)));
+        PowerDeposit { triangle, back, at, power }
+    }
+
     /// Follows light from its first surface through mirrors and clear surfaces.
     fn go_on(
         &self,
@@ -304,7 +324,8 @@ impl LightRays<'_> {
         deposits: &mut Vec<PowerDeposit>,
     ) {
         let start_power = walk.power.max_element();
-        let mut inside = None;
+        let mut inside: Option<Inside> = None;
+        let mut has_crossed = false;
         // What only passed panes is found as direct light.
         let mut is_bent = false;
         for bounce in 0.. {
@@ -312,9 +333,7 @@ impl LightRays<'_> {
                 return;
             }
             if is_bent && surface.reflection().mean_diffuse() != Rgb::ZERO {
-                let Surface { triangle, back, at, .. } = surface;
-                let power = walk.power * surface.side().irradiance_factor(source);
-                deposits.push(PowerDeposit { triangle, back, at, power });
+                deposits.push(self.landed(&surface, (source, inside), walk));
             }
             let clear = surface
                 .clear
@@ -329,6 +348,11 @@ impl LightRays<'_> {
                 direction = passed.direction;
                 if passed.through {
                     (origin, inside) = (surface.start_behind(), passed.inside);
+                    // Emission inside a body counts as radiance over n², too.
+                    if let Some(body) = clear.inside().filter(|_| surface.back && !has_crossed) {
+                        walk.power *= body.density_of_light();
+                    }
+                    has_crossed |= clear.inside().is_some();
                 } else {
                     origin = surface.start();
                 }

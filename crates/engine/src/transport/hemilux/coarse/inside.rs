@@ -100,7 +100,11 @@ mod tests {
         let plate = squares(&[[[0.0, 0.2, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]]);
         // Below a triangle's middle, not its edge, where rays may pass.
         let below = [0.3, 0.0, 0.6];
-        assert_eq!(is_within(&plate, below, 0.19), Some(false), "farther than the element is large");
+        assert_eq!(
+            is_within(&plate, below, 0.19),
+            Some(false),
+            "farther than the element is large"
+        );
         assert_eq!(is_within(&plate, below, 0.21), Some(true), "nearer than the element is large");
     }
 }

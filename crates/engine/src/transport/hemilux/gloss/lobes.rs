@@ -4,7 +4,7 @@
 
 use super::lobe_rays::{LobePathNumbers, LobeRadiance, radiance_by_lobe};
 use super::open_sky;
-use super::seen_through::seen_through;
+use super::seen_through::behind_holes;
 use super::sharing::{Shared, Shown};
 use super::sums::{Found, LobeSums, open_factor};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
@@ -486,7 +486,7 @@ fn trace(
     let surface = visible.surface(&coarse.world, lobe, (ray, ray));
     if coarse.world.is_clear(surface.triangle) {
         let (origin, direction) = visible.lobe_ray(lobe, ray);
-        let (radiance, nearness) = seen_through(coarse, origin, direction, at.afresh());
+        let (radiance, nearness) = behind_holes(coarse, [origin, direction], at.afresh());
         let (sky, open_sky) = (Rgb::ZERO, Rgb::ZERO);
         return Found { radiance, sky, open_sky, albedo: Rgb::ONE, nearness };
     }

@@ -8,45 +8,61 @@ use crate::surface::{Passage, PassageEnd};
 use crate::transport::hemilux::coarse::CoarseSolution;
 use glam::Vec3;
 
+/// Most holes that a ray passes before what is clear.
+const MOST_HOLES: u32 = 64;
+
 /// Radiance that a camera's ray brings from its first `hit`, which it may see through, without what
 /// that surface emits.
-pub fn of_camera(
-    coarse: &CoarseSolution,
-    hit: &Hit,
-    [origin, direction]: [Vec3; 2],
-    numbers: Afresh,
-) -> Rgb {
+pub fn of_camera(coarse: &CoarseSolution, hit: &Hit, direction: Vec3, numbers: Afresh) -> Rgb {
     if coarse.world.is_clear(hit.triangle) {
-        return seen_through(coarse, origin, direction, numbers).0;
+        return seen_through(coarse, hit, direction, numbers).0;
     }
     reflected_by_hit(coarse, hit, direction, numbers)
 }
 
-/// Radiance that arrives along a camera's ray that meets something clear, and 1 over the length of
-/// its way, 0 where that leads out of the scene. The clear surface's own emission is not in it.
+/// The same along a ray from `origin` to a surface that is clear, which some of a pixel's samples saw.
+/// Materials in front of it that have holes have let the ray pass: met by chance again, they would
+/// show twice.
+pub fn behind_holes(
+    coarse: &CoarseSolution,
+    [origin, direction]: [Vec3; 2],
+    numbers: Afresh,
+) -> (Rgb, f32) {
+    let world = &*coarse.world;
+    let (mut start, mut way) = (origin, 0.0);
+    for _ in 0..MOST_HOLES {
+        let Some(hit) = world.rays.closest(Eye::Camera, start, direction) else { break };
+        if world.is_clear(hit.triangle) || !world.rays.has_holes(hit.triangle) {
+            return seen_through(coarse, &hit.after(way + hit.distance), direction, numbers);
+        }
+        way += hit.distance;
+        start = world.surface_of(&hit).start_behind();
+    }
+    (world.beside_surfaces(direction), 0.0)
+}
+
+/// Radiance that arrives along a camera's ray from something clear that it has met, and 1 over the
+/// length of its way, 0 where that leads out of the scene. The clear surface's own emission is not in it.
 ///
 /// From the first surface the ray goes both ways, so that a lamp mirrored by one part in
 /// twenty-five is not found by chance.
-pub fn seen_through(
+fn seen_through(
     coarse: &CoarseSolution,
-    origin: Vec3,
+    first: &Hit,
     direction: Vec3,
     numbers: Afresh,
 ) -> (Rgb, f32) {
     let world = &*coarse.world;
-    let Some(first) = world.rays.closest(Eye::Camera, origin, direction) else {
-        return (world.beside_surfaces(direction), 0.0);
-    };
     // Rays through the same place of a pixel are to go different ways.
     let number = numbers.light.x.to_bits() ^ numbers.light.y.to_bits().rotate_left(16);
     let (mut sum, mut nearness) = (Rgb::ZERO, 0.0f32);
-    for passage in world.pass_both(first, direction, number).into_iter().flatten() {
+    for passage in world.pass_both(*first, direction, number).into_iter().flatten() {
         let radiance = match passage.end {
             PassageEnd::Lost => Rgb::ZERO,
             PassageEnd::Escaped => world.environment.background(passage.direction),
             PassageEnd::Met(hit) => {
                 nearness = nearness.max(1.0 / passage.way.max(1e-3));
-                at_the_end(coarse, &first, (&hit, &passage), numbers)
+                at_the_end(coarse, first, (&hit, &passage), numbers)
             }
         };
         sum += passage.shine + passage.left * radiance;

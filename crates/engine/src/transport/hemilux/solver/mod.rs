@@ -319,8 +319,8 @@ impl Tiers {
         }
         let Self { edges, visible, coarse, seed, .. } = self;
         let edges = edges.get_or_insert_with(|| Edges::new(visible));
-        edges.pass(visible, *seed, rays, &|hit, [origin, direction], numbers| {
-            of_camera(coarse, hit, [origin, direction], numbers)
+        edges.pass(visible, *seed, rays, &|hit, [_, direction], numbers| {
+            of_camera(coarse, hit, direction, numbers)
         });
     }
 
