@@ -1,5 +1,5 @@
 //! `rooms`: predicted against actual error in rooms that a generator makes by chance
-//! ([`random_room`]), so that nothing was tuned to them: each room after several numbers of
+//! ([`random_room`], [`odd_room`]), so that nothing was tuned to them: each room after several numbers of
 //! iterations against path tracing in two halves. Figures go to a JSON file as they come.
 
 use crate::page::percent;
@@ -12,7 +12,7 @@ use hemilux_charts::statistics::median;
 use hemilux_charts::table::Table;
 use hemilux_engine::device::{self, Device};
 use hemilux_engine::render::{Limits, Rendered};
-use hemilux_engine::scene::made::real::random_room;
+use hemilux_engine::scene::made::real::{odd_room, random_room};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -27,6 +27,9 @@ pub struct Arguments {
     /// Seed of the first room.
     #[arg(long, default_value_t = 1)]
     first_seed: u32,
+    /// What is in them.
+    #[arg(long, value_enum, default_value_t)]
+    kind: Kind,
     /// Number of rooms; their seeds follow each other.
     #[arg(long, default_value_t = 20)]
     count: u32,
@@ -51,6 +54,16 @@ pub struct Arguments {
     /// Folder where references are kept.
     #[arg(long, default_value = "out/rooms/references")]
     references: PathBuf,
+}
+
+/// What rooms are made of.
+#[derive(Clone, Copy, Default, clap::ValueEnum)]
+enum Kind {
+    /// Furniture, lamps, windows, textures.
+    #[default]
+    Furnished,
+    /// One-sided plates, hollow things, glass and what is half there, through each other.
+    Odd,
 }
 
 /// One picture's figures.
@@ -134,7 +147,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 fn measure(room: u32, arguments: &Arguments, device: &mut dyn Device) -> Result<Vec<Row>, Failure> {
     let side = arguments.side;
-    let made = random_room(room);
+    let made = match arguments.kind {
+        Kind::Furnished => random_room(room),
+        Kind::Odd => odd_room(room),
+    };
     std::fs::write(arguments.references.join(format!("{}.glb", made.name)), &made.glb)?;
     let view = RealView::new(&made, side);
     let reference = view.reference(device, &arguments.references, arguments.reference_seconds)?;

@@ -324,7 +324,8 @@ fn a_plate_inside_glass_gets_what_it_would_get_outside() {
     };
     // A 25th is mirrored and comes back to the plate, which reflects half of it again.
     let expected = 0.5 * (0.96 + 0.04 * 0.49);
-    for (method, iterations) in [("hemilux", 12), ("ray-traced", 600)] {
+    // A map of 12 iterations has a noise of 3 %.
+    for (method, iterations) in [("hemilux", 48), ("ray-traced", 600)] {
         let found = mean(&shot.by(method, iterations)).y;
         println!("{method}: {found} of {expected}");
         assert!((found / expected - 1.0).abs() < 0.04, "{method}: {found} {expected}");
