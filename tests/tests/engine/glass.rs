@@ -298,12 +298,26 @@ fn a_box_of_coloured_panes_is_lit_inside() {
 
 /// A plate of albedo ½ in the middle of a ball of glass, in a box whose walls all shine: by way of
 /// the glass it gets from every side what it would get without, but for what the ball mirrors back.
-/// (Radiance inside is n² times that outside, within a cone so much narrower.)
+/// (Radiance inside is n² times that outside, within a cone so much narrower.) Half there, it hides half of
+/// what is behind it.
 #[test]
 fn a_plate_inside_glass_gets_what_it_would_get_outside() {
+    // A 25th is mirrored and comes back to the plate, which reflects half of it again.
+    let whole = 0.5 * (0.96 + 0.04 * 0.49);
+    assert_plate(Material::lambertian("plate", Rgb::splat(0.5)), whole);
+    let veil = Material {
+        alpha: Alpha::Blend,
+        opacity: 0.5,
+        ..Material::lambertian("veil", Rgb::splat(0.5))
+    };
+    assert_plate(veil, 0.5 * whole + 0.5 * 0.98);
+}
+
+/// Asserts the mean radiance of a picture of such a plate from inside the ball.
+fn assert_plate(plate: Material, expected: f32) {
     let mut builder = Builder::default();
     let walls = builder.light(Rgb::ZERO, Rgb::ONE);
-    let gray = builder.lambertian(Rgb::splat(0.5));
+    let gray = builder.material(plate);
     let solid = builder.material(Material::glass("ball", 1.5));
     builder.cuboid(Vec3::splat(-2.0), Vec3::splat(2.0), true, walls);
     builder.quad(Vec3::new(-0.15, 0.0, 0.15), 0.3 * Vec3::X, -0.3 * Vec3::Z, gray);
@@ -322,8 +336,6 @@ fn a_plate_inside_glass_gets_what_it_would_get_outside() {
         side: 12,
         seed: 4,
     };
-    // A 25th is mirrored and comes back to the plate, which reflects half of it again.
-    let expected = 0.5 * (0.96 + 0.04 * 0.49);
     // Few light rays land on what is so small: a map of 48 iterations has a noise of about 1 %.
     for (method, iterations) in [("hemilux", 48), ("ray-traced", 600)] {
         let found = mean(&shot.by(method, iterations)).y;

@@ -1,4 +1,5 @@
-//! Rooms of odd things by chance: what files from outside have, and no furniture shop.
+//! Rooms by chance of things that furnished rooms have not, and files from outside have: plates that face
+//! away, hollow boxes, glass, what is half there, one through the other.
 
 use super::super::glb::GlbWriter;
 use super::super::mesh::{Mesh, Quad, boundary};

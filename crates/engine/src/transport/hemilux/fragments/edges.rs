@@ -33,7 +33,7 @@ const PER_TURN: f32 = 10.0;
 
 /// What a ray brings that meets a surface of which its pixel has no fragment, by hit, origin and
 /// direction.
-pub type StrayLight<'a> = &'a (dyn Fn(&Hit, [Vec3; 2], Afresh) -> Rgb + Sync);
+pub type StrayLight<'a> = &'a (dyn Fn(&Hit, Vec3, Afresh) -> Rgb + Sync);
 
 /// All pixels at edges, and what rays have found in them.
 #[derive(Default)]
@@ -281,7 +281,7 @@ impl EdgePixel {
                     fragments[beyond].seen += Part { share: 1.0, diffuse, lobe_factor };
                 }
             }
-            None => self.seen.stray += stray(&hit, [origin, direction], places.apart()),
+            None => self.seen.stray += stray(&hit, direction, places.apart()),
         }
     }
 }

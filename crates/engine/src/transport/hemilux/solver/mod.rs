@@ -319,7 +319,7 @@ impl Tiers {
         }
         let Self { edges, visible, coarse, seed, .. } = self;
         let edges = edges.get_or_insert_with(|| Edges::new(visible));
-        edges.pass(visible, *seed, rays, &|hit, [_, direction], numbers| {
+        edges.pass(visible, *seed, rays, &|hit, direction, numbers| {
             of_camera(coarse, hit, direction, numbers)
         });
     }
