@@ -416,3 +416,77 @@ fn a_screen_before_glass_is_seen_once() {
     // Seen twice it would be 1.7 times as bright, and what glass mirrors of the lamp less than a tenth.
     assert!((1.0..1.4).contains(&(ours / alone)), "{ours} {alone}");
 }
+
+/// Panes are the same from behind, where the material has one side too: single, and as a box around the
+/// camera. Before a uniform sky they show what Fresnel's equations and their colour leave of it.
+#[test]
+fn panes_are_seen_from_behind() {
+    let around = |outwards: bool| {
+        let mut builder = Builder::default();
+        let glass = builder.material(pane(TINT, 0.0));
+        builder.cuboid(Vec3::splat(-1.0), Vec3::splat(1.0), !outwards, glass);
+        builder.build()
+    };
+    let single = {
+        let mut builder = Builder::default();
+        let glass = builder.material(pane(TINT, 0.0));
+        builder.quad(Vec3::new(-2.0, -2.0, -1.0), 4.0 * Vec3::Y, 4.0 * Vec3::X, glass);
+        builder.build()
+    };
+    let camera = ExplicitCamera {
+        eye: [0.0; 3],
+        target: [0.0, 0.0, -1.0],
+        up: [0.0, 1.0, 0.0],
+        yfov_degrees: 2.0,
+    };
+    let mirrored = fresnel(1.0) as f32;
+    let passed = TINT * (1.0 - mirrored);
+    // In a box what is mirrored comes through the pane behind the camera, and so on.
+    let in_box = passed / (1.0 - mirrored);
+    let cases = [
+        ("single", single, Rgb::splat(mirrored) + passed),
+        ("box, backs", around(true), in_box),
+        ("box, fronts", around(false), in_box),
+    ];
+    for (name, scene, expected) in cases {
+        let environment = Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::none() };
+        let shot = Shot { scene, environment, camera, side: 16, seed: 5 };
+        for (method, iterations) in [("hemilux", 16), ("ray-traced", 256)] {
+            let found = mean(&shot.by(method, iterations));
+            println!("{name}, {method}: {found} of {expected}");
+            let off = (found / expected - Rgb::ONE).abs().max_element();
+            assert!(off < 0.01, "{name}, {method}: {found} {expected}");
+        }
+    }
+}
+
+/// A camera within a closed box sees its inside, which is black, and not what is around it.
+#[test]
+fn a_closed_box_is_black_inside() {
+    let scene = |double_sided| {
+        let mut builder = Builder::default();
+        let wall = Material { double_sided, ..Material::lambertian("wall", Rgb::splat(0.7)) };
+        let wall = builder.material(wall);
+        builder.cuboid(Vec3::splat(-1.0), Vec3::splat(1.0), false, wall);
+        builder.cuboid(Vec3::splat(0.2), Vec3::splat(0.3), false, wall);
+        builder.build()
+    };
+    let camera = ExplicitCamera {
+        eye: [0.0; 3],
+        target: [1.0, 0.4, 0.3],
+        up: [0.0, 1.0, 0.0],
+        yfov_degrees: 70.0,
+    };
+    let mean_of = |double_sided, method| {
+        let environment = Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::none() };
+        let scene = scene(double_sided);
+        let shot = Shot { scene, environment, camera, side: 24, seed: 5 };
+        mean(&shot.by(method, 4)).y
+    };
+    for method in ["hemilux", "ray-traced"] {
+        let inside = mean_of(true, method);
+        assert!(inside < 1e-3, "{method}: {inside}");
+        // Backs of one-sided walls are not there for cameras.
+        assert!(mean_of(false, method) > 0.3, "{method}");
+    }
+}

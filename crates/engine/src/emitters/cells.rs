@@ -270,7 +270,7 @@ fn textured(scene: &Scene, rays: &Rays) -> Vec<Textured> {
     let mut all = Vec::new();
     let is_textured = |material: &Material| material.emits() && material.emission_texture.is_some();
     for index in scene.triangles_of(is_textured) {
-        let material = &scene.materials[scene.triangle(index).material as usize];
+        let material = scene.material_of(index);
         let (_, area) = rays.corners(scene, index);
         let sides = if material.double_sided { 2.0 } else { 1.0 };
         if area > 0.0 && area.is_finite() {

@@ -256,7 +256,7 @@ mod tests {
         let rays = Rays::new(scene);
         let mut all: Vec<UntexturedEmitter> = (0..scene.triangles.len() as u32)
             .map(|index| {
-                let material = &scene.materials[scene.triangle(index).material as usize];
+                let material = scene.material_of(index);
                 let mut corners = rays.corners(scene, index).0;
                 if flip {
                     corners.swap(1, 2);

@@ -85,7 +85,7 @@ impl PolygonLights {
         let is_untextured =
             |material: &Material| material.emits() && material.emission_texture.is_none();
         for triangle in scene.triangles_of(is_untextured) {
-            let material = &scene.materials[scene.triangle(triangle).material as usize];
+            let material = scene.material_of(triangle);
             let (corners, area) = rays.corners(scene, triangle);
             if area > 0.0 {
                 let radiance = material.emission;

@@ -2,7 +2,7 @@
 
 use super::pixel_box::PixelBox;
 use crate::hemicube::item;
-use crate::patches::{Cut, FacetIndex, NO_PATCH, PatchedScene};
+use crate::patches::{Cut, Facet, FacetIndex, NO_PATCH, PatchedScene};
 use crate::raster::{PixelPlane, PixelTriangle, centre_range, edge_planes};
 use crate::scene::{Camera, Projection};
 use glam::{Vec2, Vec3};
@@ -217,13 +217,23 @@ impl Frame {
 }
 
 impl View {
-    /// Sets up all facets that the camera can see: fronts, and backs of two-sided materials.
+    /// Sets up all facets that show patches to the camera: fronts, and backs of two-sided materials.
     pub fn new(scene: &PatchedScene, camera: &Camera, width: u32, height: u32) -> Self {
+        Self::of_listed(scene, camera, [width, height], |facet| facet.back != NO_PATCH)
+    }
+
+    /// Sets up all facets of a scene that the camera can see, those from behind that `shows_back`.
+    fn of_listed(
+        scene: &PatchedScene,
+        camera: &Camera,
+        [width, height]: [u32; 2],
+        shows_back: impl Fn(&Facet) -> bool + Sync,
+    ) -> Self {
         let mut view = Self::grid(camera, width, height);
         let corners = |facet: u32| {
             scene.facets[facet as usize].corners.map(|corner| scene.positions[corner as usize])
         };
-        let two_sided = |facet: u32| scene.facets[facet as usize].back != NO_PATCH;
+        let two_sided = |facet: u32| shows_back(&scene.facets[facet as usize]);
         let farthest =
             scene.positions.iter().map(|p| view.frame.project(*p).1).fold(0f32, f32::max);
         let all = view.set_up_all(scene.facets.len(), farthest, corners, two_sided);
@@ -231,10 +241,18 @@ impl View {
         view
     }
 
-    /// The same of a scene that may be a crowd.
-    pub fn of_cut(cut: &Cut, camera: &Camera, width: u32, height: u32) -> Self {
+    /// All facets of a scene, which may be a crowd, that are there for the camera: also backs without
+    /// patches, of what lets light out or, if the camera is `within` a closed body, of such bodies.
+    pub fn of_cut(cut: &Cut, camera: &Camera, [width, height]: [u32; 2], within: bool) -> Self {
         let crowd = match cut {
-            Cut::Listed(listed) => return Self::new(listed, camera, width, height),
+            Cut::Listed(listed) => {
+                let shows_back = |facet: &Facet| {
+                    let material = listed.scene.material_of(facet.source);
+                    let is_there = material.is_there_from_behind();
+                    is_there && (within || !facet.cull_back || material.clear_share() > 0.0)
+                };
+                return Self::of_listed(listed, camera, [width, height], shows_back);
+            }
             Cut::Crowd(crowd) => crowd,
         };
         let mut view = Self::grid(camera, width, height);
@@ -252,7 +270,7 @@ impl View {
             true => 0.0,
             false => (0..count).into_par_iter().map(depth_of).reduce(|| 0.0, f32::max),
         };
-        let two_sided = |facet: u32| crowd.is_two_sided(facet);
+        let two_sided = |facet: u32| crowd.scene.material_of(facet).is_there_from_behind();
         let all = view.set_up_all(count, farthest, corners, two_sided);
         let total = all.iter().map(Vec::len).sum();
         view.triangles.reserve_exact(total);

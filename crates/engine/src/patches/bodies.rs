@@ -34,9 +34,8 @@ pub fn facets_of_dark_closed_bodies(
     for (facet, &body) in facets.iter().zip(&body_of) {
         let triangle = &scene.triangle(facet.source);
         let material = &scene.materials[triangle.material as usize];
-        // The insides of a body of panes are lit by what passes.
-        let is_pane = material.double_sided && material.clear_share() > 0.0;
-        closed[body] &= !material.has_holes() && !material.is_translucent() && !is_pane;
+        let is_clear = material.clear_share() > 0.0;
+        closed[body] &= !material.has_holes() && !material.is_translucent() && !is_clear;
         for (a, b) in edges(facet) {
             closed[body] &= directed[&(a, b)] == 1 && directed.get(&(b, a)) == Some(&1);
         }
@@ -65,8 +64,7 @@ pub fn facets_of_dark_closed_bodies(
             continue;
         }
         // A two-sided emitter lights its own inside.
-        let two_sided =
-            scene.materials[scene.triangle(facet.source).material as usize].double_sided;
+        let two_sided = scene.material_of(facet.source).double_sided;
         let corners = facet.corners.map(|p| positions[p as usize]);
         let low = corners[0].min(corners[1]).min(corners[2]);
         let high = corners[0].max(corners[1]).max(corners[2]);

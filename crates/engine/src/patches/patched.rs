@@ -193,7 +193,7 @@ impl PatchedScene {
             let area = counted(&positions, facet);
             let wanted = (area / cell_area.max(f32::MIN_POSITIVE)).sqrt().round();
             facet.divisions = wanted.clamp(1.0, 1024.0) as u32;
-            let material = &scene.materials[scene.triangle(facet.source).material as usize];
+            let material = scene.material_of(facet.source);
             let of_side = facet.divisions * facet.divisions;
             facet.front = count;
             count += of_side;

@@ -30,6 +30,12 @@ impl Scene {
         }
     }
 
+    /// Material of a triangle by its number.
+    #[inline]
+    pub fn material_of(&self, triangle: u32) -> &Material {
+        &self.materials[self.triangle(triangle).material as usize]
+    }
+
     /// Which instance a triangle belongs to; `None` of one that is listed.
     #[inline]
     pub fn instance_of(&self, triangle: u32) -> Option<InstanceTriangle> {

@@ -136,7 +136,7 @@ impl World {
 
     /// Material of a triangle.
     pub fn material(&self, triangle: u32) -> &Material {
-        &self.scene.materials[self.scene.triangle(triangle).material as usize]
+        self.scene.material_of(triangle)
     }
 
     /// Radiance that a camera sees at barycentric coordinates of a triangle, of light that did not

@@ -123,7 +123,7 @@ fn receivers(world: &World) -> Vec<Receiver> {
     let scene = &world.scene;
     let mut receivers = Vec::new();
     for index in 0..scene.triangle_count() as u32 {
-        let material = &scene.materials[scene.triangle(index).material as usize];
+        let material = scene.material_of(index);
         let opaque = material.clear_share() < 1.0;
         if !opaque || material.reflectance(&material.appearance(Rgb::ONE)).diffuse == Rgb::ZERO {
             continue;

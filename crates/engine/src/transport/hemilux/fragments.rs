@@ -12,7 +12,7 @@ use crate::measurement::{Frame, View, nth_of_pattern, sample_pattern};
 use crate::patches::{Cut, FacetIndex, FacetPlace};
 use crate::radiometry::{Rgb, importance};
 use crate::raster::PixelPlane;
-use crate::rays::{Spot, inset, unit_normal};
+use crate::rays::{Eye, Spot, inset, unit_normal};
 use crate::scene::Camera;
 use crate::scene::part::Part;
 use crate::scene::pyramid::Pyramids;
@@ -138,6 +138,19 @@ impl Placing {
     }
 }
 
+/// Whether a camera is within a closed body that no light gets into, whose backs it sees then: black
+/// ones, with nothing behind.
+fn is_within_dark_body(world: &World, cut: &Cut, frame: &Frame) -> bool {
+    let (eye, _) = frame.ray(Vec2::ZERO);
+    let meets_back = |direction: &Vec3| {
+        let hit = world.rays.closest(Eye::Camera, eye, *direction);
+        hit.is_some_and(|hit| hit.back && cut.bounds_dark_body(hit.triangle, hit.u, hit.v))
+    };
+    // What else is in the body may be in the way of some.
+    let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z];
+    [x, y, z, -x, -y, -z].iter().any(meets_back)
+}
+
 /// Means over the samples of a pixel on one facet on which something varies.
 #[derive(Default)]
 struct SampleMeans {
@@ -204,7 +217,9 @@ impl VisibleSurfaces {
         [width, height]: [u32; 2],
         samples: u32,
     ) -> Self {
-        let view = View::of_cut(&cut, camera, width, height);
+        let frame = Frame::new(&world.rays.camera(camera), width, height);
+        let within = is_within_dark_body(world, &cut, &frame);
+        let view = View::of_cut(&cut, camera, [width, height], within);
         let placing = Placing { world: world.clone(), grid: View::grid(camera, width, height) };
         let facets = match &*cut {
             Cut::Listed(_) => cut.facets() as u32,
@@ -216,7 +231,7 @@ impl VisibleSurfaces {
         let mut visible = Self {
             width,
             height,
-            frame: Frame::new(&world.rays.camera(camera), width, height),
+            frame,
             placed,
             placing,
             instance_pixels: InstancePixels::new(world, camera, [width, height]),

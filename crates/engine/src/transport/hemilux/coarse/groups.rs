@@ -2,7 +2,7 @@
 //! face the same way and have one material. The work is shared out in parts of fixed size whose
 //! groups are numbered in the order of the parts, so that any number of threads finds the same.
 
-use crate::patches::{Crowd, Cut, Focus, NO_PATCH, Outline, PatchIndex, PatchedScene};
+use crate::patches::{Crowd, Cut, Focus, Outline, PatchIndex, PatchedScene};
 use crate::radiometry::Rgb;
 use foldhash::{HashMap, HashMapExt};
 use glam::Vec3;
@@ -57,11 +57,6 @@ impl Groups {
     fn of_listed(scene: &PatchedScene, wanted: usize) -> Self {
         let patches = &scene.patches;
         let count = patches.len();
-        let mut hidden = vec![false; count];
-        for facet in scene.facets.iter().filter(|facet| facet.cull_back && facet.back != NO_PATCH) {
-            let first = facet.back as usize;
-            hidden[first..first + (facet.divisions * facet.divisions) as usize].fill(true);
-        }
         let weights = scene
             .focus
             .map(|focus| patches.centroid.iter().map(|at| focus.weight(*at)).collect::<Vec<f32>>());
@@ -76,7 +71,7 @@ impl Groups {
         };
         let mut numbers: HashMap<GroupKey, u32> = HashMap::new();
         let mut this = Self { of_patch: vec![NONE; count], ..Self::default() };
-        for patch in (0..count).filter(|patch| !hidden[*patch]) {
+        for patch in 0..count {
             let next = this.sizes.len() as u32;
             let facet = &scene.facets[patches.facet[patch] as usize];
             let material = scene.scene.triangle(facet.source).material;
