@@ -43,33 +43,68 @@ impl Holes {
 pub enum Chance {
     /// Bits that tell the ray from others.
     Ray(u32),
-    /// A number in [0, 1), which rays of the same pixel have well spread, and bits of the pixel.
-    Spread(f32, u32),
+    /// It is one of a pixel's.
+    OfPixel(RayOfPixel),
 }
+
+/// One of the rays of a pixel. They have the numbers by which they pass a triangle well spread among
+/// them, and those of two triangles independent of each other: what two curtains cover is the product.
+#[derive(Clone, Copy)]
+pub struct RayOfPixel {
+    /// Which of them.
+    pub index: u32,
+    /// Bits that tell the pixel from others.
+    pub pixel: u32,
+}
+
+/// Steps of the sequences that triangles have, as fractions of 2³²: quadratic irrationals (continued
+/// fractions that end in ones), which spread points well, any two of them also over the square.
+const STEPS: [u32; 8] = [
+    0x9e37_79b9,
+    0xbaf3_d047,
+    0xc9f1_42bf,
+    0x9100_759d,
+    0xb193_7757,
+    0x971d_e27b,
+    0x5c07_f72d,
+    0xc42d_66dd,
+];
+/// Rays after which a sequence goes on from elsewhere, so that two triangles with the same step become
+/// independent, too.
+const RAYS_OF_START: u32 = 32;
 
 impl Chance {
     /// A number in [0, 1) for a triangle.
     fn number(self, triangle: u32) -> f32 {
         let triangle = triangle.wrapping_mul(0x9e37_79b9);
-        match self {
-            Self::Ray(key) => uniform(key ^ triangle),
-            Self::Spread(number, pixel) => (number + uniform(pixel ^ triangle)).fract(),
-        }
+        let bits = match self {
+            Self::Ray(key) => mixed(key ^ triangle),
+            Self::OfPixel(ray) => ray.bits(mixed(ray.pixel ^ triangle)),
+        };
+        (bits >> 8) as f32 / (1 << 24) as f32
     }
 }
 
-/// A number in [0, 1) that looks random (the finalizer of MurmurHash3).
-fn uniform(mut bits: u32) -> f32 {
+impl RayOfPixel {
+    fn bits(self, sequence: u32) -> u32 {
+        let step = STEPS[sequence as usize % STEPS.len()];
+        let start = mixed(sequence ^ (self.index / RAYS_OF_START).wrapping_mul(0x85eb_ca77));
+        start.wrapping_add(step.wrapping_mul(self.index))
+    }
+}
+
+/// Bits that look random (the finalizer of MurmurHash3).
+fn mixed(mut bits: u32) -> u32 {
     bits ^= bits >> 16;
     bits = bits.wrapping_mul(0x85eb_ca6b);
     bits ^= bits >> 13;
     bits = bits.wrapping_mul(0xc2b2_ae35);
-    bits ^= bits >> 16;
-    (bits >> 8) as f32 / (1 << 24) as f32
+    bits ^ (bits >> 16)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::{Chance, RayOfPixel, STEPS, mixed};
     use crate::radiometry::Rgb;
     use crate::rays::{Eye, Rays};
     use crate::scene::{Alpha, Material, Scene, Triangle, Vertex};
@@ -122,5 +157,41 @@ mod tests {
             let [one, other] = [(); 2].map(|()| rays.closest(Eye::Light, from, -Vec3::Z).is_some());
             assert_eq!(one, other);
         }
+    }
+
+    /// Over many pixels, how far the share of a pixel's rays that pass both of two triangles is from the
+    /// product of the shares, and that of one from its own: root mean squares. `number` is that of a
+    /// triangle for a ray.
+    fn off(number: impl Fn(RayOfPixel, u32) -> f32) -> [f32; 2] {
+        const PIXELS: u32 = 500;
+        const RAYS: u32 = 256;
+        let mut squares = [0.0; 2];
+        for pixel in 0..PIXELS {
+            let mut passed = [0u32; 2];
+            for index in 0..RAYS {
+                let [first, second] = [3, 8].map(|of| number(RayOfPixel { index, pixel }, of));
+                passed[0] += u32::from(first < 0.5 && second < 0.4);
+                passed[1] += u32::from(first < 0.5);
+            }
+            let [both, first] = passed.map(|passed| passed as f32 / RAYS as f32);
+            squares[0] += (both - 0.2).powi(2);
+            squares[1] += (first - 0.5).powi(2);
+        }
+        squares.map(|sum| (sum / PIXELS as f32).sqrt())
+    }
+
+    #[test]
+    fn two_curtains_cover_the_product_in_each_pixel() {
+        let [both, one] = off(|ray, triangle| Chance::OfPixel(ray).number(triangle));
+        println!("both {both}, one {one}");
+        // By chance alone .025 and .031.
+        assert!(both < 0.024 && one < 0.012, "{both} {one}");
+        // Planted: the same sequence for both, shifted.
+        let [both, one] = off(|RayOfPixel { index, pixel }, triangle| {
+            let shift = mixed(pixel ^ triangle.wrapping_mul(0x9e37_79b9));
+            shift.wrapping_add(STEPS[0].wrapping_mul(index)) as f32 / u32::MAX as f32
+        });
+        println!("planted: both {both}, one {one}");
+        assert!(both > 0.1 && one < 0.01, "{both} {one}");
     }
 }

@@ -34,6 +34,7 @@ use triangle::Crossing;
 use units::{BOX_MARGIN, CHUNK, SIZE};
 
 pub use hit::{Eye, Hit};
+pub use holes::RayOfPixel;
 pub use ray::{Ray, Segment};
 pub use triangle::unit_normal;
 
@@ -214,16 +215,10 @@ impl Rays {
         self.closest_with(eye, origin, direction, None)
     }
 
-    /// The same for one of the rays of a `pixel`, which pass holes by a number in [0, 1) that they
-    /// have well spread among them, instead of by chance.
-    pub fn closest_in_pixel(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        number: f32,
-        pixel: u32,
-    ) -> Option<Hit> {
-        self.closest_with(Eye::Camera, origin, direction, Some(Chance::Spread(number, pixel)))
+    /// The same for one of the rays of a pixel, which pass holes by numbers that they have well spread
+    /// among them, instead of by chance.
+    pub fn closest_in_pixel(&self, origin: Vec3, direction: Vec3, ray: RayOfPixel) -> Option<Hit> {
+        self.closest_with(Eye::Camera, origin, direction, Some(Chance::OfPixel(ray)))
     }
 
     /// Whether light passes a triangle somewhere.

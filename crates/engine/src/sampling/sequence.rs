@@ -129,6 +129,12 @@ impl Shifted {
         Afresh { next: Some(Next(pcg(first.0))), ..first.afresh() }
     }
 
+    /// The present place, and bits that tell the sequence from others.
+    #[inline]
+    pub fn place(&self) -> (u32, u32) {
+        (self.index, self.shift[6])
+    }
+
     /// A point of the cube at the same place.
     #[inline]
     pub fn triple(&self) -> Vec3 {

@@ -4,6 +4,7 @@ use super::job::Job;
 use crate::image::Picture;
 use crate::measurement::{Frame, sample_pattern};
 use crate::radiometry::Rgb;
+use crate::rays::RayOfPixel;
 use glam::Vec2;
 use rayon::prelude::*;
 
@@ -28,10 +29,9 @@ pub fn picture(job: &Job<'_>) -> Picture {
         for (number, offset) in samples.iter().enumerate() {
             let at = 2.0 * (middle + *offset) / size - 1.0;
             let (eye, direction) = frame.ray(Vec2::new(at.x, -at.y));
-            let spread = number as f32 / SAMPLES as f32;
+            let ray = RayOfPixel { index: number as u32, pixel };
             let near = world.rays.approach(eye, direction);
-            let hit =
-                near.and_then(|from| world.rays.closest_in_pixel(from, direction, spread, pixel));
+            let hit = near.and_then(|from| world.rays.closest_in_pixel(from, direction, ray));
             match hit {
                 Some(_) => covered += 1,
                 None => radiance += world.beside_surfaces(direction),

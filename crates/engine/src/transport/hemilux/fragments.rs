@@ -12,7 +12,7 @@ use crate::measurement::{Frame, View, nth_of_pattern, sample_pattern};
 use crate::patches::{Cut, FacetIndex, FacetPlace};
 use crate::radiometry::{Rgb, importance};
 use crate::raster::PixelPlane;
-use crate::rays::{Eye, Spot, inset, unit_normal};
+use crate::rays::{Eye, RayOfPixel, Spot, inset, unit_normal};
 use crate::scene::Camera;
 use crate::scene::part::Part;
 use crate::scene::pyramid::Pyramids;
@@ -20,7 +20,6 @@ use crate::surface::{Surface, World};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::borrow::Cow;
-use std::f32::consts::GOLDEN_RATIO;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -455,8 +454,9 @@ impl VisibleSurfaces {
                 .map_or((code, offset), |own| (own, other));
         }
         for attempt in 0..EDGE_TRIES {
-            let beside = self.beside(offset, round * EDGE_TRIES + attempt);
-            if let Some(code) = self.seen_at(fragment, beside) {
+            let attempt = round * EDGE_TRIES + attempt;
+            let beside = self.beside(offset, attempt);
+            if let Some(code) = self.seen_at(fragment, beside, attempt) {
                 return (code, beside);
             }
         }
@@ -477,11 +477,11 @@ impl VisibleSurfaces {
     }
 
     /// Code of the facet that is seen at a place in a pixel, if that is the fragment's.
-    fn seen_at(&self, fragment: &Fragment, place: Vec2) -> Option<u32> {
+    fn seen_at(&self, fragment: &Fragment, place: Vec2, index: u32) -> Option<u32> {
         let (origin, direction) = self.ray(fragment.pixel, place);
-        let spread = ((place.x + place.y) * GOLDEN_RATIO * MOST_SAMPLES as f32).rem_euclid(1.0);
         let rays = &self.placing.world.rays;
-        let hit = rays.closest_in_pixel(origin, direction, spread, fragment.pixel)?;
+        let ray = RayOfPixel { index, pixel: fragment.pixel };
+        let hit = rays.closest_in_pixel(origin, direction, ray)?;
         let code = self.code_of(&hit)?;
         self.has_facet(fragment, code).then_some(code)
     }

@@ -9,12 +9,11 @@ use crate::measurement::{BoxOffset, View};
 use crate::patches::{Cut, FacetIndex};
 use crate::radiometry::Rgb;
 use crate::raster::{Target, fill};
-use crate::rays::Hit;
+use crate::rays::{Hit, RayOfPixel};
 use crate::surface::World;
 use crate::transport::hemilux::places::FragmentPlaces;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
-use std::f32::consts::GOLDEN_RATIO;
 use std::time::Instant;
 
 impl VisibleSurfaces {
@@ -131,8 +130,8 @@ impl VisibleSurfaces {
     /// Code of what a sample of a pixel sees through holes.
     fn behind_holes(&self, world: &World, pixel: u32, sample: usize) -> u32 {
         let (origin, direction) = self.ray(pixel, self.samples[sample]);
-        let spread = (sample as f32 * GOLDEN_RATIO).fract();
-        let hit = world.rays.closest_in_pixel(origin, direction, spread, pixel);
+        let ray = RayOfPixel { index: sample as u32, pixel };
+        let hit = world.rays.closest_in_pixel(origin, direction, ray);
         hit.and_then(|hit| self.code_of(&hit)).unwrap_or(item::EMPTY)
     }
 
@@ -148,8 +147,8 @@ impl VisibleSurfaces {
     /// Code of what a sample of a pixel sees: `code`, or the triangle of an instance before it.
     fn before(&self, world: &World, pixel: u32, sample: usize, code: u32) -> u32 {
         let (origin, direction) = self.ray(pixel, self.samples[sample]);
-        let spread = (sample as f32 * GOLDEN_RATIO).fract();
-        let hit = world.rays.closest_in_pixel(origin, direction, spread, pixel);
+        let ray = RayOfPixel { index: sample as u32, pixel };
+        let hit = world.rays.closest_in_pixel(origin, direction, ray);
         match hit {
             Some(hit) if hit.triangle as usize >= world.scene.triangles.len() => {
                 item::encode(hit.triangle, hit.back)

@@ -11,7 +11,7 @@ use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::hemicube::item;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
-use crate::rays::Hit;
+use crate::rays::{Hit, RayOfPixel};
 use crate::sampling::{Afresh, Seed, Shifted};
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
@@ -252,8 +252,9 @@ impl EdgePixel {
     ) {
         let world = &*visible.placing.world;
         let (origin, direction) = visible.ray(self.pixel, offset);
-        let spread = places.triple().x;
-        let Some(hit) = world.rays.closest_in_pixel(origin, direction, spread, self.pixel) else {
+        let (index, pixel) = places.place();
+        let ray = RayOfPixel { index, pixel };
+        let Some(hit) = world.rays.closest_in_pixel(origin, direction, ray) else {
             self.seen.background += world.beside_surfaces(direction);
             return;
         };
