@@ -490,3 +490,42 @@ fn a_closed_box_is_black_inside() {
         assert!(mean_of(false, method) > 0.3, "{method}");
     }
 }
+
+/// A block of glass that stands on a table, and one that hangs a millimetre above it, look alike; where
+/// surfaces that touch are not parted, rays get from glass into the table.
+#[test]
+fn a_table_under_glass_is_seen_and_lit_through_it() {
+    let scene = |lifted: f32| {
+        let mut builder = Builder::default();
+        let wood = builder.lambertian(Rgb::splat(0.6));
+        let lamp = builder.light(Rgb::ZERO, Rgb::splat(20.0));
+        let solid = builder.material(Material::glass("block", 1.5));
+        builder.quad(Vec3::new(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z, lamp);
+        builder.quad(Vec3::new(-2.0, 0.0, 2.0), 4.0 * Vec3::X, -4.0 * Vec3::Z, wood);
+        let lift = lifted * Vec3::Y;
+        let (low, high) = (Vec3::new(-0.4, 0.0, -0.4), Vec3::new(0.4, 0.3, 0.4));
+        builder.cuboid(low + lift, high + lift, false, solid);
+        Scene::clone(&builder.build())
+    };
+    let camera = ExplicitCamera {
+        eye: [0.0, 2.0, 1.8],
+        target: [0.0; 3],
+        up: [0.0, 1.0, 0.0],
+        yfov_degrees: 12.0,
+    };
+    let shown = |scene: Scene, method, iterations| {
+        let (scene, environment) = (Arc::new(scene), Environment::none());
+        mean(&Shot { scene, environment, camera, side: 24, seed: 4 }.by(method, iterations)).y
+    };
+    let mut parted = scene(0.0);
+    parted.part_touching();
+    for (method, iterations) in [("hemilux", 12), ("ray-traced", 400)] {
+        let lifted = shown(scene(1e-3), method, iterations);
+        let stands = shown(parted.clone(), method, iterations) / lifted;
+        let through = shown(scene(0.0), method, iterations) / lifted;
+        println!("{method}: {stands} and, not parted, {through} of {lifted}");
+        assert!((stands - 1.0).abs() < 0.03, "{method}: {stands}");
+        // Planted: as before they were parted.
+        assert!(through < 0.9, "{method}: {through}");
+    }
+}

@@ -7,7 +7,7 @@
 
 use super::facet::{Facet, facet_area};
 use super::focus::Focus;
-use super::nearby::pairs_nearby;
+use crate::scene::nearby::pairs_nearby;
 use foldhash::{HashMap, HashMapExt};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;

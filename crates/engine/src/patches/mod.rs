@@ -17,7 +17,6 @@ mod facet;
 mod focus;
 mod index;
 mod means;
-mod nearby;
 mod patched;
 mod piece_index;
 mod seams;

@@ -223,6 +223,14 @@ impl Instances {
         Some(bounds)
     }
 
+    /// Moves some instances.
+    pub(super) fn shift(&mut self, moves: &[(u32, Vec3)]) {
+        for (instance, by) in moves {
+            self.all[*instance as usize].to_world.translation += by.as_dvec3();
+        }
+        self.bounds = self.find_bounds();
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.all.is_empty()

@@ -12,6 +12,7 @@ mod layers;
 pub mod made;
 mod material;
 mod message;
+pub(crate) mod nearby;
 mod numbers;
 pub mod part;
 mod punctual;
@@ -19,6 +20,7 @@ pub mod pyramid;
 mod sky_file;
 pub mod sky_map;
 mod texture;
+mod touching;
 mod translucency;
 mod vertex;
 

@@ -111,6 +111,7 @@ pub fn import_with(
     geometry.build(&options.limits, &mut scene, &mut warnings)?;
     close_holes(&mut scene, &images);
     panes::straighten(&mut scene);
+    scene.part_touching();
     scene.textures = images.textures;
     scene.variants = variants::Variants::names(root);
     scene.animations = animation::names(&animations, &accessors);
