@@ -117,7 +117,7 @@ pub const EXTENSIONS: &[Extension] = &[
     extension(
         "KHR_materials_volume",
         Support::Approximated(
-            "the thickness texture is ignored: light goes the way that the geometry gives it, but straight on through panes fifty times as wide as thick",
+            "the thickness texture is ignored: light goes the way that the geometry gives it, but straight on through panes fifty times as wide as thick; a body that lies in one plane with something has air between",
         ),
     ),
     extension("KHR_mesh_quantization", Support::Implemented),
