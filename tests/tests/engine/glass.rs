@@ -529,3 +529,45 @@ fn a_table_under_glass_is_seen_and_lit_through_it() {
         assert!(through < 0.9, "{method}: {through}");
     }
 }
+
+/// A bulb in the middle of a ball that absorbs lights a floor by what the ball leaves on the first way
+/// out and on those after each reflection, (1 − F)c/(1 − Fc²), over the light of a clear ball.
+#[test]
+fn a_body_absorbs_light_from_inside_before_its_first_crossing() {
+    let left = Rgb::new(0.5, 0.7, 0.9);
+    let lit = |volume: Volume| {
+        let glass = Material { volume: Some(volume), ..Material::glass("ball", 1.5) };
+        let mut scene = Scene::clone(&ball(glass));
+        scene.materials.push(Material::lambertian("floor", Rgb::splat(0.05)));
+        let first = scene.vertices.len() as u32;
+        for [x, z] in [[-9.0, 9.0], [9.0, 9.0], [9.0, -9.0], [-9.0, -9.0]] {
+            scene.vertices.push(Vertex::new(Vec3::new(x, -3.0, z), Vec3::Y));
+        }
+        for vertices in [[first, first + 1, first + 2], [first, first + 2, first + 3]] {
+            scene.triangles.push(Triangle { vertices, material: 1 });
+        }
+        scene.lights.push(PunctualLight {
+            name: "bulb".into(),
+            kind: LightKind::Point,
+            position: Vec3::ZERO,
+            direction: -Vec3::Y,
+            intensity: Rgb::splat(40.0),
+            range: None,
+        });
+        let camera = ExplicitCamera {
+            eye: [2.5, -1.0, 0.0],
+            target: [0.0, -3.0, 0.0],
+            up: [0.0, 1.0, 0.0],
+            yfov_degrees: 25.0,
+        };
+        let (scene, environment) = (Arc::new(scene), Environment::none());
+        mean(&Shot { scene, environment, camera, side: 24, seed: 6 }.by("hemilux", 6))
+    };
+    let clear = lit(Volume::default());
+    let found = lit(Volume { attenuation_color: left, attenuation_distance: 1.0 }) / clear;
+    let mirrored = fresnel(1.0) as f32;
+    let expected = left * ((1.0 - mirrored) / (Rgb::ONE - left * left * mirrored));
+    println!("{found} of {expected}, on {clear}");
+    let off = (found / expected - Rgb::ONE).abs();
+    assert!(off.max_element() < 0.03, "{found} {expected}");
+}

@@ -216,7 +216,11 @@ impl LightRays<'_> {
             return None;
         }
         let area = world.square_metre() / self.casters.density;
-        walk.power = irradiance * (arriving * area / walk.count);
+        let left = match kind {
+            Kind::Sun => Rgb::ONE,
+            _ => left_within(&surface, end.distance(front.spot.point)),
+        };
+        walk.power = irradiance * left * (arriving * area / walk.count);
         (walk.power != Rgb::ZERO).then_some((surface, source))
     }
 
@@ -293,7 +297,8 @@ impl LightRays<'_> {
         let by_cosine = geometry / if light.two_sided { TAU } else { PI };
         let both = 0.5 * (by_cosine + self.casters.density);
         let share = (geometry / both / walk.count) / light.density;
-        walk.power = light.radiance * (share * self.lit.world.square_metre());
+        let left = left_within(&surface, square.sqrt());
+        walk.power = light.radiance * left * (share * self.lit.world.square_metre());
         (walk.power != Rgb::ZERO).then_some((surface, source))
     }
 
@@ -324,7 +329,8 @@ impl LightRays<'_> {
         deposits: &mut Vec<PowerDeposit>,
     ) {
         let start_power = walk.power.max_element();
-        let mut inside: Option<Inside> = None;
+        // What it is in, from the beginning on.
+        let mut inside = surface.clear.and_then(|clear| clear.inside()).filter(|_| surface.back);
         let mut has_crossed = false;
         // What only passed panes is found as direct light.
         let mut is_bent = false;
@@ -333,7 +339,9 @@ impl LightRays<'_> {
                 return;
             }
             if is_bent && surface.reflection().mean_diffuse() != Rgb::ZERO {
-                deposits.push(self.landed(&surface, (source, inside), walk));
+                // Emission inside a body counts as radiance over n² as long as it is in there.
+                let body = inside.filter(|_| has_crossed);
+                deposits.push(self.landed(&surface, (source, body), walk));
             }
             let clear = surface
                 .clear
@@ -348,7 +356,6 @@ impl LightRays<'_> {
                 direction = passed.direction;
                 if passed.through {
                     (origin, inside) = (surface.start_behind(), passed.inside);
-                    // Emission inside a body counts as radiance over n², too.
                     if let Some(body) = clear.inside().filter(|_| surface.back && !has_crossed) {
                         walk.power *= body.density_of_light();
                     }
@@ -384,6 +391,13 @@ impl LightRays<'_> {
             (surface, source) = (met, -direction);
         }
     }
+}
+
+/// What is left of light that has come so far, ray units, to a surface: of light from inside a body, what
+/// that has not absorbed.
+fn left_within(surface: &Surface, way: f32) -> Rgb {
+    let body = surface.clear.and_then(|clear| clear.inside()).filter(|_| surface.back);
+    body.map_or(Rgb::ONE, |body| body.left_after(way))
 }
 
 /// A ray on its way.
