@@ -31,7 +31,7 @@ const WHOLE: f32 = 1.0 - 1e-5;
 /// as .04, since what a lobe shows changes fast with the normal.
 const PER_TURN: f32 = 10.0;
 
-/// What a ray brings that meets a surface of which its pixel has no fragment, by hit, origin and
+/// What a ray brings that meets a surface of which its pixel has no fragment, by hit and
 /// direction.
 pub type StrayLight<'a> = &'a (dyn Fn(&Hit, Vec3, Afresh) -> Rgb + Sync);
 
