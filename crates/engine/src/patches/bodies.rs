@@ -32,8 +32,7 @@ pub fn facets_of_dark_closed_bodies(
         }
     }
     for (facet, &body) in facets.iter().zip(&body_of) {
-        let triangle = &scene.triangle(facet.source);
-        let material = &scene.materials[triangle.material as usize];
+        let material = scene.material_of(facet.source);
         let is_clear = material.clear_share() > 0.0;
         closed[body] &= !material.has_holes() && !material.is_translucent() && !is_clear;
         for (a, b) in edges(facet) {
@@ -52,10 +51,7 @@ pub fn facets_of_dark_closed_bodies(
         let is_in = |at: Vec3| at.cmpge(*low).all() && at.cmple(*high).all();
         dark[body] &= !scene.lights.iter().any(|light| is_in(light.position));
     }
-    let emits = |facet: &Facet| {
-        let triangle = &scene.triangle(facet.source);
-        scene.materials[triangle.material as usize].emits()
-    };
+    let emits = |facet: &Facet| scene.material_of(facet.source).emits();
     if facets.iter().filter(|f| emits(f)).count().saturating_mul(bodies) > MAX_PAIRS {
         return vec![false; facets.len()];
     }

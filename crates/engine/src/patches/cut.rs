@@ -130,14 +130,6 @@ impl Cut {
         }
     }
 
-    /// Whether the back of a facet is there for light and cameras.
-    pub fn is_two_sided(&self, facet: FacetIndex) -> bool {
-        match self {
-            Self::Listed(listed) => listed.facets[facet.at()].first_patch(true).is_some(),
-            Self::Crowd(crowd) => crowd.is_two_sided(crowd.source(facet)),
-        }
-    }
-
     /// Whether a triangle bounds a closed body that no light gets into, as far as that is known.
     pub fn bounds_dark_body(&self, triangle: u32, u: f32, v: f32) -> bool {
         let Self::Listed(listed) = self else { return false };

@@ -216,8 +216,7 @@ impl World {
         passage.end = PassageEnd::Met(*hit);
         let surface = self.surface_of(hit);
         // What it was in: a surface at the end of the way that bounds that knows it, too.
-        let within = surface.clear.and_then(|clear| clear.inside()).filter(|_| hit.back);
-        if let Some(inside) = within.or(*inside) {
+        if let Some(inside) = surface.body_before().or(*inside) {
             passage.left *= inside.left_after(hit.distance);
         }
         let clear = surface.clear.filter(|clear| numbers.next() < clear.share)?;

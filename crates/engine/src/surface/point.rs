@@ -1,6 +1,6 @@
 //! A point of a surface as a ray meets it.
 
-use super::dielectric::Clear;
+use super::dielectric::{Clear, Inside};
 use super::model::{AnyReflection, Parameters};
 use super::side::Side;
 use crate::radiometry::Rgb;
@@ -35,6 +35,11 @@ impl Surface {
     #[inline]
     pub fn side(&self) -> Side {
         Side { normal: self.normal, shading_normal: self.shading_normal, back: self.back }
+    }
+
+    /// The body that a ray was in which has met it from inside: that of a clear surface, at its back.
+    pub fn body_before(&self) -> Option<Inside> {
+        self.clear.and_then(|clear| clear.inside()).filter(|_| self.back)
     }
 
     /// Where rays that leave start.

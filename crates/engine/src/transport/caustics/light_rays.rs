@@ -330,7 +330,7 @@ impl LightRays<'_> {
     ) {
         let start_power = walk.power.max_element();
         // What it is in, from the beginning on.
-        let mut inside = surface.clear.and_then(|clear| clear.inside()).filter(|_| surface.back);
+        let mut inside = surface.body_before();
         let mut has_crossed = false;
         // What only passed panes is found as direct light.
         let mut is_bent = false;
@@ -396,8 +396,7 @@ impl LightRays<'_> {
 /// What is left of light that has come so far, ray units, to a surface: of light from inside a body, what
 /// that has not absorbed.
 fn left_within(surface: &Surface, way: f32) -> Rgb {
-    let body = surface.clear.and_then(|clear| clear.inside()).filter(|_| surface.back);
-    body.map_or(Rgb::ONE, |body| body.left_after(way))
+    surface.body_before().map_or(Rgb::ONE, |body| body.left_after(way))
 }
 
 /// A ray on its way.
