@@ -27,7 +27,7 @@ const MOST_LEAN: f32 = 1e-6;
 const LEAST_OVERLAP: f32 = 1e-3;
 /// Triangles that are looked at together.
 const CHUNK: usize = 1 << 18;
-/// Most clear triangles of instances, beyond which none of them are parted.
+/// Most triangles of instances, beyond which none of them are parted.
 const MOST_INSTANCED: usize = 1 << 20;
 /// Directions along which a corner is parted, at most; those that are alike count once.
 const MOST_WAYS: usize = 3;
@@ -75,6 +75,9 @@ impl Face {
 impl Scene {
     /// Parts clear surfaces from what they lie on.
     pub fn part_touching(&mut self) {
+        if !self.materials.iter().any(|material| material.clear_share() > 0.0) {
+            return;
+        }
         let instanced = match self.instances.triangle_count() {
             count if count <= MOST_INSTANCED => count,
             _ => 0,
