@@ -11,6 +11,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Rounding errors of rays, over coordinates and over the sizes of triangles, and what places themselves
 /// are rounded by.
@@ -27,8 +28,10 @@ const MOST_LEAN: f32 = 1e-6;
 const LEAST_OVERLAP: f32 = 1e-3;
 /// Triangles that are looked at together.
 const CHUNK: usize = 1 << 18;
-/// Most triangles of instances, beyond which none of them are parted.
-const MOST_INSTANCED: usize = 1 << 20;
+/// Most clear triangles that are parted, and most of instances that they are parted from, so that crowds do
+/// not hold an import up: what is beyond stays as it is.
+const MOST_CLEAR: usize = 1 << 21;
+const MOST_INSTANCED: usize = 1 << 22;
 /// Directions along which a corner is parted, at most; those that are alike count once.
 const MOST_WAYS: usize = 3;
 /// Cosine from which two directions are alike.
@@ -52,6 +55,16 @@ struct Face {
 }
 
 impl Face {
+    fn low(&self) -> Vec3 {
+        let [a, b, c] = self.corners;
+        a.min(b).min(c)
+    }
+
+    fn high(&self) -> Vec3 {
+        let [a, b, c] = self.corners;
+        a.max(b).max(c)
+    }
+
     /// Rounding error of rays between it and another face, in a scene of that extent.
     fn error(&self, other: &Self, extent: f32) -> f32 {
         let farthest = self.farthest.max(other.farthest);
@@ -75,23 +88,14 @@ impl Face {
 impl Scene {
     /// Parts clear surfaces from what they lie on.
     pub fn part_touching(&mut self) {
-        if !self.materials.iter().any(|material| material.clear_share() > 0.0) {
-            return;
-        }
-        let instanced = match self.instances.triangle_count() {
-            count if count <= MOST_INSTANCED => count,
-            _ => 0,
-        };
-        let count = self.triangles.len() + instanced;
-        let all = (0..count as u32).into_par_iter().with_min_len(4096);
-        let clear = all.filter(|index| self.material_of(*index).clear_share() > 0.0);
+        let clear = self.triangles_of(|material| material.clear_share() > 0.0).take(MOST_CLEAR);
         let clear: Vec<Face> = clear.map(|index| self.face(index)).collect();
         if clear.is_empty() {
             return;
         }
         let mut ways = Ways::default();
-        for (face, way) in self.contacts(&clear) {
-            ways.add(self, &clear[face as usize], way);
+        for (face, found) in clear.iter().zip(self.contacts(&clear)) {
+            found.ways(face).for_each(|way| ways.add(self, face, way));
         }
         ways.part(self, &clear);
     }
@@ -113,39 +117,51 @@ impl Scene {
         }
     }
 
-    /// Clear faces that lie on something, each with the way by which it is parted from that: into its
-    /// body, or, of a sheet, before what it lies on. In an order that is always the same.
-    fn contacts(&self, clear: &[Face]) -> Vec<(u32, Vec3)> {
+    /// What each clear face lies on.
+    fn contacts(&self, clear: &[Face]) -> Vec<Contact> {
         let extent = self.extent();
         // Of triangles as large as the scene.
         let reach = |face: &Face| ERRORS * (extent * RAY_ERROR + face.error(face, extent));
         let first: Vec<_> = clear.iter().map(|face| (face.corners, reach(face))).collect();
-        let mut low = Vec3::INFINITY;
-        let mut high = Vec3::NEG_INFINITY;
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for (corners, reach) in &first {
             low = corners.iter().fold(low, |low, at| low.min(*at - *reach));
             high = corners.iter().fold(high, |high, at| high.max(*at + *reach));
         }
-        let is_near = |face: &Face| {
-            let [a, b, c] = face.corners;
-            a.min(b).min(c).cmple(high).all() && a.max(b).max(c).cmpge(low).all()
-        };
-        let mut found = Vec::new();
-        for begin in (0..self.triangle_count()).step_by(CHUNK) {
-            let chunk = begin as u32..(begin + CHUNK).min(self.triangle_count()) as u32;
-            let chunk = chunk.into_par_iter().with_min_len(4096).map(|index| self.face(index));
-            let others: Vec<Face> = chunk.filter(is_near).collect();
-            let second: Vec<_> = others.iter().map(|face| face.corners).collect();
-            let touch = |i: u32, j: u32| touch(&clear[i as usize], &others[j as usize], extent);
-            let pairs = pairs_nearby(&first, &second, &touch);
-            let way = |(i, j): (u32, u32)| {
-                let (face, other) = (&clear[i as usize], &others[j as usize]);
-                let direction = if face.is_solid { -face.normal } else { other.normal };
-                (i, 2.0 * ERRORS * face.error(other, extent) * direction)
-            };
-            found.extend(pairs.into_iter().map(way));
+        let is_near = |a: Vec3, b: Vec3| a.cmple(high).all() && b.cmpge(low).all();
+        let mut others = self.listed_and_instanced(is_near);
+        let contacts: Vec<Contact> = clear.iter().map(|_| Contact::default()).collect();
+        loop {
+            let chunk: Vec<u32> = others.by_ref().take(CHUNK).collect();
+            if chunk.is_empty() {
+                return contacts;
+            }
+            let faces = chunk.into_par_iter().with_min_len(4096).map(|index| self.face(index));
+            let faces: Vec<Face> = faces.filter(|face| is_near(face.low(), face.high())).collect();
+            let second: Vec<_> = faces.iter().map(|face| face.corners).collect();
+            // No list of pairs: of what lies in one plane many times there are too many.
+            pairs_nearby(&first, &second, &|i, j| {
+                let (face, other) = (&clear[i as usize], &faces[j as usize]);
+                if touch(face, other, extent) {
+                    contacts[i as usize].note(face, other, extent);
+                }
+                false
+            });
         }
-        found
+    }
+
+    /// Triangles that are listed, and those of instances whose boxes are near.
+    fn listed_and_instanced(
+        &self,
+        is_near: impl Fn(Vec3, Vec3) -> bool,
+    ) -> impl Iterator<Item = u32> {
+        let listed = self.triangles.len() as u32;
+        let near = (0u32..).zip(self.instances.all()).filter(move |(_, instance)| {
+            let (low, high) = instance.box_around(self.instances.shape_of(instance));
+            is_near(low, high)
+        });
+        let of_instances = near.flat_map(|(number, _)| self.instances.triangles_of(number));
+        (0..listed).chain(of_instances.take(MOST_INSTANCED).map(move |number| listed + number))
     }
 
     fn extent(&self) -> f32 {
@@ -190,6 +206,31 @@ fn overlap(large: &Face, small: &Face) -> bool {
     };
     let edges = |[a, b, c]: [Vec2; 3]| [[a, b], [b, c], [c, a]];
     !edges(one).into_iter().chain(edges(other)).any(is_apart)
+}
+
+/// What a clear face lies on: the largest rounding error of rays, as bits, between it and what faces the
+/// same way, and what faces it; 0 without.
+#[derive(Default)]
+struct Contact([AtomicU32; 2]);
+
+impl Contact {
+    fn note(&self, face: &Face, other: &Face, extent: f32) {
+        let side = usize::from(face.normal.dot(other.normal) < 0.0);
+        // Bits of positive numbers are in the order of the numbers.
+        self.0[side].fetch_max(face.error(other, extent).to_bits(), Ordering::Relaxed);
+    }
+
+    /// The ways by which the face is parted: into its body, or, of a sheet, before what it lies on.
+    fn ways(self, face: &Face) -> impl Iterator<Item = Vec3> {
+        let normals = if face.is_solid { [-1.0, -1.0] } else { [1.0, -1.0] };
+        let normals = normals.map(|side| side * face.normal);
+        let ways = self
+            .0
+            .into_iter()
+            .zip(normals)
+            .map(|(error, normal)| 2.0 * ERRORS * f32::from_bits(error.into_inner()) * normal);
+        ways.filter(|way| *way != Vec3::ZERO)
+    }
 }
 
 /// Ways by which things are parted.
@@ -340,7 +381,9 @@ mod tests {
         // It no longer touches anything.
         let contacts = |scene: &Scene| {
             let all = (0..scene.triangles.len() as u32).map(|index| scene.face(index));
-            scene.contacts(&all.filter(|face| face.is_clear).collect::<Vec<_>>()).len()
+            let clear: Vec<Face> = all.filter(|face| face.is_clear).collect();
+            let contacts = scene.contacts(&clear).into_iter().zip(&clear);
+            contacts.flat_map(|(contact, face)| contact.ways(face).collect::<Vec<_>>()).count()
         };
         assert!(contacts(&before) >= 4 && contacts(&scene) == 0);
     }
@@ -393,5 +436,21 @@ mod tests {
         let heights: Vec<f64> = heights.collect();
         assert!(heights[..2].iter().all(|height| *height > 1e-6 && *height < 1e-4), "{heights:?}");
         assert_eq!(heights[2], 0.1);
+    }
+
+    #[test]
+    fn what_lies_in_a_plane_many_times_is_parted_once() {
+        let lifted = |times: u32| {
+            let mut scene = scene();
+            let high = Vec3::new(0.5, 0.4, 0.5);
+            (0..times).for_each(|_| add_box(&mut scene, Vec3::ZERO, high, 1));
+            for _ in 1..times {
+                add_box(&mut scene, Vec3::new(-1.0, -1.0, -1.0), Vec3::new(2.0, 0.0, 2.0), 0);
+            }
+            scene.part_touching();
+            extremes(&scene, 1).0.y
+        };
+        assert!(lifted(1) > 1e-6);
+        assert_eq!(lifted(150), lifted(1));
     }
 }
