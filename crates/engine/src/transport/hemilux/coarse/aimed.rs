@@ -1,7 +1,8 @@
 //! Light that small bright elements send to others, such as a patch of sun, by rays that are aimed at
 //! them. Of the links over the hemisphere few meet such elements, and each of these brings much: how bright
 //! a whole room is hangs on them. Here aimed rays say how much of the emitters' light bright elements
-//! reflect to each other element, instead of the links.
+//! reflect to each other element, beside the links: each pair of elements is shared between the two by
+//! the balance heuristic (Veach 1997), so that neither's rare rays count for much.
 
 use super::direct::DirectLight;
 use super::elements::ElementIndex;
@@ -9,11 +10,13 @@ use super::guide::{Guide, Met};
 use super::links::{LEAST_TINT, Links};
 use super::mesh::CoarseMesh;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
+use crate::patches::PatchIndex;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::rays::Eye;
 use crate::sampling::{Seed, Shifted};
 use crate::surface::World;
+use crate::transport::patch_points::PatchPoints;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -26,9 +29,12 @@ const RAYS: usize = 4;
 const MOST_ROUNDS: usize = 64;
 /// Most aimed rays of all elements together, 8 bytes each: 128 MiB.
 const MOST_RAYS: usize = 16 << 20;
-/// Least distance between two elements, in sides of the bright one beyond the other's side, at which rays
-/// are aimed: nearer ones meet it by many links, and what an aimed ray says there scatters without bound.
-const LEAST_DISTANCE: f32 = 3.0;
+/// Aimed rays of an element for each of its links, about.
+const RAYS_PER_LINK: f32 = 0.25;
+/// Least distance between the middles of two elements, in those of the bright one's farthest corner
+/// beyond the other's, at which rays are aimed: nearer ones meet it by many links, and what an aimed ray
+/// says there scatters without bound, most of all where both are long and thin, as slats of a blind.
+const LEAST_DISTANCE: f32 = 4.0;
 /// Elements of a parallel task.
 const CHUNK: usize = 256;
 /// Most members of an element that its middle is found by.
@@ -45,12 +51,22 @@ pub struct Aimed {
 /// What is aimed at: always the same, so that what older rays found remains of use.
 struct Targets {
     guide: Arc<Guide>,
-    is_bright: Vec<bool>,
-    /// Middle and side of each element, metres.
-    places: Vec<(Vec3, f32)>,
+    /// The guide's number of a patch of each element that is bright.
+    bright: Vec<Option<u32>>,
+    places: Vec<Middle>,
 }
 
-/// What an aimed ray found: an element, and the irradiance that a radiosity of 1 there stands for.
+/// Where an element is, in ray units.
+#[derive(Clone, Copy)]
+struct Middle {
+    point: Vec3,
+    normal: Vec3,
+    /// Farthest that a corner is from the middle.
+    reach: f32,
+}
+
+/// What an aimed ray found: an element, and the irradiance that a radiosity of 1 there stands for, of the
+/// share that is not left to links.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Found {
@@ -63,34 +79,57 @@ impl Targets {
         let elements = &mesh.elements;
         // Of what bends light, links say what it reflects.
         let bends = |triangle: u32| world.is_clear(triangle) || world.may_mirror(triangle);
-        let mut is_bright = vec![false; elements.len()];
+        let mut bright = vec![None; elements.len()];
         for (element, _) in guide.bright() {
-            let mut places = elements
-                .members(*element)
-                .iter()
-                .filter_map(|patch| mesh.cut.place_in(*patch, 0, 1));
-            is_bright[element.at()] = !places.any(|(triangle, ..)| bends(triangle));
+            let members = elements.members(*element);
+            let mut places = members.iter().filter_map(|patch| mesh.cut.place_in(*patch, 0, 1));
+            if !places.any(|(triangle, ..)| bends(triangle)) {
+                let number = members.first().and_then(|patch| guide.number(*patch));
+                bright[element.at()] = number.map(|number| number as u32);
+            }
         }
         let place = |element: usize| {
             let members = elements.members(ElementIndex(element as u32));
             let some = members.iter().step_by(members.len().div_ceil(MOST_MEMBERS).max(1));
-            let (sum, count) = some.fold((Vec3::ZERO, 0.0), |(sum, count), patch| {
-                let [a, b, c] = mesh.cut.cell(*patch, 0.5).own_corners();
-                (sum + (a + b + c) / 3.0, count + 1.0)
-            });
-            (sum / f32::max(count, 1.0), (2.0 * elements.area[element]).sqrt())
+            let points = |patch: &PatchIndex| PatchPoints::in_cut(world, &mesh.cut, *patch, 0.5);
+            let all: Vec<PatchPoints> = some.map(points).collect();
+            let point = all.iter().map(|points| points.ball().0).sum::<Vec3>();
+            let point = point / all.len().max(1) as f32;
+            let reach = |points: &PatchPoints| {
+                let (center, radius) = points.ball();
+                center.distance(point) + radius
+            };
+            let reach = all.iter().map(reach).fold(0.0, f32::max);
+            let normal = all.iter().map(PatchPoints::normal).sum::<Vec3>().normalize_or_zero();
+            Middle { point, normal, reach }
         };
         let all = (0..elements.len()).into_par_iter().with_min_len(CHUNK);
-        Self { guide, is_bright, places: all.map(place).collect() }
+        Self { guide, bright, places: all.map(place).collect() }
     }
 
-    /// Whether what a bright element sends to another one is found by aimed rays.
-    fn is_aimed(&self, from: usize, to: u32) -> bool {
-        if !self.is_bright.get(to as usize).is_some_and(|is_bright| *is_bright) {
-            return false;
+    /// Whether a link leads to a bright element.
+    fn is_bright(&self, link: ElementIndex) -> bool {
+        self.bright.get(link.at()).is_some_and(Option::is_some)
+    }
+
+    /// The share of what an element sends to another one, `from`, that aimed rays say, as the balance
+    /// heuristic has it of the middles of both; links say the rest. The density of aiming is in
+    /// proportion to what bright elements send to wherever: rays at one that sends `from` more than
+    /// most would be few, each with a weight without bound.
+    fn share(&self, from: usize, to: u32) -> f32 {
+        let Some(number) = self.bright.get(to as usize).copied().flatten() else { return 0.0 };
+        let [own, other] = [self.places[from], self.places[to as usize]];
+        let way = other.point - own.point;
+        let distance = way.length();
+        if distance <= LEAST_DISTANCE * other.reach + own.reach {
+            return 0.0;
         }
-        let [(own, own_side), (other, side)] = [self.places[from], self.places[to as usize]];
-        own.distance(other) > LEAST_DISTANCE * side + own_side
+        let direction = way / distance;
+        let met =
+            Met { patch: self.guide.patch(number), distance, cosine: other.normal.dot(direction) };
+        let aimed = RAYS_PER_LINK * self.guide.density(own.point, own.normal, &met);
+        let by_links = own.normal.dot(direction).max(0.0) / PI;
+        if aimed > 0.0 { aimed / (aimed + by_links) } else { 0.0 }
     }
 }
 
@@ -142,7 +181,8 @@ impl Aimed {
             return None;
         }
         let to = mesh.elements.of(aim.patch)?;
-        if !self.targets.is_aimed(element, to.0) {
+        let share = self.targets.share(element, to.0);
+        if share <= 0.0 {
             return None;
         }
         let hit = world.rays.closest(Eye::Light, lit.start, aim.direction)?;
@@ -155,12 +195,12 @@ impl Aimed {
         let cosine = world.rays.spot(&met).normal.dot(aim.direction);
         let met = Met { patch: aim.patch, distance: passage.way, cosine };
         let density = guide.density(lit.start, lit.lit_normal, &met);
-        let weight = left * lit.lit_normal.dot(aim.direction) / (PI * density);
+        let weight = share * left * lit.lit_normal.dot(aim.direction) / (PI * density);
         (weight.is_finite() && weight > 0.0).then_some(Found { element: to.0, weight })
     }
 
-    /// By how much what aimed rays find of the emitters' light that bright elements reflect is more than
-    /// what `links` say of it, by element; links that
+    /// By how much what aimed rays find of their share of the emitters' light that bright elements reflect
+    /// is more than what `links` say of it, by element; links that
     /// glass or mirrors bent or coloured on their way say of something else.
     pub fn beyond(&self, links: &Links, albedo: &[Rgb], direct: &[DirectLight]) -> Vec<Rgb> {
         let reflected =
@@ -171,8 +211,9 @@ impl Aimed {
             for (link, is_straight) in links.ways(ElementIndex(element as u32)) {
                 count += 1.0;
                 rows += if Links::counts(link) { 1.0 } else { 0.0 };
-                if is_straight && self.targets.is_aimed(element, link.0) {
-                    by_links += reflected(link.0);
+                let is_bright = is_straight && self.targets.is_bright(link);
+                if is_bright {
+                    by_links += reflected(link.0) * self.targets.share(element, link.0);
                 }
             }
             let own = element * RAYS..(element + 1) * RAYS;
@@ -188,8 +229,8 @@ impl Aimed {
     /// Bytes that they take, about.
     pub fn held_bytes(&self) -> u64 {
         let rounds: usize = self.rounds.iter().map(|round| size_of_val(&***round)).sum();
-        let Targets { is_bright, places, .. } = &*self.targets;
-        (rounds + size_of_val(&**is_bright) + size_of_val(&**places)) as u64
+        let Targets { bright, places, .. } = &*self.targets;
+        (rounds + size_of_val(&**bright) + size_of_val(&**places)) as u64
     }
 
     /// Writes them.
@@ -273,5 +314,22 @@ mod tests {
                 Aimed::restore(world, &coarse.mesh, &mut Reader::new(&bytes)).expect("sound");
             assert_eq!(again.beyond(links, albedo, direct), beyond);
         }
+    }
+
+    /// Slats of a blind are long and thin, and the middles of two may be far apart where they nearly touch:
+    /// one aimed ray there had the weight of 600 links.
+    #[test]
+    fn no_aimed_ray_counts_for_much() {
+        let specimen = Specimen::new(&made::blinds(), 16_000);
+        let (world, coarse) = (&specimen.world, &specimen.coarse);
+        let guide = coarse.guide.clone().expect("slats that face the window are bright");
+        let mut aimed = Aimed::new(world, &coarse.mesh, guide);
+        aimed.trace(world, &coarse.mesh, SEED, 32);
+        let weights =
+            || aimed.rounds.iter().flat_map(|round| round.iter()).map(|found| found.weight);
+        let count = weights().filter(|weight| *weight > 0.0).count();
+        assert!(count > 10_000, "{count} rays met what they were aimed at");
+        let most = weights().fold(0.0, f32::max);
+        assert!(most < 8.0, "{most}: all light that arrives weighs 1");
     }
 }

@@ -29,6 +29,11 @@ const MOST_PATCHES: usize = 10_000;
 /// What an element that shares a corner with a bright one is taken to reflect, of what that does: part
 /// of it may lie in the same patch of sun.
 const EDGE_SHARE: f32 = 0.25;
+/// What others receive of a bright element, by its area, at least, of what they do of one that shares a corner
+/// with it: by chance no link may have met it.
+const UNMET_SHARE: f32 = 0.25;
+/// Areas that are less than this, m², are taken to be this, where something is divided by them.
+const LEAST_AREA: f32 = 1e-20;
 /// Least distance, in sides of a bright element, of another one that counts as lit by it: nearer
 /// ones meet it by many rays anyway.
 const LEAST_DISTANCE: f32 = 3.0;
@@ -218,6 +223,11 @@ impl Guide {
         self.number.get(&patch).map(|number| *number as usize)
     }
 
+    /// The bright patch with that number.
+    pub(super) fn patch(&self, number: u32) -> PatchIndex {
+        self.patches[number as usize]
+    }
+
     /// Density per solid angle of a place that a ray met of the patch with that number, which is picked
     /// with that probability.
     pub(super) fn density_of(&self, number: usize, probability: f32, met: &Met) -> f32 {
@@ -258,6 +268,12 @@ fn aiming_targets(
     let received = received(world, mesh, links, |link| {
         taken.get(link.at()).copied().filter(|own| *own > limit)
     });
+    let densities: Vec<f32> = received
+        .iter()
+        .zip(&elements.counted)
+        .map(|(own, area)| own / area.max(LEAST_AREA))
+        .collect();
+    let beside = mesh.ranges_beside(&densities);
     // Clusters of an instance are no one place to aim at.
     let is_listed = |element: &ElementIndex| {
         !elements.members(*element).iter().any(|patch| cut.is_cluster(*patch))
@@ -267,7 +283,10 @@ fn aiming_targets(
             return (element, shown[element.at()]);
         }
         let own = elements.counted[element.at()] * taken[element.at()];
-        (element, received[element.at()].min(own))
+        let beside = beside[element.at()].filter(|_| radiosity[element.at()] > limit);
+        let most_beside = beside.map_or(0.0, |[_, most]| UNMET_SHARE * most);
+        let received = received[element.at()].max(most_beside * elements.counted[element.at()]);
+        (element, received.min(own))
     };
     let bright = elements
         .all()
@@ -371,7 +390,7 @@ mod tests {
     use crate::patches::{Cut, PatchIndex};
     use crate::rays::Eye;
     use crate::scene::made;
-    use crate::transport::hemilux::specimen::Specimen;
+    use crate::transport::hemilux::specimen::{SEED, Specimen};
     use crate::transport::patch_points::PatchPoints;
     use glam::Vec3;
 
@@ -419,13 +438,17 @@ mod tests {
         assert!(10 * bright > 8 * aimed, "{bright} of {aimed} are aimed at what is bright");
     }
 
-    /// The outer walls are sunlit all over, but nothing in the house sees them.
+    /// The outer walls are sunlit all over, but nothing in the house sees them. Bright are what the sun
+    /// shines on, and the head of the window over its sunlit sill.
     #[test]
     fn rays_in_a_house_are_aimed_at_what_the_sun_shines_on_in_it() {
         let house = made::real::window();
-        let sun = house.environment.sun.as_ref().expect("it shines").direction;
-        let specimen = Specimen::surrounded(&house.glb, house.environment, 4000);
-        let guide = specimen.coarse.guide.as_ref().expect("the patch of sun is bright");
+        let sun = house.environment.sun.as_ref().expect("it shines");
+        let (sun, bright) = (sun.direction, 0.02 * sun.irradiance.max_element());
+        let mut specimen = Specimen::surrounded(&house.glb, house.environment, 4000);
+        let guide = specimen.coarse.guide.clone().expect("the patch of sun is bright");
+        specimen.coarse.link(SEED, 0, 2048);
+        let known = specimen.coarse.irradiances();
         let world = &specimen.world;
         let point = world.rays.place(Vec3::new(0.01, 1.2, 1.5));
         let (mut aimed, mut lit) = (0, 0);
@@ -442,7 +465,8 @@ mod tests {
                 let (start, normal) = points.point([x, y]);
                 normal.dot(sun) > 0.0 && world.rays.closest(Eye::Light, start, sun).is_none()
             };
-            lit += usize::from((0..32).any(sees_sun));
+            let is_bright = known[patch.at()].max_element() > bright;
+            lit += usize::from(is_bright || (0..32).any(sees_sun));
         }
         assert!(lit > 60 && 5 * lit > 3 * aimed, "{lit} of {aimed}");
     }
