@@ -7,14 +7,30 @@ use crate::sampling::frame;
 use glam::{Vec2, Vec3};
 use std::f32::consts::{FRAC_PI_4, PI};
 
-/// Steps of the recurrence in two dimensions (plastic number) and in three.
-const TWO: [u32; 2] = [3_242_174_889, 2_447_445_414];
-const THREE: [u32; 3] = [3_518_319_155, 2_882_110_345, 2_360_945_575];
-/// Two of those in five dimensions.
-const FIVE: [u32; 2] = [3_785_032_107, 3_335_640_777];
+/// Steps of the recurrences, of 2³²: of the first pair those by the plastic number, the best of two
+/// dimensions; the others are such that none of them go together, as a search for the largest smallest
+/// ‖Σ kᵢ stepᵢ‖ Π |kᵢ| over small whole numbers k found them (‖x‖ is how far x is from a whole number).
+/// Roberts' steps of two and of three dimensions are good each, and bad together: twice the first, the
+/// third and the fourth make almost a whole number, so that a ray's direction, and which light was asked
+/// there, were bound to each other through 35,000 rays.
+const STEPS: [u32; 7] = [
+    3_242_174_889,
+    2_447_445_414,
+    874_672_414,
+    1_099_659_609,
+    3_539_870_644,
+    805_630_719,
+    3_868_009_847,
+];
+/// From a place of the sequence to that of another pixel's first point: the first points of few pixels are
+/// spread like a sequence.
+const PIXEL_STEP: u32 = 52_290_485;
 
+/// Pixels of a tile that share a sequence.
+pub const TILE_PIXELS: u32 = 16;
 /// Order in which the pixels of a tile of 4 × 4 take the points of a sequence (Bayer 1973).
-pub const BAYER: [u32; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
+pub const BAYER: [u32; TILE_PIXELS as usize] =
+    [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
 
 /// Random numbers to find light out afresh with.
 #[derive(Clone, Copy)]
@@ -85,12 +101,16 @@ impl Shifted {
         Self { index, ..self }
     }
 
-    /// The number of the `k`-th shift in steps of `step`: the fraction of shift + index·step, exact
-    /// however large the index.
+    /// The n-th point of one of few pixels that share a sequence.
+    pub fn of_pixel(self, pixel: u32, n: u32) -> Self {
+        self.at(pixel.wrapping_mul(PIXEL_STEP).wrapping_add(n))
+    }
+
+    /// The `k`-th number: the fraction of shift + index·step, exact however large the index.
     #[inline]
-    fn number(&self, k: usize, step: u32) -> f32 {
+    fn number(&self, k: usize) -> f32 {
         let bits = if self.well_spread {
-            self.shift[k].wrapping_add(step.wrapping_mul(self.index))
+            self.shift[k].wrapping_add(STEPS[k].wrapping_mul(self.index))
         } else {
             pcg(self.shift[k] ^ pcg(self.index))
         };
@@ -107,19 +127,19 @@ impl Shifted {
     /// The point of the square at the present place.
     #[inline]
     pub fn pair(&self) -> [f32; 2] {
-        [self.number(0, TWO[0]), self.number(1, TWO[1])]
+        [self.number(0), self.number(1)]
     }
 
-    /// Another point of the square at the same place.
+    /// Another point of the square at the same place: two numbers of [`Shifted::triple`].
     #[inline]
     pub fn second_pair(&self) -> [f32; 2] {
-        [self.number(3, THREE[1]), self.number(4, THREE[2])]
+        [self.number(3), self.number(4)]
     }
 
     /// Numbers to find light out afresh with, at the same place.
     #[inline]
     pub fn afresh(&self) -> Afresh {
-        let bounce = [0, 1].map(|k| self.number(5 + k, FIVE[k]));
+        let bounce = [self.number(5), self.number(6)];
         Afresh { light: self.triple(), bounce, next: Some(Next(pcg(self.shift[5] ^ self.index))) }
     }
 
@@ -138,7 +158,7 @@ impl Shifted {
     /// A point of the cube at the same place.
     #[inline]
     pub fn triple(&self) -> Vec3 {
-        Vec3::new(self.number(2, THREE[0]), self.number(3, THREE[1]), self.number(4, THREE[2]))
+        Vec3::new(self.number(2), self.number(3), self.number(4))
     }
 }
 
@@ -203,6 +223,58 @@ mod tests {
         // E[ω] = ⅔ n, E[cos²θ] = ½.
         assert!((mean - normal * (2.0 / 3.0)).length() < 3e-3, "{mean}");
         assert!((square - 0.5).abs() < 2e-3, "{square}");
+    }
+
+    /// The largest of ‖Σ kᵢ stepᵢ‖ Π |kᵢ| that whole numbers k up to `most` of three steps do not fall below.
+    fn least_bond(steps: &[u32], most: i64) -> f64 {
+        let of = |k: [i64; 3], [a, b, c]: [u32; 3]| {
+            let sum = [a, b, c]
+                .iter()
+                .zip(k)
+                .fold(0u32, |sum, (step, k)| sum.wrapping_add(step.wrapping_mul(k as u32)));
+            let off = f64::from(sum.min(sum.wrapping_neg())) / 4_294_967_296.0;
+            off * k.map(|k| k.abs().max(1) as f64).iter().product::<f64>()
+        };
+        let mut least = f64::INFINITY;
+        for (i, a) in steps.iter().enumerate() {
+            for (j, b) in steps.iter().enumerate().skip(i + 1) {
+                for c in &steps[j + 1..] {
+                    for k in (0..(2 * most + 1).pow(3)).map(|n| {
+                        let side = 2 * most + 1;
+                        [n % side - most, n / side % side - most, n / side / side - most]
+                    }) {
+                        if k != [0; 3] {
+                            least = least.min(of(k, [*a, *b, *c]));
+                        }
+                    }
+                }
+            }
+        }
+        least
+    }
+
+    /// What is found by any two or three of the numbers does not hang on chance.
+    #[test]
+    fn no_numbers_go_together() {
+        let least = least_bond(&STEPS, 10);
+        assert!(least > 1e-3, "{least}");
+        let by_dimension = [3_242_174_889, 2_447_445_414, 3_518_319_155, 2_882_110_345];
+        let least = least_bond(&by_dimension, 10);
+        assert!(least < 1e-4, "{least}: Roberts' steps of two and three dimensions do go together");
+    }
+
+    /// So are the first points of few pixels, along each axis.
+    #[test]
+    fn pixels_of_a_tile_share_a_sequence() {
+        let sequence = Shifted::new(SEED, Stream::Gather, 2);
+        for axis in 0..3 {
+            let of = |pixel| sequence.of_pixel(pixel, 0).triple()[axis];
+            let mut all: Vec<f32> = (0..16).map(of).collect();
+            all.sort_by(f32::total_cmp);
+            let gaps = all.windows(2).map(|pair| pair[1] - pair[0]);
+            let widest = gaps.fold(1.0 - all[15] + all[0], f32::max);
+            assert!(widest < 2.5 / 16.0, "{axis}: {widest}");
+        }
     }
 
     #[test]

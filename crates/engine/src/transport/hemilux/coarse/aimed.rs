@@ -175,7 +175,7 @@ impl Aimed {
         let guide = &self.targets.guide;
         let [x, _] = sequence.next_pair();
         let points = mesh.elements.points(world, &mesh.cut, ElementIndex(element as u32), x);
-        let lit = points.lit_point(world, sequence.second_pair());
+        let lit = points.lit_point(world, sequence.afresh().bounce);
         let aim = guide.aim(lit.start, lit.lit_normal, sequence.triple())?;
         if lit.normal.dot(aim.direction) <= 0.0 {
             return None;

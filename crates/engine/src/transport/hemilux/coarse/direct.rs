@@ -81,10 +81,10 @@ impl SampledLight {
         self.points += points;
         for _ in 0..points {
             let xi = sequence.next_pair();
-            let from = elements.points(world, cut, element, sequence.afresh().bounce[0]);
+            let from = elements.points(world, cut, element, sequence.apart().light.x);
             let LitPoint { start, normal, lit_normal } = from.lit_point(world, xi);
             let finish = &world.finish(from.triangle()).parameters;
-            let direction = cosine_direction(normal, sequence.second_pair());
+            let direction = cosine_direction(normal, sequence.afresh().bounce);
             let mut hidden = false;
             match world.rays.closest(Eye::Light, start, direction) {
                 None => self.escaped = 1,

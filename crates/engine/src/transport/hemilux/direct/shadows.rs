@@ -9,7 +9,7 @@ use crate::filter::Plane;
 use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
 use crate::rays::Segment;
-use crate::sampling::{BAYER, Seed, Shifted};
+use crate::sampling::{BAYER, Seed, Shifted, TILE_PIXELS};
 use crate::surface::World;
 use crate::transport::hemilux::fragments::{Fragment, VisibleSurfaces};
 use rayon::prelude::*;
@@ -372,10 +372,10 @@ impl Caster<'_> {
         // Lights are picked by what they shine on the fragment's mean place, for all its points.
         let unoccluded = lights.unoccluded(fragment.point, fragment.shading_normal);
         for _ in 0..count {
-            let from = visible.sample_point(fragment, sums.rays);
-            let xi = |number: u32| sequence.at(number * 16 + place).triple();
+            let n = sums.rays;
+            let from = visible.sample_point(fragment, n);
             if !lights.is_exact() {
-                let xi = xi(sums.rays);
+                let xi = sequence.of_pixel(place, n).triple();
                 sums.rays += 1;
                 if let Some((end, irradiance)) =
                     lights.one_of_many(from, fragment.shading_normal, xi)
@@ -385,7 +385,7 @@ impl Caster<'_> {
                 continue;
             }
             let sample = |tries: u32| {
-                let xi = xi(sums.rays * TRIES + tries);
+                let xi = sequence.of_pixel(place + tries * TILE_PIXELS, n).triple();
                 lights.sample(&unoccluded, from, fragment.shading_normal, xi)
             };
             // Where the horizon cuts a light, the ratio of seen to cast asks for points above it;

@@ -467,7 +467,7 @@ mod tests {
             let mut specimen = Specimen::surrounded(&house.glb, house.environment, 4000);
             specimen.coarse.link(SEED, 0, 64);
             let visible = specimen.visible();
-            let found = |coarse: &CoarseSolution| {
+            let found = |coarse: &CoarseSolution, times: u32| {
                 let (world, seed) = (&*specimen.world, SEED);
                 let (afresh, asks_mesh, by_direction) = (true, true, false);
                 let visible = &visible;
@@ -475,15 +475,15 @@ mod tests {
                     Surroundings { world, coarse, visible, seed, afresh, asks_mesh, by_direction };
                 let point = world.rays.place(Vec3::new(0.01, 1.4, 3.0));
                 let mut record = Record::new(point, Vec3::X, 1.0, 3);
-                for _ in 0..64 {
+                for _ in 0..times {
                     record.gather(&known, 4096);
                 }
                 [record.irradiance(), record.noise().abs()].map(Rgb::element_sum)
             };
             assert!(specimen.coarse.guide.is_some(), "{roughness}: something is bright");
-            let [guided, noise] = found(&specimen.coarse);
+            let [guided, noise] = found(&specimen.coarse, 64);
             specimen.coarse.guide = None;
-            let [plain, plain_noise] = found(&specimen.coarse);
+            let [plain, plain_noise] = found(&specimen.coarse, 256);
             assert!(noise < 0.01 * guided && plain_noise < 0.02 * plain);
             assert!((guided / plain - 1.0).abs() < 0.03, "{roughness}: {guided} beside {plain}");
         }

@@ -217,7 +217,7 @@ impl Gloss {
             let sequence = Shifted::new(seed, Stream::Gloss, tile);
             let place = BAYER[(y % 4 * 4 + x % 4) as usize];
             for ray in sums.rays..sums.rays + work.rays {
-                let at = sequence.at(ray.wrapping_mul(16).wrapping_add(place));
+                let at = sequence.of_pixel(place, ray);
                 sums.add(trace(coarse, visible, (lobe, ray), &at));
             }
             if !sums.sees_sky() {
