@@ -50,6 +50,10 @@ pub(super) const CHUNK: usize = 1024;
 const BATCH: usize = 512;
 /// Factor by which neighbours are taken to lower the variance where they are too few to measure it.
 const NEIGHBOUR_VARIANCE_FACTOR: f32 = 0.15;
+/// Variance of the rays of a fragment at a shadow's edge, in that which well-spread points would leave of
+/// something smoother.
+const EDGE_VARIANCE: f32 = 2.5;
+
 /// Direct light on all fragments of a picture.
 pub struct DirectLighting {
     pub(super) sums: Vec<ShadowSums>,
@@ -270,6 +274,10 @@ impl DirectLighting {
         });
         let own_share = share;
         let (share, variance) = plane.center();
+        // Too few around are alike for a plane: this is a shadow's edge, of which they say nothing.
+        if exact && sums.mixed && variance.is_none() {
+            return (factor * own_share, EDGE_VARIANCE * sums.own_variance(exact));
+        }
         let Some(variance) = variance else {
             return (factor * share, sums.own_variance(exact) * NEIGHBOUR_VARIANCE_FACTOR);
         };
