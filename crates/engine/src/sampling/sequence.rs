@@ -13,7 +13,7 @@ use std::f32::consts::{FRAC_PI_4, PI};
 /// Roberts' steps of two and of three dimensions are good each, and bad together: twice the first, the
 /// third and the fourth make almost a whole number, so that a ray's direction, and which light was asked
 /// there, were bound to each other through 35,000 rays.
-const STEPS: [u32; 7] = [
+const STEPS: [u32; 9] = [
     3_242_174_889,
     2_447_445_414,
     874_672_414,
@@ -21,6 +21,8 @@ const STEPS: [u32; 7] = [
     3_539_870_644,
     805_630_719,
     3_868_009_847,
+    978_771_641,
+    1_239_892_157,
 ];
 /// From a place of the sequence to that of another pixel's first point: the first points of few pixels are
 /// spread like a sequence.
@@ -83,7 +85,7 @@ pub struct Seed {
 /// A shifted sequence.
 #[derive(Clone, Copy)]
 pub struct Shifted {
-    shift: [u32; 7],
+    shift: [u32; STEPS.len()],
     index: u32,
     well_spread: bool,
 }
@@ -101,7 +103,8 @@ impl Shifted {
         Self { index, ..self }
     }
 
-    /// The n-th point of one of few pixels that share a sequence.
+    /// The n-th point of one of few pixels that share a sequence. The n-th place within a pixel goes by the
+    /// same steps as [`Shifted::pair`], which is not to be used beside it.
     pub fn of_pixel(self, pixel: u32, n: u32) -> Self {
         self.at(pixel.wrapping_mul(PIXEL_STEP).wrapping_add(n))
     }
@@ -134,6 +137,12 @@ impl Shifted {
     #[inline]
     pub fn second_pair(&self) -> [f32; 2] {
         [self.number(3), self.number(4)]
+    }
+
+    /// A third one.
+    #[inline]
+    pub fn third_pair(&self) -> [f32; 2] {
+        [self.number(7), self.number(8)]
     }
 
     /// Numbers to find light out afresh with, at the same place.

@@ -492,7 +492,7 @@ fn trace(
     }
     let viewer = visible.frame.towards_eye(surface.spot.point);
     let path_numbers = LobePathNumbers {
-        xi: at.pair(),
+        xi: at.third_pair(),
         numbers: at.afresh(),
         tells_open_sky: coarse.lights.has_sky(),
         is_mapped: false,
