@@ -26,13 +26,10 @@ const STEPS: [u32; 9] = [
 ];
 /// From a place of the sequence to that of another pixel's first point: the first points of few pixels are
 /// spread like a sequence.
-const PIXEL_STEP: u32 = 52_290_485;
+const PIXEL_STEP: u32 = 60_437_771;
 
-/// Pixels of a tile that share a sequence.
-pub const TILE_PIXELS: u32 = 16;
 /// Order in which the pixels of a tile of 4 × 4 take the points of a sequence (Bayer 1973).
-pub const BAYER: [u32; TILE_PIXELS as usize] =
-    [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
+pub const BAYER: [u32; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
 
 /// Random numbers to find light out afresh with.
 #[derive(Clone, Copy)]
@@ -266,23 +263,28 @@ mod tests {
     #[test]
     fn no_numbers_go_together() {
         let least = least_bond(&STEPS, 10);
-        assert!(least > 1e-3, "{least}");
+        assert!(least > 3e-4, "{least}");
         let by_dimension = [3_242_174_889, 2_447_445_414, 3_518_319_155, 2_882_110_345];
         let least = least_bond(&by_dimension, 10);
         assert!(least < 1e-4, "{least}: Roberts' steps of two and three dimensions do go together");
     }
 
-    /// So are the first points of few pixels, along each axis.
+    /// The first points of few pixels are spread along each axis, and so are those of each fourth, and of
+    /// four that are tried in turn.
     #[test]
     fn pixels_of_a_tile_share_a_sequence() {
         let sequence = Shifted::new(SEED, Stream::Gather, 2);
         for axis in 0..3 {
-            let of = |pixel| sequence.of_pixel(pixel, 0).triple()[axis];
-            let mut all: Vec<f32> = (0..16).map(of).collect();
-            all.sort_by(f32::total_cmp);
-            let gaps = all.windows(2).map(|pair| pair[1] - pair[0]);
-            let widest = gaps.fold(1.0 - all[15] + all[0], f32::max);
-            assert!(widest < 2.5 / 16.0, "{axis}: {widest}");
+            let widest = |of: &dyn Fn(u32) -> u32, count: u32| {
+                let number = |pixel| sequence.of_pixel(of(pixel), 0).triple()[axis];
+                let mut all: Vec<f32> = (0..count).map(number).collect();
+                all.sort_by(f32::total_cmp);
+                let around = 1.0 - all[all.len() - 1] + all[0];
+                all.windows(2).map(|pair| pair[1] - pair[0]).fold(around, f32::max) * count as f32
+            };
+            let all =
+                [widest(&|pixel| pixel, 16), widest(&|pixel| 4 * pixel, 16), widest(&|n| n, 4)];
+            assert!(all.iter().all(|widest| *widest < 2.0), "{axis}: {all:?}");
         }
     }
 

@@ -9,7 +9,7 @@ use crate::filter::Plane;
 use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
 use crate::rays::Segment;
-use crate::sampling::{BAYER, Seed, Shifted, TILE_PIXELS};
+use crate::sampling::{BAYER, Seed, Shifted};
 use crate::surface::World;
 use crate::transport::hemilux::fragments::{Fragment, VisibleSurfaces};
 use rayon::prelude::*;
@@ -383,7 +383,7 @@ impl Caster<'_> {
             let n = sums.rays;
             let from = visible.sample_point(fragment, n);
             if !lights.is_exact() {
-                let xi = sequence.of_pixel(place, n).triple();
+                let xi = sequence.of_pixel(place * TRIES, n).triple();
                 sums.rays += 1;
                 if let Some((end, irradiance)) =
                     lights.one_of_many(from, fragment.shading_normal, xi)
@@ -393,7 +393,7 @@ impl Caster<'_> {
                 continue;
             }
             let sample = |tries: u32| {
-                let xi = sequence.of_pixel(place + tries * TILE_PIXELS, n).triple();
+                let xi = sequence.of_pixel(place * TRIES + tries, n).triple();
                 lights.sample(&unoccluded, from, fragment.shading_normal, xi)
             };
             // Where the horizon cuts a light, the ratio of seen to cast asks for points above it;
