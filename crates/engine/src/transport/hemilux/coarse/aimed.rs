@@ -51,8 +51,8 @@ pub struct Aimed {
 /// What is aimed at: always the same, so that what older rays found remains of use.
 struct Targets {
     guide: Arc<Guide>,
-    /// The guide's number of a patch of each element that is bright.
-    bright: Vec<Option<u32>>,
+    /// A patch of each element that is bright.
+    bright: Vec<Option<PatchIndex>>,
     places: Vec<Middle>,
 }
 
@@ -84,8 +84,7 @@ impl Targets {
             let members = elements.members(*element);
             let mut places = members.iter().filter_map(|patch| mesh.cut.place_in(*patch, 0, 1));
             if !places.any(|(triangle, ..)| bends(triangle)) {
-                let number = members.first().and_then(|patch| guide.number(*patch));
-                bright[element.at()] = number.map(|number| number as u32);
+                bright[element.at()] = members.first().copied();
             }
         }
         let place = |element: usize| {
@@ -117,7 +116,7 @@ impl Targets {
     /// proportion to what bright elements send to wherever: rays at one that sends `from` more than
     /// most would be few, each with a weight without bound.
     fn share(&self, from: usize, to: u32) -> f32 {
-        let Some(number) = self.bright.get(to as usize).copied().flatten() else { return 0.0 };
+        let Some(patch) = self.bright.get(to as usize).copied().flatten() else { return 0.0 };
         let [own, other] = [self.places[from], self.places[to as usize]];
         let way = other.point - own.point;
         let distance = way.length();
@@ -125,8 +124,7 @@ impl Targets {
             return 0.0;
         }
         let direction = way / distance;
-        let met =
-            Met { patch: self.guide.patch(number), distance, cosine: other.normal.dot(direction) };
+        let met = Met { patch, distance, cosine: other.normal.dot(direction) };
         let aimed = RAYS_PER_LINK * self.guide.density(own.point, own.normal, &met);
         let by_links = own.normal.dot(direction).max(0.0) / PI;
         if aimed > 0.0 { aimed / (aimed + by_links) } else { 0.0 }

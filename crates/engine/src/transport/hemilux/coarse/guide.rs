@@ -223,11 +223,6 @@ impl Guide {
         self.number.get(&patch).map(|number| *number as usize)
     }
 
-    /// The bright patch with that number.
-    pub(super) fn patch(&self, number: u32) -> PatchIndex {
-        self.patches[number as usize]
-    }
-
     /// Density per solid angle of a place that a ray met of the patch with that number, which is picked
     /// with that probability.
     pub(super) fn density_of(&self, number: usize, probability: f32, met: &Met) -> f32 {

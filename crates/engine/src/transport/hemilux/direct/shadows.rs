@@ -256,6 +256,9 @@ impl DirectLighting {
     ) -> (Rgb, Rgb) {
         let sums = &self.sums[index];
         let factor = if exact { sums.unoccluded } else { Rgb::ONE };
+        if exact && sums.cast == Rgb::ZERO && factor != Rgb::ZERO {
+            return self.share_around(visible, index);
+        }
         let share = sums.share(exact);
         if !(filtered && sums.is_disputed() && sums.rays < ENOUGH_RAYS) {
             return (factor * share, sums.own_variance(exact));
@@ -287,6 +290,23 @@ impl DirectLighting {
             return (factor * own_share, factor * factor * chance);
         }
         (factor * share, factor * factor * variance)
+    }
+
+    /// The same where no ray of the fragment has found a place of a light above its horizon, as of a lamp
+    /// that this cuts: by the shares around, and as if nothing were in between where none is known.
+    fn share_around(&self, visible: &VisibleSurfaces, index: usize) -> (Rgb, Rgb) {
+        let unoccluded = self.sums[index].unoccluded;
+        let (mut sum, mut rays) = (Rgb::ZERO, 0.0);
+        around(visible, index, NEIGHBOUR_REACH, |other, _, _| {
+            let other = &self.sums[other];
+            if other.cast != Rgb::ZERO {
+                sum += other.share(true) * other.known_rays() as f32;
+                rays += other.known_rays() as f32;
+            }
+        });
+        let share = if rays > 0.0 { sum / rays } else { Rgb::ONE };
+        let variance = share * (Rgb::ONE - share);
+        (unoccluded * share, unoccluded * unoccluded * variance.max(Rgb::ZERO))
     }
 }
 
@@ -490,6 +510,27 @@ mod tests {
             assert!(50 * off <= visible.fragments.len(), "{off} of {}", visible.fragments.len());
         }
         assert!(direct.rays > 0);
+    }
+
+    /// Where a lamp is cut by the horizon, all places of it that a pixel tries may lie below.
+    #[test]
+    fn a_pixel_that_finds_no_place_of_a_lamp_goes_by_those_around() {
+        let specimen = Specimen::furnace();
+        let visible = specimen.visible();
+        let mut direct = DirectLighting::new(&specimen.lights, &visible, true, false);
+        direct.pass(&caster(&specimen, &visible), f64::INFINITY);
+        let missed = visible.fragments.len() / 2;
+        let sums = &mut direct.sums[missed];
+        (sums.cast, sums.seen) = (Rgb::ZERO, Rgb::ZERO);
+        for filtered in [false, true] {
+            let light = |direct: &DirectLighting| {
+                direct.irradiance(&specimen.lights, &visible, missed, filtered).0
+            };
+            assert!(is_near(light(&direct), PI * EMISSION, 0.005), "{}", light(&direct));
+        }
+        direct.sums.iter_mut().for_each(|sums| sums.seen *= 0.5);
+        let (half, _) = direct.irradiance(&specimen.lights, &visible, missed, true);
+        assert!(is_near(half, 0.5 * PI * EMISSION, 0.005), "{half}");
     }
 
     /// Near a lamp, where the light differs from one end of a pixel to the other.
