@@ -1,9 +1,10 @@
-//! `export`: a scene of [`made::real`], or a room of very many triangles, as files that other renderers and the command line can read:
+//! `export`: a scene of [`made::real`], one of the tiers' that is made, or a room of very many triangles, as files that other
+//! renderers and the command line can read:
 //! NAME.glb with its camera, NAME-sky.exr and, in NAME.light.json, which sky and sun it has.
 
 use crate::results::Failure;
 use hemilux_engine::image::Picture;
-use hemilux_engine::scene::made::{real, tessellated_room};
+use hemilux_engine::scene::made::{self, real};
 use hemilux_engine::scene::{Environment, Sky};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -23,8 +24,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { scene: name, out, scene_seed } = arguments;
     std::fs::create_dir_all(out)?;
-    if let Some(triangles) = name.strip_prefix("tessellated-") {
-        let glb = tessellated_room(triangles.parse()?);
+    if let Some(glb) = without_light(name)? {
         return Ok(std::fs::write(out.join(format!("{name}.glb")), glb)?);
     }
     let all = real::all(*scene_seed);
@@ -34,6 +34,21 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let light = light(&scene.environment, name, out)?;
     let text = serde_json::to_string_pretty(&light)? + "\n";
     Ok(std::fs::write(out.join(format!("{name}.light.json")), text)?)
+}
+
+/// A scene that no light from far away shines into.
+fn without_light(name: &str) -> Result<Option<Vec<u8>>, Failure> {
+    Ok(Some(match name {
+        "blinds" => made::blinds(),
+        "gallery" => made::gallery(),
+        "hall" => made::hall(),
+        "kitchen" => made::kitchen(),
+        "shade" => made::shade(),
+        _ => match name.strip_prefix("tessellated-") {
+            Some(triangles) => made::tessellated_room(triangles.parse()?),
+            None => return Ok(None),
+        },
+    }))
 }
 
 /// Writes the sky's map and says what the surroundings are.
