@@ -13,9 +13,7 @@ use crate::radiometry::Rgb;
 
 /// Squares along the sides of the grids, one after the other: each takes off what the ones before left.
 pub const SIDES: [usize; 4] = [1, 2, 4, 8];
-/// Standard deviations of the mean square beyond which it is no chance, as for a verdict, and how many
-/// of them are left out of it then.
-const SURE: f64 = 4.0;
+/// Standard deviations of the mean square that are left out of it where it is no chance.
 const LEFT_OUT: f64 = 2.0;
 /// Most by which a grid changes a pixel. What is farther off than this the predicted error tells, but
 /// paths that hardly ever find the light may be wrong, too.
@@ -31,8 +29,8 @@ pub struct Correction {
 
 /// What is to be done by a grid; `None` where nothing is surely wrong.
 pub fn correction(grid: &Grid) -> Option<Correction> {
-    let (square, deviation) = grid.beyond_noise()?;
-    let wrong = square - LEFT_OUT * deviation;
+    let beyond = grid.beyond_noise()?;
+    let wrong = beyond.square - LEFT_OUT * beyond.deviation;
     let noise = |own: &Differences| own.scatter() / (3.0 * own.count);
     let of_square = |own: &Differences| {
         if own.count < LEAST_PATHS {
@@ -46,7 +44,7 @@ pub fn correction(grid: &Grid) -> Option<Correction> {
         Rgb::new(factor(0), factor(1), factor(2))
     };
     let judged = || grid.squares.iter().filter(|own| own.count >= LEAST_PATHS);
-    (square > SURE * deviation).then(|| {
+    beyond.is_sure().then(|| {
         let left = judged().map(|own| own.count * wrong * noise(own) / (wrong + noise(own)));
         let count: f64 = judged().map(|own| own.count).sum();
         let left = left.sum::<f64>() / count;
