@@ -290,7 +290,7 @@ impl VisibleSurfaces {
     /// the whole pixel between all samples, which leaves no gaps, else in the sample's square.
     fn another_place(&self, fragment: &Fragment, offset: Vec2, n: u32) -> Vec2 {
         match self.is_whole(fragment) {
-            true => nth_of_pattern(self.samples[0], n),
+            true => nth_of_pattern(self.samples.len() as u32, n),
             false => self.beside(offset, n / self.count(fragment)),
         }
     }

@@ -328,8 +328,11 @@ fn average_where_uneven(sums: &mut [ShadowSums], lights: &DirectLights, visible:
         let places = PLACES.iter().rev().find(|(from, _)| most > from * own);
         let Some((_, places)) = places else { return };
         let fragment = &visible.fragments[index];
+        // The first of a pixel's places are spread about its middle; those of a part of it need not be.
+        let places =
+            if fragment.share < 1.0 { visible.count(fragment).max(*places) } else { *places };
         let at = |n| lights.unoccluded(visible.sample_point(fragment, n), fragment.shading_normal);
-        let alike = (0..*places).map(at).filter(|all| all.looks_out() == is_apart);
+        let alike = (0..places).map(at).filter(|all| all.looks_out() == is_apart);
         let (sum, count) =
             alike.fold((Rgb::ZERO, 0u32), |(sum, count), all| (sum + all.irradiance, count + 1));
         if count > 0 {
@@ -539,7 +542,7 @@ mod tests {
         let specimen = Specimen::new(&crate::scene::made::cornell(), 300);
         let (visible, lights) = (specimen.visible(), &specimen.lights);
         let direct = DirectLighting::new(lights, &visible, true, false);
-        let (mut uneven, mut squares) = (0, [0.0f32; 2]);
+        let (mut uneven, mut squares, mut sum) = (0, [0.0f32; 2], 0.0);
         for (sums, fragment) in direct.sums.iter().zip(&visible.fragments) {
             let light = |point| lights.unoccluded(point, fragment.shading_normal).irradiance;
             const PLACES: u32 = 256;
@@ -550,10 +553,14 @@ mod tests {
             if off[0].abs() > 0.05 {
                 uneven += 1;
                 (0..2).for_each(|k| squares[k] += off[k] * off[k]);
+                sum += off[1];
             }
         }
         assert!(uneven >= 5, "{uneven}");
         assert!(squares[1] < 0.1 * squares[0], "{squares:?}");
+        // Places that are not spread about the pixel's middle make a whole picture too dark.
+        let mean = sum / uneven as f32;
+        assert!(mean.abs() < 2e-3, "{mean}");
     }
 
     #[test]
