@@ -17,9 +17,10 @@ pub fn sample_pattern(count: u32) -> Vec<Vec2> {
 /// beside it would move the edges of a whole picture by that.
 pub fn nth_of_pattern(count: u32, n: u32) -> Vec2 {
     // 0, 1, −1, 2, −2 … of an odd number, and ½, −½, 1½, −1½ … of an even one.
-    let (way, side) = match count % 2 {
-        0 => (f64::from(n / 2) + 0.5, n % 2 == 0),
-        _ => (f64::from(n.div_ceil(2)), n % 2 == 1),
+    let is_even = n.is_multiple_of(2);
+    let (way, side) = match count.is_multiple_of(2) {
+        true => (f64::from(n / 2) + 0.5, is_even),
+        false => (f64::from(n.div_ceil(2)), !is_even),
     };
     let along = |step: f64| {
         let turn = 0.5 + if side { way * step } else { -way * step };
