@@ -24,7 +24,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { scene: name, out, scene_seed } = arguments;
     std::fs::create_dir_all(out)?;
-    if let Some(glb) = without_light(name)? {
+    if let Some(glb) = without_surroundings(name)? {
         return Ok(std::fs::write(out.join(format!("{name}.glb")), glb)?);
     }
     let all = real::all(*scene_seed);
@@ -37,7 +37,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// A scene that no light from far away shines into.
-fn without_light(name: &str) -> Result<Option<Vec<u8>>, Failure> {
+fn without_surroundings(name: &str) -> Result<Option<Vec<u8>>, Failure> {
     Ok(Some(match name {
         "blinds" => made::blinds(),
         "gallery" => made::gallery(),
