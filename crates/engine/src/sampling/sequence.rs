@@ -155,6 +155,11 @@ impl Shifted {
         Afresh { next: Some(Next(pcg(first.0))), ..first.afresh() }
     }
 
+    /// Plain random numbers at the same place, beside those.
+    pub fn beside(&self) -> Next {
+        Next(pcg(self.shift[3] ^ pcg(self.index)))
+    }
+
     /// The present place, and bits that tell the sequence from others.
     #[inline]
     pub fn place(&self) -> (u32, u32) {

@@ -22,7 +22,9 @@ pub use gloss::{gallery, kitchen};
 pub use hidden_light::{blinds, hall, shade};
 pub use office::office;
 pub use patterns::{checker, screens};
-pub use rooms::{DIVIDED_AT, corridor, divided_room, furnace, tessellated_room};
+pub use rooms::{
+    CeilingLamps, DIVIDED_AT, ceiling_lamps, corridor, divided_room, furnace, tessellated_room,
+};
 
 use crate::radiometry::Rgb;
 

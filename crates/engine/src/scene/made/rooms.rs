@@ -1,7 +1,7 @@
 //! Rooms for measuring: the furnace, two rooms joined by a corridor, a room of any triangle count.
 
 use super::glb::GlbWriter;
-use super::mesh::{Mesh, Quad, boundary};
+use super::mesh::{Mesh, Quad, boundary, union_of};
 use crate::radiometry::Rgb;
 use crate::scene::{Camera, Material};
 use glam::Vec3;
@@ -18,6 +18,48 @@ pub fn furnace(albedo: Rgb, emission: Rgb) -> Vec<u8> {
     let (eye, target) = (Vec3::new(0.5, 0.5, 0.9), Vec3::new(0.5, 0.5, 0.0));
     writer.camera(&Camera::look_at("camera", eye, target, Vec3::Y, 1.0));
     writer.finish()
+}
+
+/// A room with lamps near its ceiling.
+pub struct CeilingLamps {
+    /// The scene.
+    pub glb: Vec<u8>,
+    /// The lowest and the highest corner of each lamp, m.
+    pub boxes: Vec<[Vec3; 2]>,
+    /// Their surface through which light leaves, m².
+    pub area: f32,
+    /// Their radiance.
+    pub emission: f32,
+}
+
+/// A grey room, 4 by 3 by 4 m, with four flat black lamps so many metres below its ceiling.
+pub fn ceiling_lamps(gap: f32) -> CeilingLamps {
+    const SIZE: [f32; 3] = [4.0, 3.0, 4.0];
+    const LAMP: Vec3 = Vec3::new(0.55, 0.03, 0.45);
+    let emission = 10.0;
+    let mut writer = GlbWriter::default();
+    let grey = writer.material(&Material::lambertian("walls", Rgb::splat(0.75)));
+    let dark = Material::lambertian("lamps", Rgb::ZERO);
+    let lamp = writer.material(&Material { emission: Rgb::splat(emission), ..dark });
+    let [x, y, z] = SIZE;
+    let walls = boundary([&[0.0, x], &[0.0, y], &[0.0, z]], |_| true);
+    let walls: Vec<_> = walls.into_iter().map(Quad::flipped).collect();
+    writer.body("walls", &Mesh::quads(&walls), grey);
+    let (mut lamps, mut boxes) = (Mesh::default(), Vec::new());
+    for place in [[0.6, 0.7], [2.7, 0.8], [0.7, 2.6], [2.6, 2.7]] {
+        let low = Vec3::new(place[0], y - gap - LAMP.y, place[1]);
+        let high = low + LAMP;
+        lamps.add(union_of(&[(low.to_array(), high.to_array())]));
+        boxes.push([low, high]);
+    }
+    writer.body("lamps", &lamps, lamp);
+    let (eye, target) = (Vec3::new(0.2, 1.6, 3.8), Vec3::new(3.0, 1.5, 0.5));
+    writer.camera(&Camera::look_at("camera", eye, target, Vec3::Y, 1.0));
+    // What touches the ceiling shines into it.
+    let [bottom, sides] = [LAMP.x * LAMP.z, 2.0 * (LAMP.x + LAMP.z) * LAMP.y];
+    let each = sides + if gap > 0.0 { 2.0 * bottom } else { bottom };
+    let area = each * boxes.len() as f32;
+    CeilingLamps { glb: writer.finish(), boxes, area, emission }
 }
 
 /// Two rooms joined by a corridor, the only light in the ceiling of the first; what the camera in

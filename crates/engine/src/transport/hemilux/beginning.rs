@@ -84,8 +84,7 @@ impl Foundations<'_> {
             None => Arc::new(DirectLights::new(self.world)?),
         };
         clock.lap("seconds_prepare");
-        let elements = Elements::new(self.cut, self.patches);
-        let mut coarse = self.solution(&lights, elements, None);
+        let mut coarse = self.solution(&lights, self.mesh(), None);
         clock.lap("seconds_patches");
         if coarse.caustics().is_none() {
             coarse.link(self.seed, 0, drawn.rays);
@@ -111,9 +110,9 @@ impl Foundations<'_> {
             return Ok((None, EarlierRuns::default()));
         };
         clock.lap("seconds_prepare");
-        let elements = Elements::new(self.cut, self.patches);
-        let mut earlier = EarlierRuns::of(&mut past.shared, elements.len())?;
-        let coarse = self.solution(&lights, elements, earlier.sampled.take());
+        let mesh = self.mesh();
+        let mut earlier = EarlierRuns::of(&mut past.shared, mesh.elements.len())?;
+        let coarse = self.solution(&lights, mesh, earlier.sampled.take());
         clock.lap("seconds_patches");
         Ok((Some(Begun { lights, coarse }), earlier))
     }
@@ -123,17 +122,24 @@ impl Foundations<'_> {
         Drawn { patches: self.patches, seed: self.seed, near_field, rays }
     }
 
+    /// The coarse mesh.
+    fn mesh(&self) -> CoarseMesh {
+        let elements = Elements::new(self.cut, self.patches);
+        let mesh = CoarseMesh::new(&self.world.rays, self.cut.clone(), elements);
+        let mut mesh = mesh.with_crevices(self.world);
+        if !self.options.near_field {
+            mesh.ignore_near_field();
+        }
+        mesh
+    }
+
     /// A coarse solution without links.
     fn solution(
         &self,
         lights: &Arc<DirectLights>,
-        elements: Elements,
+        mesh: CoarseMesh,
         sampled: Option<Vec<SampledLight>>,
     ) -> CoarseSolution {
-        let mut mesh = CoarseMesh::new(&self.world.rays, self.cut.clone(), elements);
-        if !self.options.near_field {
-            mesh.ignore_near_field();
-        }
         CoarseSolution::new(self.world.clone(), lights.clone(), mesh, self.seed, sampled)
     }
 }

@@ -41,7 +41,7 @@ impl Specimen {
         let lights = Arc::new(lights);
         let cut = Arc::new(Cut::new(scene, patches, None));
         let elements = Elements::new(&cut, patches);
-        let mesh = CoarseMesh::new(&world.rays, cut.clone(), elements);
+        let mesh = CoarseMesh::new(&world.rays, cut.clone(), elements).with_crevices(&world);
         let mut coarse = CoarseSolution::new(world.clone(), lights.clone(), mesh, SEED, None);
         coarse.link(SEED, 0, 16);
         Self { world, lights, cut, coarse }

@@ -172,8 +172,10 @@ impl Aimed {
     ) -> Option<Found> {
         let guide = &self.targets.guide;
         let [x, _] = sequence.next_pair();
-        let points = mesh.elements.points(world, &mesh.cut, ElementIndex(element as u32), x);
-        let lit = points.lit_point(world, sequence.afresh().bounce);
+        let from = ElementIndex(element as u32);
+        let points = mesh.elements.points(world, &mesh.cut, from, x);
+        let (xi, beside) = (sequence.afresh().bounce, sequence.beside());
+        let lit = mesh.elements.lit_point(world, from, &points, xi, beside);
         let aim = guide.aim(lit.start, lit.lit_normal, sequence.triple())?;
         if lit.normal.dot(aim.direction) <= 0.0 {
             return None;
@@ -186,6 +188,7 @@ impl Aimed {
         let hit = world.rays.closest(Eye::Light, lit.start, aim.direction)?;
         let passage = world.reach(hit, aim.direction, true)?;
         let met = passage.met().filter(|met| mesh.patch_at(met) == Some(aim.patch))?;
+        mesh.spot_at(world, &met).filter(|(element, _)| *element == to)?;
         let left = passage.left.max_element();
         if (Rgb::splat(left) - passage.left).max_element() > LEAST_TINT * left {
             return None;

@@ -96,7 +96,8 @@ impl ByLobes {
                 let x = sequence.triple().x;
                 let element = ElementIndex(element as u32);
                 let points = mesh.elements.points(world, &mesh.cut, element, x);
-                let lit = points.lit_point(world, sequence.second_pair());
+                let (xi_there, beside) = (sequence.second_pair(), sequence.beside());
+                let lit = mesh.elements.lit_point(world, element, &points, xi_there, beside);
                 let direction = cosine_direction(lit.lit_normal, xi);
                 if lit.normal.dot(direction) > 0.0 {
                     *sum += lacking(lit.start, direction, sequence.apart());

@@ -50,7 +50,11 @@ impl CausticLight {
         for PowerDeposit { triangle, back, at: [u, v], power } in deposits {
             let Some((facet, at)) = mesh.cut.place_on_triangle(triangle, u, v) else { continue };
             if let Some(element) = mesh.element_on(FacetPlace { facet, back, at }) {
-                self.power[element.at()] += power;
+                let part = mesh.elements.part_at(world, element, || {
+                    let surface = world.at(triangle, [u, v], back);
+                    (surface.start(), surface.normal)
+                });
+                self.power[part.at()] += power;
             }
         }
     }
@@ -58,7 +62,7 @@ impl CausticLight {
     /// Mean irradiance of an element.
     pub fn of_element(&self, mesh: &CoarseMesh, element: ElementIndex) -> Rgb {
         let showers = self.maker.map.showers().max(1) as f32;
-        self.power[element.at()] / (mesh.elements.area[element.at()].max(1e-30) * showers)
+        self.power[element.at()] / (mesh.elements.own_area(element).max(1e-30) * showers)
     }
 
     /// Irradiance at a point of a surface.
@@ -131,9 +135,9 @@ mod tests {
         }
         let coarse = &specimen.coarse;
         let caustics = coarse.caustics().expect("there is glass");
-        let areas = coarse.mesh.elements.all().zip(&coarse.mesh.elements.area);
-        let held: Rgb =
-            areas.map(|(element, area)| caustics.of_element(&coarse.mesh, element) * *area).sum();
+        let elements = &coarse.mesh.elements;
+        let own = |element| caustics.of_element(&coarse.mesh, element) * elements.own_area(element);
+        let held: Rgb = elements.all().map(own).sum();
         let flux = caustics.map().flux().mapped;
         assert!(flux.x > 0.0);
         assert!((f64::from(held.x) / flux.x - 1.0).abs() < 0.01, "{held} {flux}");

@@ -1,12 +1,13 @@
 //! Direct light of an element of the coarse mesh (tier 1): shadow rays from random points of it.
 
+use super::crevices::is_hidden;
 use super::elements::{ElementIndex, Elements};
 use super::inside::{Place, is_inside};
 use crate::emitters::DirectLights;
 use crate::patches::Cut;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
-use crate::rays::Eye;
+use crate::rays::{Eye, Hit};
 use crate::sampling::{Seed, Shifted, cosine_direction};
 use crate::surface::World;
 use crate::transport::light_sums::LightSums;
@@ -77,25 +78,27 @@ impl SampledLight {
         let Lighting { world, lights, cut, elements, .. } = *lighting;
         let sequence = Shifted::new(seed, Stream::PatchLight, u64::from(element.0));
         let mut sequence = sequence.at(self.points);
-        let side = elements.area[element.at()].sqrt() * world.rays.scale() as f32;
+        let side = elements.side(world, element);
+        let (is_flat, is_part) = (elements.is_one_patch(cut, element), elements.is_part(element));
         self.points += points;
         for _ in 0..points {
             let xi = sequence.next_pair();
             let from = elements.points(world, cut, element, sequence.apart().light.x);
-            let LitPoint { start, normal, lit_normal } = from.lit_point(world, xi);
+            let LitPoint { start, normal, lit_normal } =
+                elements.lit_point(world, element, &from, xi, sequence.beside());
             let finish = &world.finish(from.triangle()).parameters;
             let direction = cosine_direction(normal, sequence.afresh().bounce);
-            let mut hidden = false;
-            match world.rays.closest(Eye::Light, start, direction) {
-                None => self.escaped = 1,
-                Some(hit)
-                    if world.is_black(&hit)
-                        && is_inside(world, cut, &Place { start, normal, side }, &hit) =>
-                {
-                    continue;
-                }
-                Some(hit) => hidden = hit.distance < CREVICE * side,
+            let met = world.rays.closest(Eye::Light, start, direction);
+            let place = Place { start, normal, side };
+            let is_black = |hit: &Hit| world.is_black(hit) && is_inside(world, cut, &place, hit);
+            if met.as_ref().is_some_and(is_black) {
+                continue;
             }
+            self.escaped |= u32::from(met.is_none());
+            let hidden = match is_flat {
+                true => !is_part && is_hidden(world, side, start, normal),
+                false => met.is_some_and(|hit| hit.distance < CREVICE * side),
+            };
             self.open += 1;
             let sums = if hidden { &mut self.hidden } else { &mut self.visible };
             let sample = lights.sample_by_shadow_ray(world, start, lit_normal, sequence.triple());

@@ -2,6 +2,7 @@
 //! many more patches than are wanted, those small ones in one cell of space that face the same way
 //! and have one material are one element (docs/decisions/0006).
 
+use super::crevices::Crevices;
 use super::groups::{Groups, NONE};
 use crate::patches::{Cut, PatchIndex};
 use crate::radiometry::Rgb;
@@ -35,12 +36,14 @@ pub struct Elements {
     members: Vec<PatchIndex>,
     /// Running sums of the areas of each element's members.
     running: Vec<f32>,
-    /// Area, m².
+    /// Area, m²: of a crevice and of what it is part of, that of both.
     pub area: Vec<f32>,
-    /// Area that counts: less of it far away from what the camera sees, where there is a focus.
+    /// Area that counts, a crevice's apart: less of it far away from what the camera sees, where there is a focus.
     pub counted: Vec<f32>,
     /// Albedo, all of it taken as diffuse.
     pub albedo: Vec<Rgb>,
+    /// Which of them are parts of others.
+    pub(super) crevices: Crevices,
 }
 
 impl Elements {
@@ -75,7 +78,20 @@ impl Elements {
         let albedo =
             reflected.iter().zip(&area).map(|(sum, area)| *sum / area.max(1e-30)).collect();
         let counted = if counted.is_empty() { area.clone() } else { counted };
-        Self { of_patch, start, members, running, area, counted, albedo }
+        let crevices = Crevices::default();
+        Self { of_patch, start, members, running, area, counted, albedo, crevices }
+    }
+
+    /// Makes crevices, each a share of the element that it belongs to, elements of their own.
+    pub(super) fn part(&mut self, crevices: Crevices) {
+        for (whole, share) in crevices.within() {
+            let whole = whole.at();
+            self.area.push(self.area[whole]);
+            self.albedo.push(self.albedo[whole]);
+            self.counted.push(self.counted[whole] * share);
+            self.counted[whole] *= 1.0 - share;
+        }
+        self.crevices = crevices;
     }
 
     /// Leaves out of the albedos what patches mirror sharply, for links that follow mirrors: what is
@@ -112,7 +128,7 @@ impl Elements {
             + size_of_val(&*self.area)
             + size_of_val(&*self.counted)
             + size_of_val(&*self.albedo);
-        (of_patches + of_elements) as u64
+        (of_patches + of_elements) as u64 + self.crevices.held_bytes()
     }
 
     /// Number of elements.
@@ -125,7 +141,7 @@ impl Elements {
         (0..self.len() as u32).map(ElementIndex)
     }
 
-    /// The element of a patch, if any.
+    /// The element of a patch, if any, but for a crevice.
     pub fn of(&self, patch: PatchIndex) -> Option<ElementIndex> {
         let element = self.of_patch[patch.at()];
         (element != NONE).then_some(ElementIndex(element))
@@ -133,13 +149,15 @@ impl Elements {
 
     /// Patches of an element.
     pub fn members(&self, element: ElementIndex) -> &[PatchIndex] {
-        let [first, end] = [self.start[element.at()], self.start[element.at() + 1]];
+        let element = self.crevices.whole(element).at();
+        let [first, end] = [self.start[element], self.start[element + 1]];
         &self.members[first as usize..end as usize]
     }
 
     /// Points of one of an element's patches, which the uniform number `x` picks by area.
     pub fn points(&self, world: &World, cut: &Cut, element: ElementIndex, x: f32) -> PatchPoints {
         let members = self.members(element);
+        let element = self.crevices.whole(element);
         let running = &self.running[self.start[element.at()] as usize..][..members.len()];
         let pick = running.partition_point(|area| *area <= x * self.area[element.at()]);
         let pick = pick.min(members.len() - 1);

@@ -269,9 +269,10 @@ fn aiming_targets(
         .map(|(own, area)| own / area.max(LEAST_AREA))
         .collect();
     let beside = mesh.ranges_beside(&densities);
-    // Clusters of an instance are no one place to aim at.
+    // Clusters of an instance are no one place to aim at, and crevices are hardly seen.
     let is_listed = |element: &ElementIndex| {
-        !elements.members(*element).iter().any(|patch| cut.is_cluster(*patch))
+        elements.crevices.whole(*element) == *element
+            && !elements.members(*element).iter().any(|patch| cut.is_cluster(*patch))
     };
     let useful = |element: ElementIndex| {
         if shows(element.at()) {

@@ -205,7 +205,7 @@ impl Links {
             world.rays.closest_many(Eye::Light, &batch, &mut hits);
             let mut way = OnTheWay::default();
             let links = hits.into_iter().zip(&batch).zip(normals);
-            let side = mesh.elements.area[index].sqrt() * world.rays.scale() as f32;
+            let side = mesh.elements.side(world, element);
             let links = links.map(|((hit, ray), normal)| {
                 let Ray { origin: start, direction } = *ray;
                 let place = Place { start, normal, side };
@@ -480,7 +480,8 @@ impl Linking<'_> {
     fn link(&self, hit: Option<Hit>, ray: &LinkRay, way: &mut OnTheWay) -> (u32, CellSpot) {
         let Self { world, mesh, .. } = self;
         let element = |hit: &Hit| {
-            mesh.spot_at(hit).map_or((DARK, CellSpot::MIDDLE), |(element, spot)| (element.0, spot))
+            mesh.spot_at(world, hit)
+                .map_or((DARK, CellSpot::MIDDLE), |(element, spot)| (element.0, spot))
         };
         // No light arrives from below the geometric plane.
         let arrives = ray.place.normal.dot(ray.direction) > 0.0;
@@ -541,8 +542,7 @@ fn link_rays(
     count: u32,
     mut sequence: Shifted,
 ) -> (Vec<Ray>, Vec<Vec3>) {
-    let members = mesh.elements.members(element);
-    let alone = members.len() == 1 && !mesh.cut.is_cluster(members[0]);
+    let alone = mesh.elements.is_one_patch(&mesh.cut, element);
     let points = mesh.elements.points(world, &mesh.cut, element, 0.0);
     let ray = |_| {
         let xi = sequence.next_pair();
@@ -554,7 +554,8 @@ fn link_rays(
             others = mesh.elements.points(world, &mesh.cut, element, x);
             &others
         };
-        let lit = points.lit_point(world, sequence.second_pair());
+        let (at, beside) = (sequence.second_pair(), sequence.beside());
+        let lit = mesh.elements.lit_point(world, element, points, at, beside);
         let direction = cosine_direction(lit.lit_normal, xi);
         (Ray { origin: lit.start, direction }, lit.normal)
     };

@@ -1,11 +1,13 @@
 //! The coarse mesh (tier 1): finds the patch or element that a ray has hit, and interpolates values
 //! of patches.
 
+use super::crevices::Crevices;
 use super::elements::{ElementIndex, Elements};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
 use crate::patches::{Cut, Facet, FacetPlace, PatchIndex, PatchedScene, Sides, cell_index};
 use crate::radiometry::Rgb;
 use crate::rays::{Hit, Rays};
+use crate::surface::World;
 use glam::Vec2;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -59,6 +61,13 @@ impl CoarseMesh {
             Cut::Crowd(_) => (near_of_elements(rays, &elements), None),
         };
         Self { cut, elements, reconstruction, near }
+    }
+
+    /// The same where crevices are elements of their own.
+    pub fn with_crevices(mut self, world: &World) -> Self {
+        let crevices = Crevices::find(world, &self);
+        self.elements.part(crevices);
+        self
     }
 
     /// Turns the near field off: hits take interpolated values however near they are.
@@ -151,12 +160,17 @@ impl CoarseMesh {
 
     /// The element at a hit, and where in it the hit is; `None` at a black back and inside of closed
     /// bodies.
-    pub fn spot_at(&self, hit: &Hit) -> Option<(ElementIndex, CellSpot)> {
+    pub fn spot_at(&self, world: &World, hit: &Hit) -> Option<(ElementIndex, CellSpot)> {
         let FacetPlace { facet, at, back } = self.place_of(hit)?;
         let sides = self.cut.sides(facet);
         let Sides { divisions, .. } = sides;
         let patch = PatchIndex(sides.first_patch(back)? + cell_index(divisions, at.x, at.y));
         let element = self.elements.of(patch)?;
+        let element = self.elements.part_at(world, element, || {
+            let spot = world.rays.spot(hit);
+            let normal = if hit.back { -spot.normal } else { spot.normal };
+            (spot.off_surface(normal), normal)
+        });
         let is_alone = self.reconstruction.is_some() && self.elements.members(element).len() == 1;
         let spot = if is_alone { CellSpot::new(divisions, at) } else { CellSpot::MIDDLE };
         Some((element, spot))

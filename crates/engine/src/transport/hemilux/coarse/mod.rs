@@ -3,6 +3,7 @@
 mod aimed;
 mod by_lobes;
 mod caustic_light;
+mod crevices;
 mod direct;
 mod elements;
 mod far_sides;

@@ -1,0 +1,265 @@
+//! Crevices: the parts of elements over which something lies close, as of a ceiling over a lamp or of a
+//! floor under a cupboard. What lights them is not what lights the rest, and they are hardly seen from the
+//! room, so that they are elements of their own (docs/decisions/0085).
+
+use super::elements::{ElementIndex, Elements};
+use super::groups::NONE;
+use super::mesh::CoarseMesh;
+use crate::patches::Cut;
+use crate::radiometry::Rgb;
+use crate::sampling::Next;
+use crate::surface::World;
+use crate::transport::patch_points::{LitPoint, PatchPoints};
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// A place lies in a crevice if something is straight above it, nearer than this share of its element's side.
+const REACH: f32 = 0.25;
+/// Places of an element at which that is asked at first.
+const FEW_PROBES: u32 = 8;
+/// Places at which it is asked where one of those lies in a crevice, or one of an element beside.
+const PROBES: u32 = 64;
+/// Steps from one of these places to the next, by the plastic number.
+const STEPS: [f32; 2] = [0.754_877_7, 0.569_840_3];
+/// Most places that are tried for one of the part of an element that is wanted.
+const TRIES: u32 = 512;
+/// Elements that a thread looks at together.
+const CHUNK: usize = 64;
+
+/// Which elements are parts of others.
+#[derive(Default)]
+pub struct Crevices {
+    /// The crevice of each element, or [`NONE`]; empty where there are none at all.
+    of: Vec<u32>,
+    /// The elements that the crevices belong to, which are numbered behind all others.
+    within: Vec<u32>,
+    /// What share of its element each crevice takes.
+    share: Vec<f32>,
+}
+
+impl Crevices {
+    /// Looks for crevices in elements of one patch each.
+    pub fn find(world: &World, mesh: &CoarseMesh) -> Self {
+        let all = || (0..mesh.elements.len() as u32).into_par_iter().with_min_len(CHUNK);
+        let look = |element, probes| hidden_share(world, mesh, ElementIndex(element), probes);
+        let found: Vec<f32> = all().map(|element| look(element, FEW_PROBES)).collect();
+        let beside = mesh.ranges_beside(&found);
+        let look_again = |element: u32| {
+            let own = found[element as usize];
+            let beside = beside[element as usize].map_or(0.0, |[_, most]| most);
+            if own.max(beside) > 0.0 { look(element, PROBES) } else { 0.0 }
+        };
+        let shares: Vec<f32> = all().map(look_again).collect();
+        let mut this = Self::default();
+        for (element, share) in (0u32..).zip(&shares) {
+            if *share > 0.0 && *share < 1.0 {
+                this.of.resize(shares.len(), NONE);
+                this.of[element as usize] = (shares.len() + this.within.len()) as u32;
+                this.within.push(element);
+                this.share.push(*share);
+            }
+        }
+        this
+    }
+
+    /// The elements that the crevices belong to, each with the share of it that its crevice takes.
+    pub fn within(&self) -> impl Iterator<Item = (ElementIndex, f32)> {
+        self.within.iter().zip(&self.share).map(|(whole, share)| (ElementIndex(*whole), *share))
+    }
+
+    /// What share of the whole a part is.
+    fn share(&self, element: ElementIndex) -> f32 {
+        let share = |crevice: ElementIndex| self.share[crevice.at() - self.of.len()];
+        match (self.whole(element) != element, self.of(element)) {
+            (true, _) => share(element),
+            (false, Some(crevice)) => 1.0 - share(crevice),
+            (false, None) => 1.0,
+        }
+    }
+
+    /// The element that another one is a crevice of, or that itself.
+    pub fn whole(&self, element: ElementIndex) -> ElementIndex {
+        match element.at().checked_sub(self.of.len()) {
+            Some(number) if !self.within.is_empty() => ElementIndex(self.within[number]),
+            _ => element,
+        }
+    }
+
+    /// The crevice of an element.
+    fn of(&self, element: ElementIndex) -> Option<ElementIndex> {
+        self.of.get(element.at()).copied().filter(|own| *own != NONE).map(ElementIndex)
+    }
+
+    /// Bytes that they take.
+    pub fn held_bytes(&self) -> u64 {
+        (size_of_val(&*self.of) + size_of_val(&*self.within) + size_of_val(&*self.share)) as u64
+    }
+}
+
+impl Elements {
+    /// The part of an element that a place above it belongs to, with the geometric normal there.
+    pub fn part_at(
+        &self,
+        world: &World,
+        element: ElementIndex,
+        place: impl FnOnce() -> (Vec3, Vec3),
+    ) -> ElementIndex {
+        let Some(crevice) = self.crevices.of(element) else { return element };
+        let (start, normal) = place();
+        match is_hidden(world, self.side(world, element), start, normal) {
+            true => crevice,
+            false => element,
+        }
+    }
+
+    /// A point of an element among those of one of its patches: the one for two uniform numbers or, where that is
+    /// of another part of the patch, one by further numbers.
+    pub fn lit_point(
+        &self,
+        world: &World,
+        element: ElementIndex,
+        points: &PatchPoints,
+        xi: [f32; 2],
+        mut next: Next,
+    ) -> LitPoint {
+        let mut lit = points.lit_point(world, xi);
+        if !self.is_part(element) {
+            return lit;
+        }
+        let whole = self.crevices.whole(element);
+        for _ in 0..TRIES {
+            if self.part_at(world, whole, || (lit.start, lit.normal)) == element {
+                break;
+            }
+            lit = points.lit_point(world, next.afresh().bounce);
+            next = next.after();
+        }
+        lit
+    }
+
+    /// Whether an element is a crevice or has one.
+    pub fn is_part(&self, element: ElementIndex) -> bool {
+        self.crevices.whole(element) != element || self.crevices.of(element).is_some()
+    }
+
+    /// Whether an element is one patch, which is one plane.
+    pub fn is_one_patch(&self, cut: &Cut, element: ElementIndex) -> bool {
+        let members = self.members(element);
+        members.len() == 1 && !cut.is_cluster(members[0])
+    }
+
+    /// Area of an element without its crevice, or of a crevice, m².
+    pub fn own_area(&self, element: ElementIndex) -> f32 {
+        self.area[element.at()] * self.crevices.share(element)
+    }
+
+    /// Side of an element with its crevice, ray units.
+    pub fn side(&self, world: &World, element: ElementIndex) -> f32 {
+        self.area[element.at()].sqrt() * world.rays.scale() as f32
+    }
+}
+
+/// Whether something is close above a place of an element with that side, ray units.
+pub fn is_hidden(world: &World, side: f32, start: Vec3, normal: Vec3) -> bool {
+    world.rays.blocked(start, start + REACH * side * normal, |_| false)
+}
+
+/// Share of an element over which something is close, by so many places of it.
+fn hidden_share(world: &World, mesh: &CoarseMesh, element: ElementIndex, probes: u32) -> f32 {
+    let CoarseMesh { cut, elements, .. } = mesh;
+    if !elements.is_one_patch(cut, element) || elements.albedo[element.at()] == Rgb::ZERO {
+        return 0.0;
+    }
+    let points = elements.points(world, cut, element, 0.5);
+    let side = elements.side(world, element);
+    let is_hidden = |probe: &u32| {
+        let xi = STEPS.map(|step| (step * (*probe as f32 + 0.5)).fract());
+        let (start, normal) = points.point(xi);
+        is_hidden(world, side, start, normal)
+    };
+    (0..probes).filter(is_hidden).count() as f32 / probes as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Stream;
+    use crate::sampling::Shifted;
+    use crate::scene::made;
+    use crate::transport::hemilux::coarse::CoarseSolution;
+    use crate::transport::hemilux::specimen::{SEED, Specimen};
+    use std::f32::consts::PI;
+
+    /// Crevices are just what lies under the lamp's footprint, above it and on the ceiling, and points of
+    /// elements are of their part.
+    #[test]
+    fn what_lies_over_a_lamp_is_a_crevice() {
+        let made::CeilingLamps { glb, boxes, .. } = made::ceiling_lamps(0.01);
+        let Specimen { world, coarse, .. } = Specimen::new(&glb, 4000);
+        let (elements, cut) = (&coarse.mesh.elements, &coarse.mesh.cut);
+        let whole = |element: &ElementIndex| elements.crevices.whole(*element);
+        let counted: f32 = elements.counted.iter().sum();
+        let area: f32 = elements
+            .all()
+            .filter(|element| whole(element) == *element)
+            .map(|element| elements.area[element.at()])
+            .sum();
+        assert!(
+            (counted / area - 1.0).abs() < 1e-4,
+            "every place is of one part: {counted} {area}"
+        );
+        let (mut points_of_parts, mut wrong) = (0, 0);
+        for element in elements.all().filter(|element| elements.is_part(*element)) {
+            let sequence = Shifted::new(SEED, Stream::PatchLight, u64::from(element.0));
+            let is_crevice = whole(&element) != element;
+            for number in 0..20 {
+                let numbers = sequence.at(number);
+                let points = elements.points(&world, cut, element, 0.5);
+                let lit =
+                    elements.lit_point(&world, element, &points, numbers.pair(), numbers.beside());
+                let at = lit.start;
+                let is_covered = boxes.iter().any(|corners| {
+                    let [low, high] = corners.map(|corner| world.rays.place(corner));
+                    (low.x..high.x).contains(&at.x) && (low.z..high.z).contains(&at.z)
+                });
+                points_of_parts += 1;
+                wrong += usize::from(is_covered != is_crevice);
+            }
+        }
+        // Of a part that is too small for its places to be found, others are taken.
+        assert!(points_of_parts > 1000, "{points_of_parts}");
+        assert!(100 * wrong < points_of_parts, "{wrong} of {points_of_parts}");
+    }
+
+    /// Σ (1 − a) E A of all surfaces, what ends in them, over the power of the lamps.
+    fn what_ends(coarse: &CoarseSolution, lamps: &made::CeilingLamps) -> f32 {
+        let (links, albedo, direct) = coarse.parts();
+        let elements = &coarse.mesh.elements;
+        let ends = |element: ElementIndex| {
+            let element = element.at();
+            let arriving = direct[element].irradiance + links.bounced[element];
+            ((Rgb::ONE - albedo[element]) * arriving).x * elements.counted[element]
+        };
+        elements.all().map(ends).sum::<f32>() / (PI * lamps.emission * lamps.area)
+    }
+
+    /// What lamps send ends in surfaces, wherever they hang.
+    #[test]
+    fn light_beside_crevices_is_neither_lost_nor_made() {
+        for gap in [0.0, 0.002, 0.01, 0.3] {
+            let lamps = made::ceiling_lamps(gap);
+            let mut specimen = Specimen::new(&lamps.glb, 4000);
+            specimen.coarse.link(SEED, 16, 256);
+            let ends = what_ends(&specimen.coarse, &lamps);
+            assert!((ends - 1.0).abs() < 0.01, "{gap}: {ends}");
+            if gap > 0.0 && gap < 0.1 {
+                let Specimen { world, lights, cut, .. } = specimen;
+                let mesh = CoarseMesh::new(&world.rays, cut.clone(), Elements::new(&cut, 4000));
+                let mut whole = CoarseSolution::new(world, lights, mesh, SEED, None);
+                whole.link(SEED, 16, 256);
+                let ends = what_ends(&whole, &lamps);
+                assert!((ends - 1.0).abs() > 0.03, "{gap}: as well without: {ends}");
+            }
+        }
+    }
+}
