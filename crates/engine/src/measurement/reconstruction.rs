@@ -15,6 +15,9 @@ use rayon::prelude::*;
 /// Facets share a corner where their shading normals there differ by less than this angle's
 /// cosine (18°).
 const SMOOTH_COSINE: f32 = 0.95;
+/// And where the facets themselves differ by less than this one (60°): with normals that are rounded off over
+/// a rim, both sides of a thin wall have the same ones there, and the light of one is not that of the other.
+const FOLD_COSINE: f32 = 0.5;
 /// Fewest patches of a fit: a vertex with fewer around it takes its neighbours' neighbours, too. A
 /// plane takes three.
 const LEAST_PATCHES: usize = 5;
@@ -43,6 +46,8 @@ pub struct Reconstruction {
     lattice: Vec<u32>,
     position: Vec<Vec3>,
     normal: Vec<Vec3>,
+    /// Normal of the first facet at each vertex.
+    flat: Vec<Vec3>,
     /// Fit of each vertex: entries `start[v]..start[v + 1]` of `patch` and `coefficient`.
     start: Vec<u32>,
     patch: Vec<u32>,
@@ -65,6 +70,7 @@ impl Reconstruction {
     pub fn held_bytes(&self) -> u64 {
         let of_vertices = size_of_val(&*self.position)
             + size_of_val(&*self.normal)
+            + size_of_val(&*self.flat)
             + size_of_val(&*self.start)
             + size_of_val(&*self.patch)
             + size_of_val(&*self.coefficient);
@@ -82,6 +88,7 @@ impl Reconstruction {
             lattice: Vec::new(),
             position: Vec::new(),
             normal: Vec::new(),
+            flat: Vec::new(),
             start: vec![0],
             patch: Vec::new(),
             coefficient: Vec::new(),
@@ -231,20 +238,22 @@ impl Reconstruction {
                     continue;
                 }
                 self.side_start[index][usize::from(back)] = self.lattice.len() as u32;
-                let n = facet.divisions;
+                let (n, flat) = (facet.divisions, flat_normal(scene, facet, back));
                 for i in 0..=n {
                     for j in 0..=n - i {
                         let (place, position) = locate(scene, facet, index as u32, i, j);
                         let normal = shading_normal(scene, facet, i, j, back);
                         let candidates = at_place.entry(place).or_default();
-                        let shared = candidates
-                            .iter()
-                            .copied()
-                            .find(|v| self.normal[*v as usize].dot(normal) > SMOOTH_COSINE);
+                        let shared = candidates.iter().copied().find(|vertex| {
+                            let at = *vertex as usize;
+                            self.normal[at].dot(normal) > SMOOTH_COSINE
+                                && self.flat[at].dot(flat) > FOLD_COSINE
+                        });
                         let vertex = shared.unwrap_or_else(|| {
                             let vertex = self.position.len() as u32;
                             self.position.push(position);
                             self.normal.push(normal);
+                            self.flat.push(flat);
                             candidates.push(vertex);
                             vertex
                         });
@@ -339,8 +348,13 @@ fn shading_normal(scene: &PatchedScene, facet: &Facet, i: u32, j: u32, back: boo
     let at = facet.to_source(i as f32 / n, j as f32 / n);
     let triangle = &scene.scene.triangle(facet.source);
     let normal = scene.scene.interpolate(triangle, at.x, at.y, |vertex| vertex.normal);
+    let normal = normal.normalize_or(flat_normal(scene, facet, false));
+    if back { -normal } else { normal }
+}
+
+fn flat_normal(scene: &PatchedScene, facet: &Facet, back: bool) -> Vec3 {
     let [a, b, c] = facet.corners.map(|p| scene.positions[p as usize]);
-    let normal = normal.normalize_or((b - a).cross(c - a).normalize_or_zero());
+    let normal = (b - a).cross(c - a).normalize_or_zero();
     if back { -normal } else { normal }
 }
 
@@ -379,6 +393,55 @@ fn gcd(a: u32, b: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::{Material, Scene, Triangle, Vertex};
+    use std::sync::Arc;
+
+    /// A plate, 1 × 1 m and a centimetre thick, with the normals of its corners rounded off.
+    fn rounded_plate() -> Scene {
+        let mut scene = Scene::default();
+        scene.materials.push(Material::lambertian("plate", Rgb::splat(0.5)));
+        let corner =
+            |k: u32| Vec3::new((k & 1) as f32, 0.01 * (k >> 1 & 1) as f32, (k >> 2) as f32);
+        let middle = Vec3::new(0.5, 0.005, 0.5);
+        let outwards = |at: Vec3| ((at - middle) / middle).normalize();
+        for at in (0..8).map(corner) {
+            scene.vertices.push(Vertex::new(at, outwards(at)));
+        }
+        for [a, b, c, d] in
+            [[2, 6, 7, 3], [0, 1, 5, 4], [0, 4, 6, 2], [1, 3, 7, 5], [0, 2, 3, 1], [4, 5, 7, 6]]
+        {
+            for vertices in [[a, b, c], [a, c, d]] {
+                scene.triangles.push(Triangle { vertices, material: 0 });
+            }
+        }
+        scene
+    }
+
+    /// What lights one side of a thin wall is not taken to light the other, though both have the same
+    /// shading normals at the rim.
+    #[test]
+    fn light_stays_on_its_side_of_a_rounded_plate() {
+        let scene = PatchedScene::new(Arc::new(rounded_plate()), 200);
+        let smooth = Reconstruction::new(&scene, Smoothness::Smooth);
+        let normals = &scene.patches.normal;
+        let lit = |normal: &Vec3| if normal.y > 0.9 { Rgb::ONE } else { Rgb::ZERO };
+        let mut values: Vec<Rgb> = normals.iter().map(lit).collect();
+        // Below there is a little light: what is exactly dark is left out anyway.
+        values.iter_mut().for_each(|value| *value = value.max(Rgb::splat(0.01)));
+        let vertices = smooth.apply(&values);
+        let mut corners = 0;
+        for (index, facet) in scene.facets.iter().enumerate() {
+            let up = flat_normal(&scene, facet, false).y;
+            for [u, v] in [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]] {
+                let all = smooth.corners(index, false, facet, u, v).expect("a front");
+                let value: Rgb = all.iter().map(|(v, w)| vertices[*v as usize] * *w).sum();
+                let own = if up > 0.9 { 1.0 } else { 0.01 };
+                corners += 1;
+                assert!((value.x - own).abs() < 1e-3, "{value} at a facet with {up}");
+            }
+        }
+        assert!(corners >= 36, "{corners}");
+    }
 
     #[test]
     fn lattice_points_are_numbered_without_gaps() {

@@ -2,8 +2,7 @@
 //! floor under a cupboard. What lights them is not what lights the rest, and they are hardly seen from the
 //! room, so that they are elements of their own (docs/decisions/0085).
 
-use super::elements::{ElementIndex, Elements};
-use super::groups::NONE;
+use super::elements::{Crevices, ElementIndex, Elements};
 use super::mesh::CoarseMesh;
 use crate::patches::Cut;
 use crate::radiometry::Rgb;
@@ -26,20 +25,10 @@ const TRIES: u32 = 512;
 /// Elements that a thread looks at together.
 const CHUNK: usize = 64;
 
-/// Which elements are parts of others.
-#[derive(Default)]
-pub struct Crevices {
-    /// The crevice of each element, or [`NONE`]; empty where there are none at all.
-    of: Vec<u32>,
-    /// The elements that the crevices belong to, which are numbered behind all others.
-    within: Vec<u32>,
-    /// What share of its element each crevice takes.
-    share: Vec<f32>,
-}
-
-impl Crevices {
-    /// Looks for crevices in elements of one patch each.
-    pub fn find(world: &World, mesh: &CoarseMesh) -> Self {
+impl CoarseMesh {
+    /// The same where crevices in elements of one patch each are elements of their own.
+    pub fn with_crevices(mut self, world: &World) -> Self {
+        let mesh = &self;
         let all = || (0..mesh.elements.len() as u32).into_par_iter().with_min_len(CHUNK);
         let look = |element, probes| hidden_share(world, mesh, ElementIndex(element), probes);
         let found: Vec<f32> = all().map(|element| look(element, FEW_PROBES)).collect();
@@ -50,49 +39,8 @@ impl Crevices {
             if own.max(beside) > 0.0 { look(element, PROBES) } else { 0.0 }
         };
         let shares: Vec<f32> = all().map(look_again).collect();
-        let mut this = Self::default();
-        for (element, share) in (0u32..).zip(&shares) {
-            if *share > 0.0 && *share < 1.0 {
-                this.of.resize(shares.len(), NONE);
-                this.of[element as usize] = (shares.len() + this.within.len()) as u32;
-                this.within.push(element);
-                this.share.push(*share);
-            }
-        }
-        this
-    }
-
-    /// The elements that the crevices belong to, each with the share of it that its crevice takes.
-    pub fn within(&self) -> impl Iterator<Item = (ElementIndex, f32)> {
-        self.within.iter().zip(&self.share).map(|(whole, share)| (ElementIndex(*whole), *share))
-    }
-
-    /// What share of the whole a part is.
-    fn share(&self, element: ElementIndex) -> f32 {
-        let share = |crevice: ElementIndex| self.share[crevice.at() - self.of.len()];
-        match (self.whole(element) != element, self.of(element)) {
-            (true, _) => share(element),
-            (false, Some(crevice)) => 1.0 - share(crevice),
-            (false, None) => 1.0,
-        }
-    }
-
-    /// The element that another one is a crevice of, or that itself.
-    pub fn whole(&self, element: ElementIndex) -> ElementIndex {
-        match element.at().checked_sub(self.of.len()) {
-            Some(number) if !self.within.is_empty() => ElementIndex(self.within[number]),
-            _ => element,
-        }
-    }
-
-    /// The crevice of an element.
-    fn of(&self, element: ElementIndex) -> Option<ElementIndex> {
-        self.of.get(element.at()).copied().filter(|own| *own != NONE).map(ElementIndex)
-    }
-
-    /// Bytes that they take.
-    pub fn held_bytes(&self) -> u64 {
-        (size_of_val(&*self.of) + size_of_val(&*self.within) + size_of_val(&*self.share)) as u64
+        self.elements.part(Crevices::of_shares(&shares));
+        self
     }
 }
 

@@ -2,7 +2,6 @@
 //! many more patches than are wanted, those small ones in one cell of space that face the same way
 //! and have one material are one element (docs/decisions/0006).
 
-use super::crevices::Crevices;
 use super::groups::{Groups, NONE};
 use crate::patches::{Cut, PatchIndex};
 use crate::radiometry::Rgb;
@@ -27,6 +26,66 @@ const MOST_MIRRORED: f32 = 0.9;
 
 /// Elements that a thread looks at together.
 const CHUNK: usize = 256;
+
+/// Which elements are parts of others: crevices, over which something lies close.
+#[derive(Default)]
+pub struct Crevices {
+    /// The crevice of each element, or [`NONE`]; empty where there are none at all.
+    of: Vec<u32>,
+    /// The elements that the crevices belong to, which are numbered behind all others.
+    within: Vec<u32>,
+    /// What share of its element each crevice takes.
+    share: Vec<f32>,
+}
+
+impl Crevices {
+    /// Of elements that are crevices to that share: those with all and those with none are whole.
+    pub fn of_shares(shares: &[f32]) -> Self {
+        let mut this = Self::default();
+        for (element, share) in (0u32..).zip(shares) {
+            if *share > 0.0 && *share < 1.0 {
+                this.of.resize(shares.len(), NONE);
+                this.of[element as usize] = (shares.len() + this.within.len()) as u32;
+                this.within.push(element);
+                this.share.push(*share);
+            }
+        }
+        this
+    }
+
+    /// The elements that the crevices belong to, each with the share of it that its crevice takes.
+    fn within(&self) -> impl Iterator<Item = (ElementIndex, f32)> {
+        self.within.iter().zip(&self.share).map(|(whole, share)| (ElementIndex(*whole), *share))
+    }
+
+    /// What share of the whole a part is.
+    pub fn share(&self, element: ElementIndex) -> f32 {
+        let share = |crevice: ElementIndex| self.share[crevice.at() - self.of.len()];
+        match (self.whole(element) != element, self.of(element)) {
+            (true, _) => share(element),
+            (false, Some(crevice)) => 1.0 - share(crevice),
+            (false, None) => 1.0,
+        }
+    }
+
+    /// The element that another one is a crevice of, or that itself.
+    pub fn whole(&self, element: ElementIndex) -> ElementIndex {
+        match element.at().checked_sub(self.of.len()) {
+            Some(number) if !self.within.is_empty() => ElementIndex(self.within[number]),
+            _ => element,
+        }
+    }
+
+    /// The crevice of an element.
+    pub fn of(&self, element: ElementIndex) -> Option<ElementIndex> {
+        self.of.get(element.at()).copied().filter(|own| *own != NONE).map(ElementIndex)
+    }
+
+    /// Bytes that they take.
+    pub fn held_bytes(&self) -> u64 {
+        (size_of_val(&*self.of) + size_of_val(&*self.within) + size_of_val(&*self.share)) as u64
+    }
+}
 
 /// The elements of a mesh, each with its patches, area and albedo.
 pub struct Elements {

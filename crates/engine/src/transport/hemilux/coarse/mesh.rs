@@ -1,7 +1,6 @@
 //! The coarse mesh (tier 1): finds the patch or element that a ray has hit, and interpolates values
 //! of patches.
 
-use super::crevices::Crevices;
 use super::elements::{ElementIndex, Elements};
 use crate::measurement::reconstruction::{Reconstruction, Smoothness};
 use crate::patches::{Cut, Facet, FacetPlace, PatchIndex, PatchedScene, Sides, cell_index};
@@ -61,13 +60,6 @@ impl CoarseMesh {
             Cut::Crowd(_) => (near_of_elements(rays, &elements), None),
         };
         Self { cut, elements, reconstruction, near }
-    }
-
-    /// The same where crevices are elements of their own.
-    pub fn with_crevices(mut self, world: &World) -> Self {
-        let crevices = Crevices::find(world, &self);
-        self.elements.part(crevices);
-        self
     }
 
     /// Turns the near field off: hits take interpolated values however near they are.
