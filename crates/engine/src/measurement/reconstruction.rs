@@ -16,7 +16,7 @@ use rayon::prelude::*;
 /// cosine (18°).
 const SMOOTH_COSINE: f32 = 0.95;
 /// And where the facets themselves differ by less than this one (60°): with normals that are rounded off over
-/// a rim, both sides of a thin wall have the same ones there, and the light of one is not that of the other.
+/// a rim, a wall has the same ones there as its narrow edge, and the light of one is not that of the other.
 const FOLD_COSINE: f32 = 0.5;
 /// Fewest patches of a fit: a vertex with fewer around it takes its neighbours' neighbours, too. A
 /// plane takes three.
@@ -417,8 +417,8 @@ mod tests {
         scene
     }
 
-    /// What lights one side of a thin wall is not taken to light the other, though both have the same
-    /// shading normals at the rim.
+    /// What lights one side of a thin wall is not taken to light its edge or the other side, though they have
+    /// the same shading normals where they meet.
     #[test]
     fn light_stays_on_its_side_of_a_rounded_plate() {
         let scene = PatchedScene::new(Arc::new(rounded_plate()), 200);

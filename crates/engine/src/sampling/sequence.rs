@@ -155,7 +155,7 @@ impl Shifted {
         Afresh { next: Some(Next(pcg(first.0))), ..first.afresh() }
     }
 
-    /// Plain random numbers at the same place, beside those.
+    /// Plain random numbers at the same place, beside those of [`Shifted::apart`].
     pub fn beside(&self) -> Next {
         Next(pcg(self.shift[3] ^ pcg(self.index)))
     }

@@ -1,4 +1,5 @@
-//! Rooms for measuring: the furnace, two rooms joined by a corridor, a room of any triangle count.
+//! Rooms for measuring: the furnace, lamps near a ceiling, two rooms joined by a corridor, a room of any
+//! triangle count.
 
 use super::glb::GlbWriter;
 use super::mesh::{Mesh, Quad, boundary, union_of};

@@ -14,9 +14,9 @@ use crate::transport::light_sums::LightSums;
 use crate::transport::patch_points::LitPoint;
 use bytemuck::{Pod, Zeroable};
 
-/// A point of an element lies in a crevice if its random ray ends within this share of the
-/// element's side. Such points are seen from inside the crevice rather than from the room, so they
-/// do not count for the element's light (docs/decisions/0005).
+/// A point of an element of several patches lies in a crevice if its random ray ends within this
+/// share of the element's side. Such points are seen from inside the crevice rather than from the
+/// room, so they do not count for the element's light (docs/decisions/0005).
 const CREVICE: f32 = 0.25;
 
 /// Most by which the reflected light of an element may differ from what its mean albedo says, as a share of
