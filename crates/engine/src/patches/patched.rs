@@ -169,7 +169,7 @@ impl PatchedScene {
         };
         let total: f64 = facets.iter().map(|f| sides(f) * f64::from(counted(&positions, f))).sum();
         let cell_area = (total / target.clamp(1, MAX_PATCHES) as f64) as f32;
-        split::split_elongated(&mut positions, &mut facets, cell_area, focus);
+        split::split_elongated(&scene, (&mut positions, &mut facets), cell_area, focus);
         // A midpoint may round onto the opposite corner and leave a piece without area.
         facets.retain(|facet| facet_area(&positions, facet) > 0.0);
 
@@ -185,7 +185,7 @@ impl PatchedScene {
         }
         if let Some(cuts) = cuts {
             cut_at_contacts(&mut positions, &mut facets, &cuts);
-            split::split_elongated(&mut positions, &mut facets, cell_area, focus);
+            split::split_elongated(&scene, (&mut positions, &mut facets), cell_area, focus);
             facets.retain(|facet| facet_area(&positions, facet) > 0.0);
         }
         let mut count = 0;

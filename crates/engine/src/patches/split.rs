@@ -2,11 +2,15 @@
 
 use super::facet::{Facet, facet_area};
 use super::focus::Focus;
+use crate::scene::Scene;
 use foldhash::{HashMap, HashMapExt};
 use glam::Vec3;
 
 /// Longest edge over the height on it beyond which a facet is bisected; a half square has 2.
 pub const MAX_ELONGATION: f32 = 4.0;
+/// Cosine between the vertices' normals at the ends of an edge below which light may be another one
+/// at either end, however alike what is around them: 30°.
+const TURNING_COSINE: f32 = 0.866;
 /// Bisections of one facet double its pieces; more rounds would not be seen.
 const MAX_ROUNDS: usize = 12;
 /// The same of facets that reach from what is seen to far away, which are halved in length only in
@@ -27,9 +31,13 @@ pub fn split_far(positions: &mut Vec<Vec3>, facets: &mut Vec<Facet>, focus: Focu
 /// Bisects the longest edge of every elongated facet that would hold several patches of
 /// `cell_area`, together with the neighbours at that edge, until none is left. In a focus, that is
 /// the area of a patch there.
+///
+/// A facet that is one patch is bisected where the normals that it is lit by turn along an edge longer
+/// than a patch's side, as on the long sides of a lampshade whose rims are rounded off: one end looks up,
+/// the other down, and no one value is the light of both.
 pub fn split_elongated(
-    positions: &mut Vec<Vec3>,
-    facets: &mut Vec<Facet>,
+    scene: &Scene,
+    (positions, facets): (&mut Vec<Vec3>, &mut Vec<Facet>),
     cell_area: f32,
     focus: Option<Focus>,
 ) {
@@ -37,7 +45,7 @@ pub fn split_elongated(
         let corners = facet.corners.map(|corner| positions[corner as usize]);
         let weight = focus.map_or(1.0, |focus| focus.weight_of(corners));
         if facet_area(positions, facet) * weight < 1.5 * cell_area {
-            return None;
+            return turning_edge(scene, positions, facet, cell_area / weight);
         }
         (elongation(corners) > MAX_ELONGATION).then(|| longest_edge(positions, facet)).flatten()
     });
@@ -98,6 +106,30 @@ fn longest_edge(positions: &[Vec3], facet: &Facet) -> Option<(u32, u32)> {
         (positions[a as usize].distance(positions[b as usize]), a, b)
     });
     edges.max_by(|x, y| x.0.total_cmp(&y.0)).map(|(_, a, b)| (a, b))
+}
+
+/// The longest edge of those whose square is above that, in square metres, along which the normals
+/// between the vertices turn.
+fn turning_edge(
+    scene: &Scene,
+    positions: &[Vec3],
+    facet: &Facet,
+    squared: f32,
+) -> Option<(u32, u32)> {
+    let corners = facet.corners.map(|corner| positions[corner as usize]);
+    let length = |i: usize| corners[i].distance_squared(corners[(i + 1) % 3]);
+    if (0..3).all(|i| length(i) <= squared) {
+        return None;
+    }
+    let triangle = scene.triangle(facet.source);
+    let normals = facet.source_uv.map(|at| {
+        scene.interpolate(&triangle, at.x, at.y, |vertex| vertex.normal).normalize_or_zero()
+    });
+    let edges = (0..3).filter(|i| {
+        length(*i) > squared && normals[*i].dot(normals[(*i + 1) % 3]) < TURNING_COSINE
+    });
+    let longest = edges.max_by(|i, j| length(*i).total_cmp(&length(*j)))?;
+    Some((facet.corners[longest], facet.corners[(longest + 1) % 3]))
 }
 
 /// The facet cut at the middles of its marked edges: 1 to 4 pieces.
@@ -219,6 +251,26 @@ mod tests {
         scene.triangles.truncate(1);
         let patched = PatchedScene::new(Arc::new(scene), 400);
         assert!(patched.patches.area.iter().all(|area| *area > 0.0));
+    }
+
+    /// A strip as narrow as a fifth of a patch, whose normals are rounded off at both ends.
+    #[test]
+    fn facets_end_where_normals_turn() {
+        let facets = |tilt: f32| {
+            let mut scene = (*strip(5.0)).clone();
+            for vertex in &mut scene.vertices {
+                let end = (vertex.position.x - 2.5).signum();
+                vertex.normal = Vec3::new(end * tilt, 0.0, 1.0).normalize();
+            }
+            PatchedScene::new(Arc::new(scene), 1)
+        };
+        assert_eq!(facets(0.0).facets.len(), 2);
+        // 11° each.
+        assert_eq!(facets(0.2).facets.len(), 2);
+        let turned = facets(1.0);
+        assert!(turned.facets.len() >= 6, "{}", turned.facets.len());
+        let area: f32 = turned.patches.area.iter().sum();
+        assert!((area - 5.0).abs() < 1e-4, "{area}");
     }
 
     #[test]

@@ -79,7 +79,11 @@ fn checkpoints_outlive_versions_and_other_formats_are_refused_by_name() {
                 settings.insert("pixel_samples".into(), "16".into());
             }
         });
-        let format = if *method == "hemilux" { 16 } else { 2 };
+        let format = match *method {
+            "hemilux" => 17,
+            "ray-traced" | "illumination-map" => 2,
+            _ => 3,
+        };
         let told = go_on(method, old).expect_err("of another format").to_string();
         let reads = format!("reads format {format}");
         assert!(told.contains("format 1") && told.contains(&reads), "{told}");

@@ -68,7 +68,7 @@ impl Method for Hemilux {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        16
+        17
     }
 
     fn summary(&self) -> &'static str {

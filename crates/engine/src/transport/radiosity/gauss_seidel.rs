@@ -36,7 +36,7 @@ impl Method for GaussSeidel {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        2
+        3
     }
 
     fn summary(&self) -> &'static str {

@@ -36,7 +36,7 @@ impl Method for MonteCarlo {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        2
+        3
     }
 
     fn summary(&self) -> &'static str {

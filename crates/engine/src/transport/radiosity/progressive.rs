@@ -38,7 +38,7 @@ impl Method for Progressive {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        2
+        3
     }
 
     fn summary(&self) -> &'static str {

@@ -44,7 +44,7 @@ impl Method for Stochastic {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        2
+        3
     }
 
     fn summary(&self) -> &'static str {
