@@ -336,7 +336,8 @@ fn assert_plate(plate: Material, expected: f32) {
         side: 12,
         seed: 4,
     };
-    // Few light rays land on what is so small: a map of 24 iterations has a noise of about 1.5 %.
+    // Few light rays land on what is so small: the map's noise after 24 iterations is a good
+    // part of what is allowed.
     for (method, iterations) in [("hemilux", 24), ("ray-traced", 400)] {
         let found = mean(&shot.by(method, iterations)).y;
         println!("{method}: {found} of {expected}");

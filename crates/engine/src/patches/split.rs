@@ -1,4 +1,5 @@
-//! Conforming bisection of elongated facets, so that their patches are compact.
+//! Conforming bisection of facets: of elongated ones, so that their patches are compact, and of those
+//! along which the normals that light them turn.
 
 use super::facet::{Facet, facet_area};
 use super::focus::Focus;
@@ -108,27 +109,26 @@ fn longest_edge(positions: &[Vec3], facet: &Facet) -> Option<(u32, u32)> {
     edges.max_by(|x, y| x.0.total_cmp(&y.0)).map(|(_, a, b)| (a, b))
 }
 
-/// The longest edge of those whose square is above that, in square metres, along which the normals
+/// The longest edge of those whose square is above `least`, in square metres, along which the normals
 /// between the vertices turn.
 fn turning_edge(
     scene: &Scene,
     positions: &[Vec3],
     facet: &Facet,
-    squared: f32,
+    least: f32,
 ) -> Option<(u32, u32)> {
     let corners = facet.corners.map(|corner| positions[corner as usize]);
-    let length = |i: usize| corners[i].distance_squared(corners[(i + 1) % 3]);
-    if (0..3).all(|i| length(i) <= squared) {
+    let square = |i: usize| corners[i].distance_squared(corners[(i + 1) % 3]);
+    if (0..3).all(|i| square(i) <= least) {
         return None;
     }
     let triangle = scene.triangle(facet.source);
     let normals = facet.source_uv.map(|at| {
         scene.interpolate(&triangle, at.x, at.y, |vertex| vertex.normal).normalize_or_zero()
     });
-    let edges = (0..3).filter(|i| {
-        length(*i) > squared && normals[*i].dot(normals[(*i + 1) % 3]) < TURNING_COSINE
-    });
-    let longest = edges.max_by(|i, j| length(*i).total_cmp(&length(*j)))?;
+    let edges = (0..3)
+        .filter(|i| square(*i) > least && normals[*i].dot(normals[(*i + 1) % 3]) < TURNING_COSINE);
+    let longest = edges.max_by(|i, j| square(*i).total_cmp(&square(*j)))?;
     Some((facet.corners[longest], facet.corners[(longest + 1) % 3]))
 }
 
