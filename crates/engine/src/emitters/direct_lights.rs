@@ -359,15 +359,17 @@ impl DirectLights {
             };
             let visibility = world.visibility(point, end);
             let (unoccluded, cast, apart) = (irradiance, irradiance, Rgb::ZERO);
-            let cosine = normal.dot((end - point).normalize_or_zero());
-            return ShadowSample { unoccluded, cast, visibility, apart, cosine };
+            let direction = (end - point).normalize_or_zero();
+            let density = 0.0;
+            return ShadowSample { unoccluded, cast, visibility, apart, direction, density };
         }
         let all = self.unoccluded(point, normal);
         let mut sample = ShadowSample { unoccluded: all.irradiance, ..ShadowSample::default() };
         let any = all.irradiance != Rgb::ZERO || all.looks_out();
         if let Some(light) = any.then(|| self.sample(&all, point, normal, xi)).flatten() {
             let visibility = world.visibility(point, light.end);
-            sample.cosine = normal.dot((light.end - point).normalize_or_zero());
+            sample.direction = (light.end - point).normalize_or_zero();
+            sample.density = light.density;
             match light.is_apart {
                 true => sample.apart = light.irradiance * visibility,
                 false => (sample.cast, sample.visibility) = (light.irradiance, visibility),

@@ -59,8 +59,10 @@ pub struct ShadowSample {
     pub visibility: Rgb,
     /// Irradiance that arrives beside it, of light that [`LightPoint::is_apart`].
     pub apart: Rgb,
-    /// Cosine at the surface of the direction that the ray went in; 0 where there was none.
-    pub cosine: f32,
+    /// Unit direction that the ray went in; zero where there was none.
+    pub direction: Vec3,
+    /// Density per solid angle at which it was picked; 0 where that is not known.
+    pub density: f32,
 }
 
 impl ShadowSample {

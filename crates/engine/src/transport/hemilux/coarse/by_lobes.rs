@@ -2,7 +2,7 @@
 //! reflects is lost to them; where much of the light comes from lobes, further rays find what is lacking.
 
 use super::elements::ElementIndex;
-use super::links::Links;
+use super::links::{Links, ordinary_area};
 use super::mesh::CoarseMesh;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
@@ -72,8 +72,8 @@ impl ByLobes {
         self.shares.iter().all(|share| *share < LEAST_SHARE)
     }
 
-    /// Sends up to `rays` more rays from each element: `lacking` says what radiance comes along a ray
-    /// from a point in a direction beyond what links say.
+    /// Sends up to `rays` more rays from each element of ordinary size, fewer from smaller ones: `lacking`
+    /// says what radiance comes along a ray from a point in a direction beyond what links say.
     pub fn trace(
         &mut self,
         (world, mesh): (&World, &CoarseMesh),
@@ -82,14 +82,16 @@ impl ByLobes {
         lacking: impl Fn(Vec3, Vec3, Afresh) -> Rgb + Sync,
     ) {
         self.found.resize(mesh.elements.len(), (Rgb::ZERO, 0));
-        let shares = &self.shares;
+        let (shares, areas) = (&self.shares, &mesh.elements.counted);
+        let ordinary = ordinary_area(areas);
         let found = self.found.par_iter_mut().enumerate().with_min_len(CHUNK);
         found.for_each(|(element, (sum, count))| {
             let share = shares.get(element).copied().unwrap_or_default();
             if share < LEAST_SHARE {
                 return;
             }
-            let more = (rays as f32 * (share / FULL_SHARE).min(1.0)).ceil() as u32;
+            let worth = (share / FULL_SHARE).min(1.0) * (areas[element] / ordinary).min(1.0);
+            let more = (rays as f32 * worth).ceil() as u32;
             let mut sequence = Shifted::new(seed, Stream::FollowedLobe, element as u64).at(*count);
             for _ in 0..more {
                 let xi = sequence.next_pair();

@@ -105,7 +105,7 @@ impl SampledLight {
             sums.add(sample);
             self.arrived += sample.arrived();
             if finish.is_glossy() && !lighting.follows_mirrors {
-                let beyond = finish.albedo(sample.cosine) - finish.mean_albedo();
+                let beyond = finish.albedo(lit_normal.dot(sample.direction)) - finish.mean_albedo();
                 self.beyond += sample.arrived() * beyond;
             }
         }

@@ -457,13 +457,18 @@ impl Links {
     }
 }
 
+/// Area of an element of ordinary size: the mean, weighted by area.
+pub fn ordinary_area(areas: &[f32]) -> f32 {
+    let all: f32 = areas.iter().sum();
+    areas.iter().map(|area| area * (area / all)).sum()
+}
+
 /// Where the links of each element begin, and where the last ones end: `rays` of one of ordinary
 /// size, fewer of smaller ones, which fewer rays meet.
 fn starts(area: &[f32], rays: u32) -> Vec<u32> {
     // Meshes of very many triangles have very many elements; the picture must not wait.
     let rays = (rays as f32).min(MOST_AT_ONCE as f32 / area.len().max(1) as f32);
-    let all: f32 = area.iter().sum();
-    let ordinary = area.iter().map(|area| area * (area / all)).sum::<f32>();
+    let ordinary = ordinary_area(area);
     let mut start = Vec::with_capacity(area.len() + 1);
     let mut end = 0;
     for area in area {

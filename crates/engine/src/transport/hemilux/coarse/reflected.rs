@@ -2,6 +2,7 @@
 
 use super::guide::{Met, aims_of, balanced};
 use super::solution::CoarseSolution;
+use crate::emitters::ShadowSample;
 use crate::patches::FacetPlace;
 use crate::radiometry::Rgb;
 use crate::rays::{Eye, Hit};
@@ -21,6 +22,8 @@ pub struct FoundAfresh {
     /// Where the mesh tells what arrives; `None` so near to where the ray started that the mesh is too
     /// coarse, where light comes through from the other side, and where nothing is reflected diffusely.
     pub told_at: Option<FacetPlace>,
+    /// The shadow ray by which the emitters' light was found; `None` where nothing is reflected diffusely.
+    pub by_shadow_ray: Option<ShadowSample>,
 }
 
 impl CoarseSolution {
@@ -30,12 +33,6 @@ impl CoarseSolution {
     pub fn reflected_as_diffuse(&self, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
         let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
         self.by_albedo(&surface, surface.reflection().mean_albedo(), hit, afresh)
-    }
-
-    /// The same of the diffuse part alone, towards the unit vector `viewer`.
-    pub fn reflected_diffusely(&self, hit: &Hit, viewer: Vec3, numbers: Afresh) -> Rgb {
-        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
-        self.by_albedo(&surface, surface.reflection().diffuse(viewer), hit, Some(numbers))
     }
 
     /// The same of a surface with that albedo, and what comes through it diffusely from its other side.
@@ -78,7 +75,7 @@ impl CoarseSolution {
         }
         let (far, share) = self.world.far_side_on_the_mean(surface);
         let beyond = self.of_side(&far, share, &behind(hit), afresh);
-        FoundAfresh { radiance: own.radiance + beyond.radiance, told_at: None }
+        FoundAfresh { radiance: own.radiance + beyond.radiance, told_at: None, ..own }
     }
 
     /// Irradiance by the mesh alone.
@@ -97,8 +94,8 @@ impl CoarseSolution {
         let place = self.mesh.place_of(hit).filter(|_| albedo != Rgb::ZERO);
         let Some(place) = place else { return FoundAfresh::default() };
         let (start, normal) = (surface.start(), surface.shading_normal);
-        let direct = self.lights.sample_by_shadow_ray(&self.world, start, normal, afresh.light);
-        let direct = direct.irradiance(self.share(place));
+        let sample = self.lights.sample_by_shadow_ray(&self.world, start, normal, afresh.light);
+        let direct = sample.irradiance(self.share(place));
         let next = afresh.next.filter(|_| self.mesh.is_near(place, hit.distance));
         let (bounced, told_at) = match next {
             Some(next) => (self.bounced_by_ray(surface, afresh.bounce, next), None),
@@ -106,7 +103,8 @@ impl CoarseSolution {
         };
         let caustics = self.caustics.as_ref();
         let by_caustics = caustics.map_or(Rgb::ZERO, |caustics| caustics.irradiance(surface));
-        FoundAfresh { radiance: albedo * (bounced + direct + by_caustics) / PI, told_at }
+        let radiance = albedo * (bounced + direct + by_caustics) / PI;
+        FoundAfresh { radiance, told_at, by_shadow_ray: Some(sample) }
     }
 
     /// Irradiance that has bounced, by one ray: some of them are aimed at bright patches (balance

@@ -1,9 +1,10 @@
 //! Radiance that a glossy lobe reflects: rays sampled by the lobe and rays sampled by the lights,
 //! combined by the power heuristic (Veach and Guibas 1995), from lobe to lobe. Where such a ray
 //! ends on a diffuse surface, direct light is found afresh, and bounced light is the coarse
-//! solution's.
+//! solution's. The shadow ray that finds it lights the lobe of that surface, too, whether or not that is
+//! followed ([0087](docs/decisions/0087-a-hits-shadow-ray-lights-its-lobe.md)).
 
-use crate::emitters::{AllUnoccluded, LobeAxis};
+use crate::emitters::{AllUnoccluded, LobeAxis, ShadowSample};
 use crate::radiometry::Rgb;
 use crate::rays::Hit;
 use crate::sampling::{Afresh, Next, cosine_direction, power_heuristic};
@@ -40,6 +41,31 @@ pub struct LobePathNumbers {
     /// Whether a map has what emitters bring along it, as long as its lobes are sharp: then it began
     /// at a diffuse reflection.
     pub is_mapped: bool,
+    /// How lights are sampled at its first lobe.
+    pub lights: LightsAt,
+    /// Whether the mesh says what comes from where it ends.
+    pub by_mesh: bool,
+}
+
+/// How lights are sampled at a lobe of a path.
+#[derive(Clone, Copy)]
+pub enum LightsAt {
+    /// By a shadow ray of its own, to a light that is picked for the lobe.
+    Lobe,
+    /// By the shadow ray of the diffuse part, which was cast whether or not the lobe is followed: that
+    /// is done with this probability.
+    Diffuse(f32),
+}
+
+impl LightsAt {
+    /// The probability at which the lobe is followed, of those hits at which lights are sampled: there are
+    /// so many rays by the lobe for each shadow ray.
+    fn chance(self) -> f32 {
+        match self {
+            Self::Lobe => 1.0,
+            Self::Diffuse(probability) => probability,
+        }
+    }
 }
 
 /// What a lobe reflects towards its viewer, as one path found it.
@@ -63,22 +89,40 @@ struct LobeAt<'a> {
     unoccluded: AllUnoccluded,
     /// Whether a map has what emitters bring to it.
     is_mapped: bool,
+    lights: LightsAt,
 }
 
 impl<'a> LobeAt<'a> {
-    fn new(coarse: &'a CoarseSolution, surface: Surface, viewer: Vec3, is_mapped: bool) -> Self {
+    fn new(
+        coarse: &'a CoarseSolution,
+        surface: Surface,
+        viewer: Vec3,
+        (is_mapped, lights): (bool, LightsAt),
+    ) -> Self {
         let reflection = surface.reflection();
-        let exponent = reflection.widest_exponent();
-        let axis = LobeAxis { direction: surface.mirrored(viewer), exponent };
-        let unoccluded = coarse.lights.for_lobe(surface.start(), surface.shading_normal, axis);
+        let (start, normal) = (surface.start(), surface.shading_normal);
+        let unoccluded = match lights {
+            LightsAt::Diffuse(_) => coarse.lights.unoccluded(start, normal),
+            LightsAt::Lobe => {
+                let exponent = reflection.widest_exponent();
+                let axis = LobeAxis { direction: surface.mirrored(viewer), exponent };
+                coarse.lights.for_lobe(start, normal, axis)
+            }
+        };
         let is_mapped = is_mapped && reflection.is_sharp();
-        Self { coarse, surface, viewer, unoccluded, is_mapped }
+        Self { coarse, surface, viewer, unoccluded, is_mapped, lights }
+    }
+
+    /// Weight of what a ray by the lobe brings of a light, where these are the densities at which the lobe
+    /// and the lights pick its direction.
+    fn weight(&self, by_lobe: f32, by_lights: f32) -> f32 {
+        power_heuristic(self.lights.chance() * by_lobe, by_lights)
     }
 
     /// What the lobe reflects of a light that is sampled.
     fn by_lights(&self, xi: Vec3) -> LobeRadiance {
         let mut found = LobeRadiance::default();
-        if self.is_mapped {
+        if self.is_mapped || matches!(self.lights, LightsAt::Diffuse(_)) {
             return found;
         }
         let (start, normal) = (self.surface.start(), self.surface.shading_normal);
@@ -105,7 +149,7 @@ impl<'a> LobeAt<'a> {
         let normal = self.surface.shading_normal;
         let [(radiance, other), _] =
             self.coarse.lights.escaping(&self.unoccluded, normal, direction);
-        radiance * power_heuristic(density, other)
+        radiance * self.weight(density, other)
     }
 
     /// What a ray of that density brings from where it left the scene. The sun is found by rays that
@@ -119,7 +163,7 @@ impl<'a> LobeAt<'a> {
             let is_found = group == 0 || finds_sun;
             match radiance != Rgb::ZERO && is_found {
                 true if sight.is_bent || self.is_mapped => radiance,
-                true => radiance * power_heuristic(density, other),
+                true => radiance * self.weight(density, other),
                 false => Rgb::ZERO,
             }
         };
@@ -139,7 +183,7 @@ impl<'a> LobeAt<'a> {
         let hit = hit.after(sight.way);
         let lights = &self.coarse.lights;
         let other = lights.density(&self.unoccluded, place, &hit, met.normal, sight.direction);
-        sight.left * met.emission * power_heuristic(density, other)
+        sight.left * met.emission * self.weight(density, other)
     }
 }
 
@@ -152,12 +196,13 @@ pub fn radiance_by_lobe(
     mut viewer: Vec3,
     path_numbers: LobePathNumbers,
 ) -> LobeRadiance {
-    let LobePathNumbers { mut xi, mut numbers, tells_open_sky, mut is_mapped } = path_numbers;
+    let LobePathNumbers { mut xi, mut numbers, tells_open_sky, mut is_mapped, mut lights, by_mesh } =
+        path_numbers;
     let world = &*coarse.world;
     let mut surface = surface.lobe_only();
     let (mut found, mut carried) = (LobeRadiance::default(), Rgb::ONE);
     for lobe in 1.. {
-        let at = LobeAt::new(coarse, surface, viewer, is_mapped);
+        let at = LobeAt::new(coarse, surface, viewer, (is_mapped, lights));
         is_mapped = at.is_mapped;
         let by_lights = at.by_lights(numbers.light);
         if lobe == 1 {
@@ -196,14 +241,23 @@ pub fn radiance_by_lobe(
         let Some(next) = numbers.next.filter(|_| met.reflection().is_glossy() && lobe < MOST_LOBES)
         else {
             let albedo = met.reflection().mean_albedo();
-            found.radiance += carried * by_albedo(coarse, (&met, albedo), &hit, numbers).radiance;
+            found.radiance += carried
+                * match by_mesh {
+                    true => coarse.by_albedo(&met, albedo, &hit, None),
+                    false => by_albedo(coarse, (&met, albedo), &hit, numbers).radiance,
+                };
             break;
         };
         let albedo = met.reflection().diffuse(-sight.direction);
-        found.radiance += carried * by_albedo(coarse, (&met, albedo), &hit, numbers).radiance;
+        let diffuse = by_albedo(coarse, (&met, albedo), &hit, numbers);
+        found.radiance += carried * diffuse.radiance;
         (surface, viewer) = (met.lobe_only(), -sight.direction);
         let albedo = surface.reflection().albedo(viewer).max_element();
         let survival = (SURVIVAL_PER_ALBEDO * albedo).clamp(LEAST_SURVIVAL, 1.0);
+        lights = lights_at(coarse, &diffuse, survival);
+        let by_shadow_ray = diffuse.by_shadow_ray.as_ref();
+        let lit = lit_with_diffuse(&surface, viewer, (by_shadow_ray, lights), is_mapped);
+        found.radiance += carried * lit;
         if next.number() >= survival {
             break;
         }
@@ -292,15 +346,55 @@ pub fn reflected_afresh(
     let mut found = by_albedo(coarse, (surface, albedo), hit, numbers);
     let probability = (FOLLOWED_PER_SHARE * (1.0 - surface.reflection().diffuse_share(-direction)))
         .clamp(LEAST_FOLLOWED, 1.0);
+    let lights = lights_at(coarse, &found, probability);
+    let (lobe, by_shadow_ray) = (surface.lobe_only(), found.by_shadow_ray.as_ref());
+    let lit = lit_with_diffuse(&lobe, -direction, (by_shadow_ray, lights), is_mapped);
+    found.radiance += lit;
     if next.number() >= probability {
         return found;
     }
     let numbers = Afresh { next: Some(next.after()), ..next.afresh() };
-    let path_numbers =
-        LobePathNumbers { xi: numbers.bounce, numbers, tells_open_sky: false, is_mapped };
+    let path_numbers = LobePathNumbers {
+        xi: numbers.bounce,
+        numbers,
+        tells_open_sky: false,
+        is_mapped,
+        lights,
+        by_mesh: false,
+    };
     let by_lobe = radiance_by_lobe(coarse, *surface, -direction, path_numbers);
     found.radiance += by_lobe.radiance / probability;
     found
+}
+
+/// How lights are sampled at the lobe of a hit whose diffuse part was found like that, where the lobe is
+/// followed with that probability.
+fn lights_at(coarse: &CoarseSolution, diffuse: &FoundAfresh, probability: f32) -> LightsAt {
+    match diffuse.by_shadow_ray.is_some() && coarse.lights.is_exact() {
+        true => LightsAt::Diffuse(probability),
+        false => LightsAt::Lobe,
+    }
+}
+
+/// What a lobe reflects towards the unit vector `viewer` of the light that the shadow ray of the diffuse
+/// part found, if lights are sampled by that, and not by a map, as those of a sharp lobe may be.
+fn lit_with_diffuse(
+    lobe: &Surface,
+    viewer: Vec3,
+    (sample, lights): (Option<&ShadowSample>, LightsAt),
+    is_mapped: bool,
+) -> Rgb {
+    let reflection = lobe.reflection();
+    let Some(sample) = sample.filter(|_| matches!(lights, LightsAt::Diffuse(_))) else {
+        return Rgb::ZERO;
+    };
+    let arrived = sample.arrived();
+    let is_below = lobe.normal.dot(sample.direction) <= 0.0;
+    if arrived == Rgb::ZERO || is_below || (is_mapped && reflection.is_sharp()) {
+        return Rgb::ZERO;
+    }
+    let (parts, by_lobe) = reflection.evaluate_with_pdf(viewer, sample.direction, 0.0);
+    parts.both() * arrived * power_heuristic(sample.density, lights.chance() * by_lobe)
 }
 
 /// Radiance that a hit on a surface of that albedo reflects to all sides, found out afresh.
@@ -352,14 +446,116 @@ pub fn lacking(coarse: &CoarseSolution, start: Vec3, direction: Vec3, numbers: A
     // One lobe: what comes behind it is taken from the links.
     let numbers = Afresh { next: None, ..numbers };
     let viewer = -sight.direction;
-    let diffuse = coarse.reflected_diffusely(&end, viewer, numbers);
+    let albedo = met.reflection().diffuse(viewer);
     let path_numbers = LobePathNumbers {
         xi: numbers.bounce,
         numbers,
         tells_open_sky: false,
         is_mapped: coarse.is_mapped(),
+        lights: LightsAt::Lobe,
+        by_mesh: true,
     };
+    let by_lobe = radiance_by_lobe(coarse, met, viewer, path_numbers).radiance;
     let by_links = coarse.sent_by_links(&met, &end);
-    let sent = diffuse + radiance_by_lobe(coarse, met, viewer, path_numbers).radiance;
-    sight.left * (sent - by_links)
+    let diffuse = coarse.by_albedo(&met, albedo, &end, None);
+    sight.left * (diffuse + by_lobe - by_links)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Stream;
+    use crate::rays::Eye;
+    use crate::sampling::Shifted;
+    use crate::transport::hemilux::fragments::VisibleSurfaces;
+    use crate::transport::hemilux::specimen::{SEED, Specimen};
+
+    /// Numbers that each mean is taken over.
+    const TIMES: u32 = 2000;
+
+    /// Sums of means over random numbers, and of the squares of their standard errors.
+    #[derive(Default)]
+    struct Means {
+        sum: f64,
+        squares: f64,
+        count: u64,
+    }
+
+    impl Means {
+        /// Adds a mean over other numbers than those before.
+        fn add(&mut self, radiance: impl Fn(Afresh) -> Rgb) {
+            self.count += 1;
+            let mut sequence = Shifted::new(SEED, Stream::Gather, self.count);
+            let [mut sum, mut squares] = [0.0; 2];
+            for _ in 0..TIMES {
+                sequence.next_pair();
+                let found = f64::from(radiance(sequence.afresh()).element_sum());
+                (sum, squares) = (sum + found, squares + found * found);
+            }
+            let (count, mean) = (f64::from(TIMES), sum / f64::from(TIMES));
+            self.sum += mean;
+            self.squares += (squares / count - mean * mean).max(0.0) / count;
+        }
+
+        /// How far it is above another, in standard errors.
+        fn above(&self, other: &Self) -> f64 {
+            (self.sum - other.sum) / (self.squares + other.squares).sqrt()
+        }
+    }
+
+    /// What a hit reflects where its lobe has a shadow ray of its own, and is always followed.
+    fn with_own_shadow_ray(
+        coarse: &CoarseSolution,
+        (surface, hit): (&Surface, &Hit),
+        direction: Vec3,
+        numbers: Afresh,
+    ) -> Rgb {
+        let next = numbers.next.expect("gather rays have more numbers").after();
+        let path_numbers = LobePathNumbers {
+            xi: next.afresh().bounce,
+            numbers: Afresh { next: Some(next.after()), ..next.afresh() },
+            tells_open_sky: false,
+            is_mapped: false,
+            lights: LightsAt::Lobe,
+            by_mesh: false,
+        };
+        let diffuse = surface.reflection().diffuse(-direction);
+        by_albedo(coarse, (surface, diffuse), hit, numbers).radiance
+            + radiance_by_lobe(coarse, *surface, -direction, path_numbers).radiance
+    }
+
+    /// The shadow ray of a hit lights its lobe, too, and that is as much on average as if the lobe had one
+    /// of its own. Light that is counted by both ways is noticed.
+    #[test]
+    fn a_hits_shadow_ray_lights_its_lobe() {
+        let specimen = Specimen::new(&crate::scene::made::kitchen(), 2000);
+        let (world, coarse) = (&specimen.world, &specimen.coarse);
+        let (camera, cut) = (&world.scene.cameras[0], specimen.cut.clone());
+        let visible = VisibleSurfaces::new(world, cut, camera, [64, 64], 1);
+        let [mut shared, mut own, mut doubled] = [(); 3].map(|()| Means::default());
+        for lobe in visible.lobes.iter().step_by(41) {
+            let (origin, direction) = visible.lobe_ray(lobe, 0);
+            let hit = world.rays.closest(Eye::Camera, origin, direction);
+            let Some((hit, surface)) = hit.and_then(|hit| Some((hit, world.surface(&hit)?))) else {
+                continue;
+            };
+            let albedo = surface.reflection().diffuse(-direction);
+            if albedo == Rgb::ZERO {
+                continue;
+            }
+            let (at, way) = ((&surface, &hit), (direction, false));
+            let reflected = |numbers| reflected_afresh(coarse, at, way, numbers).radiance;
+            shared.add(reflected);
+            own.add(|numbers| with_own_shadow_ray(coarse, at, direction, numbers));
+            doubled.add(|numbers| {
+                let found = by_albedo(coarse, (&surface, albedo), &hit, numbers);
+                let sample = (found.by_shadow_ray.as_ref(), LightsAt::Diffuse(0.0));
+                let lit = lit_with_diffuse(&surface.lobe_only(), -direction, sample, false);
+                reflected(numbers) + lit
+            });
+        }
+        assert!(shared.count >= 10, "{}", shared.count);
+        assert!(shared.above(&own).abs() < 3.5, "{} of {}", shared.sum, own.sum);
+        assert!(doubled.above(&own) > 6.0, "{} of {}", doubled.sum, own.sum);
+    }
 }

@@ -2,7 +2,7 @@
 //! pixels share these rays as far as the lobes blur what they show (docs/decisions/0024). What they
 //! share is radiance over the lobe's albedo, so that textures of colour and metal stay sharp.
 
-use super::lobe_rays::{LobePathNumbers, LobeRadiance, radiance_by_lobe};
+use super::lobe_rays::{LightsAt, LobePathNumbers, LobeRadiance, radiance_by_lobe};
 use super::open_sky;
 use super::seen_through::behind_holes;
 use super::sharing::{Shared, Shown};
@@ -496,6 +496,8 @@ fn trace(
         numbers: at.afresh(),
         tells_open_sky: coarse.lights.has_sky(),
         is_mapped: false,
+        lights: LightsAt::Lobe,
+        by_mesh: false,
     };
     let LobeRadiance { radiance, sky, open_sky, nearness } =
         radiance_by_lobe(coarse, surface, viewer, path_numbers);

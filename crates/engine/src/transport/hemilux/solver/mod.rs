@@ -55,7 +55,7 @@ const REFILL_RADIUS_FACTOR: f32 = 0.85;
 /// Most rays of an element in one round of links, as a multiple of those in the first round.
 const MOST_ROUNDS: u32 = 64;
 /// Rays of an element that find what lobes send to it, in a round of links.
-const LOBE_RAYS: u32 = 8;
+const LOBE_RAYS: u32 = 16;
 /// Most rays of a record that is made in a later iteration, as a multiple of `gather_rays`, the
 /// most that a record gets in one iteration.
 const MOST_CATCH_UP: u32 = 8;
