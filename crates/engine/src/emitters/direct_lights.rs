@@ -65,8 +65,8 @@ impl AllUnoccluded {
     /// Gives the sky half of the rays where it is seen through openings, and a few where none is known:
     /// what it shines without occlusion, and what the sun does, say nothing of how much of either
     /// arrives.
-    fn with_half_for_sky(mut self) -> Self {
-        if let Some(lookout) = self.lookout.filter(|_| self.shares[1] > 0.0) {
+    fn give_half_to_sky(&mut self) {
+        if let Some(lookout) = self.lookout.as_ref().filter(|_| self.shares[1] > 0.0) {
             let others: f32 = self.shares.iter().sum::<f32>() - self.shares[1];
             let wanted = if lookout.sees_any() { 0.5 } else { BLIND_SKY_SHARE };
             let (sky, factor) =
@@ -74,7 +74,6 @@ impl AllUnoccluded {
             self.shares = self.shares.map(|share| share * factor);
             self.shares[1] = sky;
         }
-        self
     }
 
     /// The group for a uniform number, and the number that is left for picks within it.
@@ -199,7 +198,8 @@ impl DirectLights {
         all.irradiance += known.iter().sum::<Rgb>();
         let [sky, sun, punctual] = others.map(importance);
         all.shares = self.shares([importance(polygons.irradiance), sky, sun, punctual]);
-        all.with_half_for_sky()
+        all.give_half_to_sky();
+        all
     }
 
     /// Where a surface sees the sky through openings.
@@ -230,7 +230,7 @@ impl DirectLights {
             lights.worth(point, normal, |direction| lobe_share(axis, direction))
         });
         all.shares = self.shares([polygons.importance(), sky, sun, punctual]);
-        all = all.with_half_for_sky();
+        all.give_half_to_sky();
         // A sharp lobe finds the sky by itself.
         all.shares[1] *= (SKY_SOLID_ANGLE * (axis.exponent + 1.0).recip()).min(1.0);
         all

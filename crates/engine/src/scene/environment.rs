@@ -244,6 +244,9 @@ impl PlacedMap {
 
 /// A direction turned about +Y by an angle in radians, anticlockwise seen from above.
 pub fn turned(direction: Vec3, angle: f32) -> Vec3 {
+    if angle == 0.0 {
+        return direction;
+    }
     let (sin, cos) = angle.sin_cos();
     let Vec3 { x, y, z } = direction;
     Vec3::new(cos * x + sin * z, y, cos * z - sin * x)

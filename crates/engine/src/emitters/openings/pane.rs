@@ -2,7 +2,8 @@
 //! Fajardo, King: An area-preserving parametrization for spherical rectangles, 2013).
 
 use super::rectangle::Rectangle;
-use glam::{Vec2, Vec3};
+use crate::angles::angles_of;
+use glam::{Vec2, Vec3, Vec4};
 use std::f32::consts::TAU;
 
 /// A rectangle of a smaller solid angle, sr, is sampled by its area: the other form would lose its
@@ -17,81 +18,81 @@ const LEAST_COSINE: f32 = 0.05;
 /// least.
 const WITHIN: f32 = 1e-4;
 
-/// A rectangle seen from a place.
+/// A rectangle seen from a place, along its own axes about that.
 #[derive(Clone, Copy, Debug)]
 pub struct Pane {
-    /// From the place to a corner.
-    corner: Vec3,
-    edges: [Vec3; 2],
+    /// Unit vectors along its edges.
+    axes: [Vec3; 2],
+    /// Unit normal, outwards.
+    out: Vec3,
+    /// Its corners along its axes.
+    low: Vec2,
+    high: Vec2,
+    /// Distance of its plane.
+    away: f32,
     /// Solid angle, sr.
     angle: f32,
     /// The angle at which those begin by which directions are drawn.
     turn: f32,
 }
 
-/// The rectangle along its own axes about the place.
-struct Local {
-    axes: [Vec3; 2],
-    /// Outwards, unit.
-    out: Vec3,
-    low: Vec2,
-    high: Vec2,
-    /// Distance of its plane.
-    away: f32,
-}
-
-impl Local {
-    /// The components along the rectangle's normal of the unit normals of the planes through the place
-    /// and each edge.
-    fn normals(&self) -> [f32; 4] {
-        let part = |x: f32| x / x.hypot(self.away);
-        [-part(self.low.y), part(self.high.x), part(self.high.y), -part(self.low.x)]
-    }
-}
-
 impl Pane {
     /// No opening.
-    pub const NONE: Self =
-        Self { corner: Vec3::ZERO, edges: [Vec3::ZERO; 2], angle: 0.0, turn: 0.0 };
+    pub const NONE: Self = Self {
+        axes: [Vec3::ZERO; 2],
+        out: Vec3::ZERO,
+        low: Vec2::ZERO,
+        high: Vec2::ZERO,
+        away: 0.0,
+        angle: 0.0,
+        turn: 0.0,
+    };
 
     /// How it looks from a point; `None` from outside, and edge-on.
     pub fn new(rectangle: &Rectangle, point: Vec3) -> Option<Self> {
-        let mut this =
-            Self { corner: rectangle.corner - point, edges: rectangle.edges, ..Self::NONE };
-        let local = this.local();
-        let size = local.high - local.low;
-        if local.away <= WITHIN * size.max_element() {
+        let corner = rectangle.corner - point;
+        let size = Vec2::from(rectangle.edges.map(Vec3::length));
+        let axes = [rectangle.edges[0] / size.x, rectangle.edges[1] / size.y];
+        let out = axes[0].cross(axes[1]);
+        let low = Vec2::new(corner.dot(axes[0]), corner.dot(axes[1]));
+        let away = corner.dot(out);
+        let mut this = Self { axes, out, low, high: low + size, away, ..Self::NONE };
+        if away <= WITHIN * size.max_element() {
             return None;
         }
-        let n = local.normals();
-        let angles = [0, 1, 2, 3].map(|k| (-n[k] * n[(k + 1) % 4]).clamp(-1.0, 1.0).acos());
-        this.angle = angles.iter().sum::<f32>() - TAU;
-        this.turn = TAU - angles[2] - angles[3];
+        let n = this.normals();
+        let cosines = Vec4::from_array([0, 1, 2, 3].map(|k| -n[k] * n[(k + 1) % 4]));
+        let sines = (1.0 - cosines * cosines).max(Vec4::ZERO);
+        let angles = angles_of(sines.map(f32::sqrt), cosines);
+        this.angle = angles.element_sum() - TAU;
+        this.turn = TAU - angles.z - angles.w;
         if this.angle < SMALL {
-            let middle = this.middle();
-            let square = middle.length_squared();
-            this.angle = size.x * size.y * local.away / (square * square.sqrt());
+            let square = this.middle().length_squared();
+            this.angle = size.x * size.y * away / (square * square.sqrt());
         }
         (this.angle > 0.0).then_some(this)
     }
 
-    fn middle(&self) -> Vec3 {
-        self.corner + 0.5 * (self.edges[0] + self.edges[1])
+    /// The components along the rectangle's normal of the unit normals of the planes through the place
+    /// and each edge.
+    fn normals(&self) -> [f32; 4] {
+        let part = |x: f32| x / length(x, self.away);
+        [-part(self.low.y), part(self.high.x), part(self.high.y), -part(self.low.x)]
     }
 
-    fn local(&self) -> Local {
-        let [x, y] = self.edges.map(Vec3::normalize);
-        let out = x.cross(y);
-        let low = Vec2::new(self.corner.dot(x), self.corner.dot(y));
-        let high = low + Vec2::new(self.edges[0].length(), self.edges[1].length());
-        Local { axes: [x, y], out, low, high, away: self.corner.dot(out) }
+    /// Its middle, along its axes.
+    fn middle(&self) -> Vec3 {
+        (0.5 * (self.low + self.high)).extend(self.away)
     }
 
     /// Solid angle times the mean cosine at a surface, about; 0 below its horizon.
     pub fn worth(&self, normal: Vec3) -> f32 {
-        let [x, y] = self.edges;
+        let [x, y] = self.axes;
+        let normal = Vec3::new(normal.dot(x), normal.dot(y), normal.dot(self.out));
         let cosine = |place: Vec3| normal.dot(place) / place.length();
-        let corners = [Vec3::ZERO, x, y, x + y].map(|from| cosine(self.corner + from));
+        let Self { low, high, .. } = *self;
+        let corners = [low, Vec2::new(high.x, low.y), Vec2::new(low.x, high.y), high];
+        let corners = corners.map(|corner| cosine(corner.extend(self.away)));
         if corners.iter().all(|cosine| *cosine <= 0.0) {
             return 0.0;
         }
@@ -102,47 +103,57 @@ impl Pane {
 
     /// A unit direction through it, by two uniform numbers.
     pub fn sample(&self, [u, v]: [f32; 2]) -> Vec3 {
-        if self.angle < SMALL {
-            return (self.corner + self.edges[0] * u + self.edges[1] * v).normalize();
-        }
-        let local = self.local();
-        let n = local.normals();
+        let place = match self.angle < SMALL {
+            true => self.low + (self.high - self.low) * Vec2::new(u, v),
+            false => self.place_by_solid_angle([u, v]),
+        };
+        let [right, up] = self.axes;
+        (right * place.x + up * place.y + self.out * self.away).normalize()
+    }
+
+    /// A place on it along its axes, uniform in solid angle.
+    fn place_by_solid_angle(&self, [u, v]: [f32; 2]) -> Vec2 {
+        let n = self.normals();
         let (sine, cosine) = (u * self.angle + self.turn).sin_cos();
         let f = (cosine * n[0] - n[2]) / sine;
-        let c = f.hypot(n[0]).recip().min(1.0) * f.signum();
-        let x = c * local.away / (1.0 - c * c).max(1e-12).sqrt();
-        let x = x.clamp(local.low.x, local.high.x);
-        let away = x.hypot(local.away);
-        let [low, high] = [local.low.y, local.high.y].map(|y| y / y.hypot(away));
+        let c = length(f, n[0]).recip().min(1.0) * f.signum();
+        let x = c * self.away / (1.0 - c * c).max(1e-12).sqrt();
+        let x = x.clamp(self.low.x, self.high.x);
+        let away = length(x, self.away);
+        let [low, high] = [self.low.y, self.high.y].map(|y| y / length(y, away));
         let h = low + v * (high - low);
         let y = h * away / (1.0 - h * h).max(1e-12).sqrt();
-        let y = y.clamp(local.low.y, local.high.y);
-        let [right, up] = local.axes;
-        (right * x + up * y + local.out * local.away).normalize()
+        Vec2::new(x, y.clamp(self.low.y, self.high.y))
     }
 
     /// Density of [`Pane::sample`], 1/sr, for a unit direction.
     pub fn pdf(&self, direction: Vec3) -> f32 {
-        let across = self.edges[0].cross(self.edges[1]);
-        let away = across.dot(self.corner) / across.dot(direction);
+        let cosine = self.out.dot(direction);
+        let away = self.away / cosine;
         // Also where it runs along the plane.
         if !(away > 0.0 && away.is_finite()) {
             return 0.0;
         }
-        let at = direction * away - self.corner;
-        let inside = self.edges.iter().all(|edge| {
-            let along = edge.dot(at) / edge.length_squared();
-            (-ROUNDING..=1.0 + ROUNDING).contains(&along)
-        });
-        if !inside {
+        let [x, y] = self.axes;
+        let at = Vec2::new(x.dot(direction), y.dot(direction)) * away;
+        let size = self.high - self.low;
+        let along = (at - self.low) / size;
+        if along.cmplt(Vec2::splat(-ROUNDING)).any()
+            || along.cmpgt(Vec2::splat(1.0 + ROUNDING)).any()
+        {
             return 0.0;
         }
         if self.angle >= SMALL {
             return self.angle.recip();
         }
         // A uniform density over the area.
-        away * away / across.dot(direction).abs()
+        away * away / (size.x * size.y * cosine.abs())
     }
+}
+
+/// √(x² + y²): far from the ends of single precision, in ray units.
+fn length(x: f32, y: f32) -> f32 {
+    (x * x + y * y).sqrt()
 }
 
 #[cfg(test)]
@@ -172,11 +183,14 @@ mod tests {
     fn directions_are_uniform_in_solid_angle() {
         let mut numbers = Numbers::new(1, Stream::Light, 0);
         for pane in panes() {
-            let toward = pane.middle().normalize();
+            let [right, up] = pane.axes;
+            let place = |at: Vec2| right * at.x + up * at.y + pane.out * pane.away;
+            let toward = place(0.5 * (pane.low + pane.high)).normalize();
             const SAMPLES: u32 = 400_000;
             // Directions within the cap about the middle that holds all of it.
-            let [x, y] = pane.edges;
-            let corners = [Vec3::ZERO, x, y, x + y].map(|from| (pane.corner + from).normalize());
+            let (low, high) = (pane.low, pane.high);
+            let corners = [low, Vec2::new(high.x, low.y), Vec2::new(low.x, high.y), high];
+            let corners = corners.map(|corner| place(corner).normalize());
             let least = corners.iter().map(|corner| corner.dot(toward)).fold(1.0, f32::min);
             let cap = (1.0 - least).min(2.0);
             let (mut whole, mut angle, mut mean) = (0.0f64, 0.0f64, Vec3::ZERO);

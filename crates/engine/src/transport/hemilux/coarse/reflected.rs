@@ -22,6 +22,8 @@ pub struct FoundAfresh {
     /// Where the mesh tells what arrives; `None` so near to where the ray started that the mesh is too
     /// coarse, where light comes through from the other side, and where nothing is reflected diffusely.
     pub told_at: Option<FacetPlace>,
+    /// Where it is, if it is so near that one more ray found what has bounced.
+    pub near_at: Option<FacetPlace>,
     /// The shadow ray by which the emitters' light was found; `None` where nothing is reflected diffusely.
     pub by_shadow_ray: Option<ShadowSample>,
 }
@@ -97,14 +99,14 @@ impl CoarseSolution {
         let sample = self.lights.sample_by_shadow_ray(&self.world, start, normal, afresh.light);
         let direct = sample.irradiance(self.share(place));
         let next = afresh.next.filter(|_| self.mesh.is_near(place, hit.distance));
-        let (bounced, told_at) = match next {
-            Some(next) => (self.bounced_by_ray(surface, afresh.bounce, next), None),
-            None => (self.mesh.value(&self.indirect, place), Some(place)),
+        let (bounced, told_at, near_at) = match next {
+            Some(next) => (self.bounced_by_ray(surface, afresh.bounce, next), None, Some(place)),
+            None => (self.mesh.value(&self.indirect, place), Some(place), None),
         };
         let caustics = self.caustics.as_ref();
         let by_caustics = caustics.map_or(Rgb::ZERO, |caustics| caustics.irradiance(surface));
         let radiance = albedo * (bounced + direct + by_caustics) / PI;
-        FoundAfresh { radiance, told_at, by_shadow_ray: Some(sample) }
+        FoundAfresh { radiance, told_at, near_at, by_shadow_ray: Some(sample) }
     }
 
     /// Irradiance that has bounced, by one ray: some of them are aimed at bright patches (balance

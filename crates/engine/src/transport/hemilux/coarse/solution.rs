@@ -391,14 +391,12 @@ impl CoarseSolution {
         self.mesh.value(&self.indirect, place)
     }
 
-    /// How much of the bounced light at a hit comes from lobes, if that is found by one more ray.
-    pub fn share_by_lobes_nearby(&self, hit: &Hit) -> f32 {
+    /// How much of the bounced light at a place comes from lobes.
+    pub fn share_by_lobes(&self, place: FacetPlace) -> f32 {
         if self.by_lobes.is_empty() {
             return 0.0;
         }
-        let place = self.mesh.place_of(hit).filter(|place| self.mesh.is_near(*place, hit.distance));
-        let element = place.and_then(|place| self.mesh.element_on(place));
-        element.map_or(0.0, |element| self.by_lobes.share(element))
+        self.mesh.element_on(place).map_or(0.0, |element| self.by_lobes.share(element))
     }
 
     /// Radiance that links take a hit to send to all sides.

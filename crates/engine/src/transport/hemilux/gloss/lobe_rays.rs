@@ -5,6 +5,7 @@
 //! followed ([0087](docs/decisions/0087-a-hits-shadow-ray-lights-its-lobe.md)).
 
 use crate::emitters::{AllUnoccluded, LobeAxis, ShadowSample};
+use crate::patches::FacetPlace;
 use crate::radiometry::Rgb;
 use crate::rays::Hit;
 use crate::sampling::{Afresh, Next, cosine_direction, power_heuristic};
@@ -205,13 +206,11 @@ pub fn radiance_by_lobe(
         let at = LobeAt::new(coarse, surface, viewer, (is_mapped, lights));
         is_mapped = at.is_mapped;
         let by_lights = at.by_lights(numbers.light);
+        found.radiance += carried * by_lights.radiance;
         if lobe == 1 {
-            found = by_lights;
-        } else {
-            found.radiance += carried * by_lights.radiance;
+            (found.sky, found.open_sky) = (by_lights.sky, by_lights.open_sky);
         }
-        let scattered = surface.reflection().sample(viewer, 0.0, false, xi);
-        let Some(scattered) = scattered else { break };
+        let Some(scattered) = surface.reflection().sample(viewer, 0.0, false, xi) else { break };
         let sight = world.look(surface.start(), scattered.direction);
         carried *= scattered.factor.both();
         if lobe == 1 && tells_open_sky {
@@ -240,24 +239,16 @@ pub fn radiance_by_lobe(
         carried *= sight.left;
         let Some(next) = numbers.next.filter(|_| met.reflection().is_glossy() && lobe < MOST_LOBES)
         else {
-            let albedo = met.reflection().mean_albedo();
-            found.radiance += carried
-                * match by_mesh {
-                    true => coarse.by_albedo(&met, albedo, &hit, None),
-                    false => by_albedo(coarse, (&met, albedo), &hit, numbers).radiance,
-                };
+            found.radiance += carried * at_the_end(coarse, (&met, &hit), numbers, by_mesh);
             break;
         };
-        let albedo = met.reflection().diffuse(-sight.direction);
-        let diffuse = by_albedo(coarse, (&met, albedo), &hit, numbers);
-        found.radiance += carried * diffuse.radiance;
         (surface, viewer) = (met.lobe_only(), -sight.direction);
         let albedo = surface.reflection().albedo(viewer).max_element();
         let survival = (SURVIVAL_PER_ALBEDO * albedo).clamp(LEAST_SURVIVAL, 1.0);
-        lights = lights_at(coarse, &diffuse, survival);
-        let by_shadow_ray = diffuse.by_shadow_ray.as_ref();
-        let lit = lit_with_diffuse(&surface, viewer, (by_shadow_ray, lights), is_mapped);
-        found.radiance += carried * lit;
+        let way = (viewer, is_mapped);
+        let (beside, by) = beside_lobe(coarse, (&met, &hit), way, numbers, survival);
+        found.radiance += carried * beside.radiance;
+        lights = by;
         if next.number() >= survival {
             break;
         }
@@ -266,6 +257,20 @@ pub fn radiance_by_lobe(
         xi = numbers.bounce;
     }
     found
+}
+
+/// What the hit at the end of a path reflects to all sides, by the mesh or found out afresh.
+fn at_the_end(
+    coarse: &CoarseSolution,
+    (met, hit): (&Surface, &Hit),
+    numbers: Afresh,
+    by_mesh: bool,
+) -> Rgb {
+    let albedo = met.reflection().mean_albedo();
+    match by_mesh {
+        true => coarse.by_albedo(met, albedo, hit, None),
+        false => by_albedo(coarse, (met, albedo), hit, numbers).radiance,
+    }
 }
 
 /// What arrives along a ray, as it is found out afresh and as tier 1 says.
@@ -342,14 +347,10 @@ pub fn reflected_afresh(
         let albedo = surface.reflection().mean_albedo();
         return by_albedo(coarse, (surface, albedo), hit, numbers);
     };
-    let albedo = surface.reflection().diffuse(-direction);
-    let mut found = by_albedo(coarse, (surface, albedo), hit, numbers);
     let probability = (FOLLOWED_PER_SHARE * (1.0 - surface.reflection().diffuse_share(-direction)))
         .clamp(LEAST_FOLLOWED, 1.0);
-    let lights = lights_at(coarse, &found, probability);
-    let (lobe, by_shadow_ray) = (surface.lobe_only(), found.by_shadow_ray.as_ref());
-    let lit = lit_with_diffuse(&lobe, -direction, (by_shadow_ray, lights), is_mapped);
-    found.radiance += lit;
+    let way = (-direction, is_mapped);
+    let (mut found, lights) = beside_lobe(coarse, (surface, hit), way, numbers, probability);
     if next.number() >= probability {
         return found;
     }
@@ -367,13 +368,24 @@ pub fn reflected_afresh(
     found
 }
 
-/// How lights are sampled at the lobe of a hit whose diffuse part was found like that, where the lobe is
-/// followed with that probability.
-fn lights_at(coarse: &CoarseSolution, diffuse: &FoundAfresh, probability: f32) -> LightsAt {
-    match diffuse.by_shadow_ray.is_some() && coarse.lights.is_exact() {
+/// What a hit on a glossy surface reflects towards the unit vector `viewer` beside what is found by following
+/// its lobe, which is done with that probability; and how lights are sampled at the lobe then.
+fn beside_lobe(
+    coarse: &CoarseSolution,
+    (surface, hit): (&Surface, &Hit),
+    (viewer, is_mapped): (Vec3, bool),
+    numbers: Afresh,
+    probability: f32,
+) -> (FoundAfresh, LightsAt) {
+    let albedo = surface.reflection().diffuse(viewer);
+    let mut found = by_albedo(coarse, (surface, albedo), hit, numbers);
+    let lights = match found.by_shadow_ray.is_some() && coarse.lights.is_exact() {
         true => LightsAt::Diffuse(probability),
         false => LightsAt::Lobe,
-    }
+    };
+    let sample = (found.by_shadow_ray.as_ref(), lights);
+    found.radiance += lit_with_diffuse(&surface.lobe_only(), viewer, sample, is_mapped);
+    (found, lights)
 }
 
 /// What a lobe reflects towards the unit vector `viewer` of the light that the shadow ray of the diffuse
@@ -405,7 +417,9 @@ fn by_albedo(
     numbers: Afresh,
 ) -> FoundAfresh {
     let mut found = coarse.found_afresh(surface, albedo, hit, numbers);
-    found.radiance += beyond_near_field(coarse, (surface, albedo), hit, numbers);
+    if let Some(place) = found.near_at {
+        found.radiance += beyond_near_field(coarse, (surface, albedo), place, numbers);
+    }
     found
 }
 
@@ -415,11 +429,11 @@ fn by_albedo(
 fn beyond_near_field(
     coarse: &CoarseSolution,
     (surface, albedo): (&Surface, Rgb),
-    hit: &Hit,
+    place: FacetPlace,
     numbers: Afresh,
 ) -> Rgb {
     let Some(next) = numbers.next.map(Next::after) else { return Rgb::ZERO };
-    let probability = (TRACED_PER_SHARE * coarse.share_by_lobes_nearby(hit)).min(1.0);
+    let probability = (TRACED_PER_SHARE * coarse.share_by_lobes(place)).min(1.0);
     if albedo == Rgb::ZERO || next.number() >= probability {
         return Rgb::ZERO;
     }
