@@ -12,7 +12,7 @@ const MOST_SHADOW_PASSES: u32 = 4;
 const RAY_COSTS: [f64; 2] = [0.7, 0.2];
 /// How many times as much an error of records counts as one of single pixels: it is smooth, blotches as wide as
 /// records are apart, which the eye sees and no denoiser takes away.
-const SMOOTH_COUNTS: f64 = 2.0;
+pub const SMOOTH_COUNTS: f64 = 2.0;
 /// Most of the camera's rays in a pixel at an edge in an iteration.
 const MOST_EDGE_RAYS: u32 = 128;
 /// Error by edges, over that of all else, down to which rays are drawn there: 2 % of the square.

@@ -1,6 +1,6 @@
 //! Passes of rays, and how the time is used up that is left after the last iteration.
 
-use super::super::balance::EDGE_TIME;
+use super::super::balance::{EDGE_TIME, SMOOTH_COUNTS};
 use super::super::direct::Caster;
 use super::super::estimate::Errors;
 use super::super::gather::Gathering;
@@ -74,7 +74,7 @@ impl Tiers {
             Some(errors) => {
                 self.use_rest_at_edges(&errors);
                 let [noise, _, shadows, lobes, _] = errors.by_cause;
-                [noise, shadows, lobes]
+                [SMOOTH_COUNTS * noise, shadows, lobes]
             }
             None => [1.0; 3],
         };
@@ -82,6 +82,11 @@ impl Tiers {
             .map(|part| self.clock.spent.get(part).copied().unwrap_or_default());
         let [gather, shadow, lobe] = shared_out(self.pace.left(), errors, spent);
         self.clock.start();
+        // First what gets least: the others may take longer than they were thought to.
+        if self.options.gather {
+            self.spend(Kind::Gather, gather, iterations);
+        }
+        self.clock.lap("seconds_gather");
         if self.options.light {
             self.spend(Kind::Shadow, shadow, iterations);
         }
@@ -91,10 +96,6 @@ impl Tiers {
             self.gloss.share(&self.visible);
         }
         self.clock.lap("seconds_gloss");
-        if self.options.gather {
-            self.spend(Kind::Gather, gather, iterations);
-        }
-        self.clock.lap("seconds_gather");
         // It shows none of this yet.
         self.drawn.iterations = None;
     }
