@@ -76,7 +76,7 @@ impl Pane {
     /// The components along the rectangle's normal of the unit normals of the planes through the place
     /// and each edge.
     fn normals(&self) -> [f32; 4] {
-        let part = |x: f32| x / length(x, self.away);
+        let part = |x: f32| x / Vec2::new(x, self.away).length();
         [-part(self.low.y), part(self.high.x), part(self.high.y), -part(self.low.x)]
     }
 
@@ -116,11 +116,11 @@ impl Pane {
         let n = self.normals();
         let (sine, cosine) = (u * self.angle + self.turn).sin_cos();
         let f = (cosine * n[0] - n[2]) / sine;
-        let c = length(f, n[0]).recip().min(1.0) * f.signum();
+        let c = Vec2::new(f, n[0]).length_recip().min(1.0) * f.signum();
         let x = c * self.away / (1.0 - c * c).max(1e-12).sqrt();
         let x = x.clamp(self.low.x, self.high.x);
-        let away = length(x, self.away);
-        let [low, high] = [self.low.y, self.high.y].map(|y| y / length(y, away));
+        let away = Vec2::new(x, self.away).length();
+        let [low, high] = [self.low.y, self.high.y].map(|y| y / Vec2::new(y, away).length());
         let h = low + v * (high - low);
         let y = h * away / (1.0 - h * h).max(1e-12).sqrt();
         Vec2::new(x, y.clamp(self.low.y, self.high.y))
@@ -149,11 +149,6 @@ impl Pane {
         // A uniform density over the area.
         away * away / (size.x * size.y * cosine.abs())
     }
-}
-
-/// √(x² + y²): far from the ends of single precision, in ray units.
-fn length(x: f32, y: f32) -> f32 {
-    (x * x + y * y).sqrt()
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 //! combined by the power heuristic (Veach and Guibas 1995), from lobe to lobe. Where such a ray
 //! ends on a diffuse surface, direct light is found afresh, and bounced light is the coarse
 //! solution's. The shadow ray that finds it lights the lobe of that surface, too, whether or not that is
-//! followed ([0087](docs/decisions/0087-a-hits-shadow-ray-lights-its-lobe.md)).
+//! followed (docs/decisions/0087).
 
 use crate::emitters::{AllUnoccluded, LobeAxis, ShadowSample};
 use crate::patches::FacetPlace;
@@ -90,6 +90,7 @@ struct LobeAt<'a> {
     unoccluded: AllUnoccluded,
     /// Whether a map has what emitters bring to it.
     is_mapped: bool,
+    /// How lights are sampled there.
     lights: LightsAt,
 }
 
