@@ -6,6 +6,7 @@ use super::focus::Focus;
 use crate::scene::Scene;
 use foldhash::{HashMap, HashMapExt};
 use glam::Vec3;
+use rayon::prelude::*;
 
 /// Longest edge over the height on it beyond which a facet is bisected; a half square has 2.
 pub const MAX_ELONGATION: f32 = 4.0;
@@ -17,6 +18,8 @@ const MAX_ROUNDS: usize = 12;
 /// The same of facets that reach from what is seen to far away, which are halved in length only in
 /// two rounds.
 const MAX_FAR_ROUNDS: usize = 64;
+/// Facets of a parallel task.
+const CHUNK: usize = 1024;
 /// Facets are cheap but not free: stop when splitting has added this many.
 const MAX_ADDED: usize = 200_000;
 
@@ -60,34 +63,41 @@ fn split(
     positions: &mut Vec<Vec3>,
     facets: &mut Vec<Facet>,
     rounds: usize,
-    edge_to_split: impl Fn(&[Vec3], &Facet) -> Option<(u32, u32)>,
+    edge_to_split: impl Fn(&[Vec3], &Facet) -> Option<(u32, u32)> + Sync,
 ) {
     let limit = facets.len() + MAX_ADDED;
+    // A facet that names no edge will not name one until it is a piece of itself.
+    let mut is_new = vec![true; facets.len()];
     for _ in 0..rounds {
+        let places = &*positions;
+        let named = facets.par_iter().zip(&is_new).with_min_len(CHUNK);
+        let named = named.map(|(facet, new)| new.then(|| edge_to_split(places, facet)).flatten());
+        let named: Vec<Option<(u32, u32)>> = named.collect();
         let mut middle: HashMap<(u32, u32), u32> = HashMap::new();
         let mut at_split = vec![false; positions.len()];
-        for facet in facets.iter() {
-            if let Some((a, b)) = edge_to_split(positions, facet) {
-                (at_split[a as usize], at_split[b as usize]) = (true, true);
-                middle.entry(key(a, b)).or_insert_with(|| {
-                    positions.push(0.5 * (positions[a as usize] + positions[b as usize]));
-                    positions.len() as u32 - 1
-                });
-            }
+        for (a, b) in named.into_iter().flatten() {
+            (at_split[a as usize], at_split[b as usize]) = (true, true);
+            middle.entry(key(a, b)).or_insert_with(|| {
+                positions.push(0.5 * (positions[a as usize] + positions[b as usize]));
+                positions.len() as u32 - 1
+            });
         }
         if middle.is_empty() || facets.len() + 2 * middle.len() > limit {
             return;
         }
         let mut all = Vec::with_capacity(facets.len() + 2 * middle.len());
+        let mut all_new = Vec::with_capacity(all.capacity());
         for facet in facets.iter() {
             // Most facets have no end of a split edge, hence no split edge.
             if facet.corners.iter().filter(|corner| at_split[**corner as usize]).count() < 2 {
                 all.push(*facet);
+                all_new.push(false);
             } else {
                 all.extend(pieces(facet, &middle));
+                all_new.resize(all.len(), true);
             }
         }
-        *facets = all;
+        (*facets, is_new) = (all, all_new);
     }
 }
 

@@ -79,14 +79,22 @@ fn halve(
     let place = |member: &Member| member.1.low[axis] + member.1.high[axis];
     many.select_nth_unstable_by(middle, |a, b| place(a).total_cmp(&place(b)).then(a.0.cmp(&b.0)));
     let (left, right) = many.split_at_mut(middle);
-    let mut again = few.to_vec();
-    let half = |half: &mut [Member], few: &mut [Member]| match of_one {
-        true => halve((half, few), halvings - 1, wanted),
-        false => halve((few, half), halvings - 1, wanted),
+    let half = |half: &mut [Member]| {
+        let mut near = overlapping(few, around(half));
+        match of_one {
+            true => halve((half, &mut near), halvings - 1, wanted),
+            false => halve((&mut near, half), halvings - 1, wanted),
+        }
     };
-    let (mut pairs, others) = rayon::join(|| half(left, few), || half(right, &mut again));
+    let (mut pairs, others) = rayon::join(|| half(left), || half(right));
     pairs.extend(others);
     pairs
+}
+
+/// Those of a set whose boxes overlap another one, if there is one.
+fn overlapping(members: &[Member], bounds: Option<Bounds>) -> Vec<Member> {
+    let near = |bounds: Bounds| members.iter().filter(move |(_, own)| own.overlaps(&bounds));
+    bounds.map(near).into_iter().flatten().copied().collect()
 }
 
 /// The box around all.

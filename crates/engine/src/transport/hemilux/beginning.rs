@@ -2,7 +2,7 @@
 //! its first links. The next job on the same scene begins with the same, if all that it depends on is.
 
 use super::clock::Clock;
-use super::coarse::{CoarseMesh, CoarseSolution, Elements, SampledLight};
+use super::coarse::{CoarseMesh, CoarseSolution, Drawing, Elements, SampledLight};
 use super::settings::HemiluxSettings;
 use crate::checkpoint::{CheckpointError, Reader};
 use crate::emitters::DirectLights;
@@ -39,6 +39,8 @@ pub struct Foundations<'a> {
     pub seed: Seed,
     /// The settings in force.
     pub options: &'a HemiluxSettings,
+    /// Whether the first picture had better come soon than be good.
+    pub hasty: bool,
 }
 
 /// What the coarse solution depends on beside scene, surroundings and cut.
@@ -48,6 +50,7 @@ struct Drawn {
     seed: Seed,
     near_field: bool,
     rays: u32,
+    hasty: bool,
 }
 
 /// A beginning that is kept.
@@ -87,7 +90,9 @@ impl Foundations<'_> {
         let mut coarse = self.solution(&lights, self.mesh(), None);
         clock.lap("seconds_patches");
         if coarse.caustics().is_none() {
-            coarse.link(self.seed, 0, drawn.rays);
+            // The next links are twice as many.
+            let rays = if self.hasty { drawn.rays / 2 } else { drawn.rays };
+            coarse.link(self.seed, 0, rays);
             clock.lap("seconds_links");
         }
         if let Some(again) = coarse.again(self.world.clone()) {
@@ -119,14 +124,15 @@ impl Foundations<'_> {
 
     fn drawn(&self) -> Drawn {
         let HemiluxSettings { near_field, coarse_rays: rays, .. } = *self.options;
-        Drawn { patches: self.patches, seed: self.seed, near_field, rays }
+        let Self { patches, seed, hasty, .. } = *self;
+        Drawn { patches, seed, near_field, rays, hasty }
     }
 
     /// The coarse mesh.
     fn mesh(&self) -> CoarseMesh {
         let elements = Elements::new(self.cut, self.patches);
         let mesh = CoarseMesh::new(&self.world.rays, self.cut.clone(), elements);
-        let mut mesh = mesh.with_crevices(self.world);
+        let mut mesh = mesh.with_crevices(self.world, self.hasty);
         if !self.options.near_field {
             mesh.ignore_near_field();
         }
@@ -140,7 +146,8 @@ impl Foundations<'_> {
         mesh: CoarseMesh,
         sampled: Option<Vec<SampledLight>>,
     ) -> CoarseSolution {
-        CoarseSolution::new(self.world.clone(), lights.clone(), mesh, self.seed, sampled)
+        let drawing = Drawing { seed: self.seed, hasty: self.hasty };
+        CoarseSolution::new(self.world.clone(), lights.clone(), mesh, drawing, sampled)
     }
 }
 

@@ -56,6 +56,8 @@ use std::sync::Arc;
 const PATCHES_DECISION: &str = "coarse_patches";
 /// Name in checkpoints of a decision of the first run: what the patches are finest about.
 const FOCUS_DECISION: &str = "focus";
+/// Name in checkpoints of a decision of the first run: whether its coarse solution had better come soon.
+const HASTE_DECISION: &str = "hasty";
 /// Name in checkpoints of a decision of the first run: sub-pixel samples.
 const SAMPLES_DECISION: &str = "pixel_samples";
 
@@ -68,7 +70,7 @@ impl Method for Hemilux {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        17
+        18
     }
 
     fn summary(&self) -> &'static str {
@@ -107,6 +109,7 @@ impl Method for Hemilux {
         let effort = Effort::new(job.request);
         let mut options = HemiluxSettings::new(&job.settings, effort.samples);
         decide(job, &mut options, effort)?;
+        let in_haste = job.decide(HASTE_DECISION, effort.hasty)?;
         let first_rays = job.decide(FIRST_RAYS_DECISION, options.gather_rays)?;
         job.explain(plan::reasons(&job.request.scene, &options));
         let patches = options.coarse_patches.unwrap_or(effort.patches);
@@ -121,7 +124,14 @@ impl Method for Hemilux {
         clock.lap("seconds_cut");
         let seed = Seed { number: job.request.seed, well_spread: options.well_spread };
         let mut past = job.past.take();
-        let found = Foundations { world: &world, cut: &cut, patches, seed, options: &options };
+        let found = Foundations {
+            world: &world,
+            cut: &cut,
+            patches,
+            seed,
+            options: &options,
+            hasty: in_haste,
+        };
         let (begun, earlier) = match &mut past {
             Some(past) => found.go_on(past, &mut clock)?,
             None => (found.begin(job, &mut clock), EarlierRuns::default()),

@@ -1,6 +1,6 @@
 //! Scenes for the tests of the tiers, prepared as far as those need them.
 
-use super::coarse::{CoarseMesh, CoarseSolution, Elements};
+use super::coarse::{CoarseMesh, CoarseSolution, Drawing, Elements};
 use super::fragments::VisibleSurfaces;
 use crate::emitters::DirectLights;
 use crate::patches::Cut;
@@ -14,6 +14,8 @@ use std::sync::Arc;
 
 /// What random numbers of these tests are drawn by.
 pub const SEED: Seed = Seed { number: 7, well_spread: true };
+/// How their coarse solutions are drawn.
+pub const DRAWING: Drawing = Drawing { seed: SEED, hasty: false };
 /// What the furnace's walls reflect, and the radiance that they emit.
 pub const ALBEDO: f32 = 0.5;
 pub const EMISSION: f32 = 2.0;
@@ -41,8 +43,8 @@ impl Specimen {
         let lights = Arc::new(lights);
         let cut = Arc::new(Cut::new(scene, patches, None));
         let elements = Elements::new(&cut, patches);
-        let mesh = CoarseMesh::new(&world.rays, cut.clone(), elements).with_crevices(&world);
-        let mut coarse = CoarseSolution::new(world.clone(), lights.clone(), mesh, SEED, None);
+        let mesh = CoarseMesh::new(&world.rays, cut.clone(), elements).with_crevices(&world, false);
+        let mut coarse = CoarseSolution::new(world.clone(), lights.clone(), mesh, DRAWING, None);
         coarse.link(SEED, 0, 16);
         Self { world, lights, cut, coarse }
     }

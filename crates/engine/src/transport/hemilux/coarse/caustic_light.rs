@@ -5,6 +5,7 @@
 
 use super::elements::ElementIndex;
 use super::mesh::CoarseMesh;
+use super::solution::Drawing;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::SceneLights;
 use crate::patches::FacetPlace;
@@ -19,6 +20,8 @@ const LEAST_MIRRORED: f32 = 0.3;
 const CELLS: u64 = 1 << 19;
 /// Light rays of an iteration.
 const RAYS: u64 = 1 << 18;
+/// The same where the first picture had better come soon than be good.
+const HASTY_RAYS: u64 = RAYS / 4;
 /// Most triangles of a scene whose caustics are mapped: each takes memory.
 pub const MOST_TRIANGLES: usize = 100_000;
 
@@ -33,14 +36,15 @@ pub struct CausticLight {
 impl CausticLight {
     /// Nothing yet of the caustics of a scene of so many elements; `None` where nothing in it
     /// makes caustics worth a map.
-    pub fn new(world: &World, elements: usize, seed: u64) -> Option<Self> {
+    pub fn new(world: &World, elements: usize, drawing: Drawing) -> Option<Self> {
         if !is_mapped(world) || !is_cast(world) {
             return None;
         }
         let lights = SceneLights::new(world)?;
         let lit = Lit { world, lights: &lights };
         let casters = Casters::new(world).filter(|_| lit.casts())?;
-        let maker = Maker::new(lit, casters, RAYS, CELLS, seed);
+        let rays = if drawing.hasty { HASTY_RAYS } else { RAYS };
+        let maker = Maker::new(lit, casters, rays, CELLS, drawing.seed.number);
         Some(Self { maker, lights, power: vec![Rgb::ZERO; elements] })
     }
 

@@ -18,6 +18,8 @@ const REACH: f32 = 0.25;
 const FEW_PROBES: u32 = 8;
 /// Places at which it is asked where one of those lies in a crevice, or one of an element beside.
 const PROBES: u32 = 64;
+/// By how many times fewer they are in a hasty job.
+const FEWER_IN_HASTE: u32 = 4;
 /// Steps from one of these places to the next, by the plastic number.
 const STEPS: [f32; 2] = [0.754_877_7, 0.569_840_3];
 /// Most places that are tried for one of the part of an element that is wanted.
@@ -26,17 +28,19 @@ const TRIES: u32 = 512;
 const CHUNK: usize = 64;
 
 impl CoarseMesh {
-    /// The same where crevices in elements of one patch each are elements of their own.
-    pub fn with_crevices(mut self, world: &World) -> Self {
+    /// The same where crevices in elements of one patch each are elements of their own; looked for at
+    /// fewer places in a hasty job.
+    pub fn with_crevices(mut self, world: &World, hasty: bool) -> Self {
         let mesh = &self;
+        let fewer = if hasty { FEWER_IN_HASTE } else { 1 };
         let all = || (0..mesh.elements.len() as u32).into_par_iter().with_min_len(CHUNK);
         let look = |element, probes| hidden_share(world, mesh, ElementIndex(element), probes);
-        let found: Vec<f32> = all().map(|element| look(element, FEW_PROBES)).collect();
+        let found: Vec<f32> = all().map(|element| look(element, FEW_PROBES / fewer)).collect();
         let beside = mesh.ranges_beside(&found);
         let look_again = |element: u32| {
             let own = found[element as usize];
             let beside = beside[element as usize].map_or(0.0, |[_, most]| most);
-            if own.max(beside) > 0.0 { look(element, PROBES) } else { 0.0 }
+            if own.max(beside) > 0.0 { look(element, PROBES / fewer) } else { 0.0 }
         };
         let shares: Vec<f32> = all().map(look_again).collect();
         self.elements.part(Crevices::of_shares(&shares));
@@ -135,7 +139,7 @@ mod tests {
     use crate::sampling::Shifted;
     use crate::scene::made;
     use crate::transport::hemilux::coarse::CoarseSolution;
-    use crate::transport::hemilux::specimen::{SEED, Specimen};
+    use crate::transport::hemilux::specimen::{DRAWING, SEED, Specimen};
     use std::f32::consts::PI;
 
     /// Crevices are just what lies under the lamp's footprint, above it and on the ceiling, and points of
@@ -203,7 +207,7 @@ mod tests {
             if gap > 0.0 && gap < 0.1 {
                 let Specimen { world, lights, cut, .. } = specimen;
                 let mesh = CoarseMesh::new(&world.rays, cut.clone(), Elements::new(&cut, 4000));
-                let mut whole = CoarseSolution::new(world, lights, mesh, SEED, None);
+                let mut whole = CoarseSolution::new(world, lights, mesh, DRAWING, None);
                 whole.link(SEED, 16, 256);
                 let ends = what_ends(&whole, &lamps);
                 assert!((ends - 1.0).abs() > 0.03, "{gap}: as well without: {ends}");

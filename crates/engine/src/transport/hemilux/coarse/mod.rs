@@ -23,4 +23,4 @@ pub use guide::{Met, aims_of, balanced};
 pub use mesh::CoarseMesh;
 pub use outlook::Outlook;
 pub use reflected::FoundAfresh;
-pub use solution::{CoarseSolution, PATCH_POINTS};
+pub use solution::{CoarseSolution, Drawing, PATCH_POINTS};

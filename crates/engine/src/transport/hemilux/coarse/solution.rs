@@ -33,6 +33,15 @@ const MOST_POINTS: usize = 1 << 20;
 /// Most points of an element beside those that all of them get.
 const MOST_POINTS_MORE: u32 = 64;
 
+/// How a coarse solution is drawn by chance.
+#[derive(Clone, Copy)]
+pub struct Drawing {
+    /// What random numbers are drawn by.
+    pub seed: Seed,
+    /// Whether the first picture had better come soon than be good: half the points of each element.
+    pub hasty: bool,
+}
+
 /// The coarse solution.
 pub struct CoarseSolution {
     /// The scene as rays meet it.
@@ -64,18 +73,19 @@ pub struct CoarseSolution {
 }
 
 impl CoarseSolution {
-    /// A solution with direct light only, by [`PATCH_POINTS`] points of each element, or by the
+    /// A solution with direct light only, by [`PATCH_POINTS`] points of each element or half of them, or by the
     /// points in `sampled` from a checkpoint.
     pub fn new(
         world: Arc<World>,
         lights: Arc<DirectLights>,
         mesh: CoarseMesh,
-        seed: Seed,
+        drawing: Drawing,
         sampled: Option<Vec<SampledLight>>,
     ) -> Self {
+        let Drawing { seed, hasty } = drawing;
         let count = mesh.elements.len();
         let far_sides = FarSides::new(&world, &mesh).map(Arc::new);
-        let caustics = CausticLight::new(&world, count, seed.number);
+        let caustics = CausticLight::new(&world, count, drawing);
         // What lamps send by way of mirrors is too noisy to be found by chance.
         let follows_mirrors = (caustics.is_some() || !caustic_light::is_cast(&world))
             && caustic_light::has_mirrors(&world);
@@ -101,10 +111,11 @@ impl CoarseSolution {
         };
         if this.sampled.is_empty() {
             this.sampled = vec![SampledLight::default(); count];
-            let points = PATCH_POINTS.min(most_points(count));
+            let shared = if hasty { 2 } else { 1 };
+            let points = (PATCH_POINTS / shared).min(most_points(count));
             this.sample_direct(seed, |_| points);
             this.update_direct();
-            let more = this.points_where_disputed(count);
+            let more = this.points_where_disputed(count / shared as usize);
             this.sample_direct(seed, |element| more[element]);
         }
         this.update_direct();

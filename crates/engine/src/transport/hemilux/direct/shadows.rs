@@ -40,7 +40,7 @@ const ENOUGH_RAYS: u32 = 2048;
 /// A fragment with at least so many rays takes those of adjacent pixels only.
 const FEW_RAYS: u32 = 32;
 /// Where the light without occlusion of adjacent pixels differs by more than this share, it is the mean over
-/// so many places.
+/// so many places; in a hasty job, by the first of these.
 const PLACES: [(f32, u32); 2] = [(0.1, 16), (0.5, 64)];
 /// Cosine between normals of fragments in one plane, at least.
 const IN_PLANE: f32 = 0.98;
@@ -81,7 +81,8 @@ impl DirectLighting {
         };
         let fragments = visible.fragments.par_iter().with_min_len(CHUNK);
         let mut sums: Vec<ShadowSums> = fragments.map(unoccluded).collect();
-        average_where_uneven(&mut sums, lights, visible);
+        let places = if hasty { &PLACES[..1] } else { &PLACES[..] };
+        average_where_uneven(&mut sums, lights, visible, places);
         // In small pictures neighbours are far apart, and rays are cheap.
         let generous = (ORDINARY_PIXELS / (visible.width * visible.height)).clamp(1, 4);
         let more_rays = MORE_RAYS * generous;
@@ -311,8 +312,14 @@ impl DirectLighting {
 }
 
 /// Takes the mean over a fragment's places as its light without occlusion where that differs much from
-/// pixel to pixel, as on a ceiling above a lamp: its middle does not stand for all of it there.
-fn average_where_uneven(sums: &mut [ShadowSums], lights: &DirectLights, visible: &VisibleSurfaces) {
+/// pixel to pixel, as on a ceiling above a lamp: its middle does not stand for all of it there. `places`
+/// has differences and the numbers of places that they ask for.
+fn average_where_uneven(
+    sums: &mut [ShadowSums],
+    lights: &DirectLights,
+    visible: &VisibleSurfaces,
+    places: &[(f32, u32)],
+) {
     // Light of which the sky is no part is no measure of light of which it is.
     let of = |sums: &ShadowSums| (importance(sums.unoccluded), sums.apart.is_any);
     let light: Vec<(f32, bool)> = sums.iter().map(of).collect();
@@ -325,7 +332,7 @@ fn average_where_uneven(sums: &mut [ShadowSums], lights: &DirectLights, visible:
                 most = most.max((theirs - own).abs());
             }
         });
-        let places = PLACES.iter().rev().find(|(from, _)| most > from * own);
+        let places = places.iter().rev().find(|(from, _)| most > from * own);
         let Some((_, places)) = places else { return };
         let fragment = &visible.fragments[index];
         // The first of a pixel's places are spread about its middle; those of a part of it need not be.
