@@ -137,7 +137,7 @@ impl Method for Hemilux {
             None => (found.begin(job, &mut clock), EarlierRuns::default()),
         };
         let Some(Begun { lights, coarse }) = begun else { return Ok(None) };
-        let draft = Draft::of(job.request).filter(|_| past.is_none());
+        let draft = Draft::of(job.request, job.run.seconds()).filter(|_| past.is_none());
         let size = draft.map_or(size, |draft| draft.size());
         let visible = VisibleSurfaces::new(&world, cut, &job.camera, size, options.samples);
         clock.lap("seconds_fragments");

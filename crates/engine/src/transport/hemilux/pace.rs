@@ -1,7 +1,7 @@
 //! How a job that has but so much time uses all of it: work that does not fit is cut short, and what is
 //! left after the last whole iteration goes where it lowers the error most.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// A kind of ray, each with its own speed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,9 +25,15 @@ pub struct Pace {
 impl Pace {
     /// From now on work has to end in so many seconds; `None` if it need not.
     pub fn ends_in(&mut self, seconds: Option<f64>) {
-        let until = |seconds: f64| Instant::now() + std::time::Duration::from_secs_f64(seconds);
+        let until = |seconds: f64| Instant::now() + Duration::from_secs_f64(seconds);
         // Nobody waits for longer than a year.
         self.deadline = seconds.filter(|left| *left < 3e7).map(|left| until(left.max(0.0)));
+    }
+
+    /// When such a share of what is left will have passed, if there is an end.
+    pub fn until(&self, share: f64) -> Option<Instant> {
+        let left = self.deadline.map(|_| Duration::from_secs_f64(share * self.left()));
+        left.map(|left| Instant::now() + left)
     }
 
     /// Seconds that are left; ∞ if there is no end.
@@ -80,7 +86,6 @@ pub fn shared_out(seconds: f64, errors: [f64; 3], spent: [f64; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Duration;
 
     #[test]
     fn time_goes_where_it_lowers_the_error_most() {
@@ -113,9 +118,13 @@ mod tests {
         let rays = pace.rays_left(Kind::Lobe);
         assert!((900.0..1001.0).contains(&rays), "{rays}");
         assert_eq!(pace.rays_left(Kind::Gather), f64::INFINITY, "their speed is not known");
+        let until = pace.until(0.5).expect("there is an end");
+        let half = until.duration_since(Instant::now()).as_secs_f64();
+        assert!((4.5..5.01).contains(&half), "{half}");
         pace.ends_in(Some(-1.0));
         assert_eq!(pace.left(), 0.0);
         pace.ends_in(Some(f64::INFINITY));
         assert_eq!(pace.left(), f64::INFINITY);
+        assert!(pace.until(0.5).is_none());
     }
 }

@@ -14,6 +14,8 @@ use rayon::prelude::*;
 /// Jobs begin with a draft whose time budget is less than this for each pixel, seconds: the first
 /// iteration may take as long.
 const SECONDS_PER_PIXEL: f64 = 12e-6;
+/// The same of those of which that share is over before the first pixel: the scene is a slow one.
+const LATE: f64 = 0.25;
 /// Time budgets for each pixel, seconds, in which more than a first draft fits.
 const ENOUGH_PER_PIXEL: f64 = 1.5e-6;
 /// Sides of a first draft's pixels, in the picture's, where there is less time than that and more.
@@ -44,8 +46,8 @@ pub(super) struct Mapping {
 }
 
 impl Draft {
-    /// That which a request's job begins with, if it had better.
-    pub fn of(request: &RenderRequest) -> Option<Self> {
+    /// That which a request's job begins with, if it had better, after so many seconds.
+    pub fn of(request: &RenderRequest, spent: f64) -> Option<Self> {
         let seconds = request.limits.seconds.filter(|_| request.limits.iterations.is_none())?;
         let (width, height) = (request.width, request.height);
         let each = seconds / (f64::from(width) * f64::from(height));
@@ -55,7 +57,8 @@ impl Draft {
             each >= ENOUGH_PER_PIXEL && width.min(height) >= FIRST_SHRINKS[1] * LEAST_FIRST_SIDE;
         let shrink = FIRST_SHRINKS[usize::from(has_enough)];
         let draft = Self { full: [width, height], shrink };
-        (each < SECONDS_PER_PIXEL && is_large && is_light).then_some(draft)
+        let is_short = each < SECONDS_PER_PIXEL || spent > LATE * seconds;
+        (is_short && is_large && is_light).then_some(draft)
     }
 
     #[cfg(test)]

@@ -6,6 +6,8 @@
 //! Rubinstein, Clear 1988), and not behind what stands on its horizon.
 
 use super::fitted::{FittedIrradiance, RecordPlane};
+use super::in_time::TimeLimit;
+use super::pilot::{PILOT_RAYS, PilotSampling};
 use super::record::{NO_FRAGMENT, Record, Surroundings};
 use super::splat::{LocalFit, splat};
 use super::{stored_record, turned};
@@ -15,6 +17,7 @@ use crate::sampling::Seed;
 use crate::transport::hemilux::coarse::CoarseSolution;
 use crate::transport::hemilux::fragments::VisibleSurfaces;
 use rayon::prelude::*;
+use std::time::Instant;
 
 /// Most records that get more rays in one iteration; where there are more, they take turns. It
 /// bounds the time of an iteration.
@@ -35,12 +38,6 @@ const LAST_COVERED_WEIGHTS: [f32; 2] = [0.02, 0.2];
 const LAST_BENT_FACTOR: f32 = 0.5;
 /// Side, in pixels, of the square picture to which limits in pixels refer.
 const ORDINARY_SIDE: f32 = 500.0;
-/// Pilot rays: rays of each of the first records, whose noise says how many rays all records get
-/// (docs/decisions/0008).
-const PILOT_RAYS: u32 = 16;
-/// Noise allowed in a record of the first iteration, relative to the mean irradiance; and where the
-/// job is hasty.
-const ALLOWED_NOISE: [f32; 2] = [0.07, 0.11];
 /// Radius of a record as a multiple of the harmonic mean distance of its rays.
 const RADIUS_PER_DISTANCE: f32 = 0.35;
 /// Smallest radius of a record, in pixels of a picture of ordinary size.
@@ -62,8 +59,6 @@ const BENT_RADIUS_FACTORS: [(f32, f32); 3] = [(10.0, 0.3), (2.0, 0.5), (0.0, 0.9
 const FIT_REACH: f32 = 1.8;
 /// The same of the correction of what the coarse solution says, and of what comes of that.
 const CORRECTION_REACHES: [f32; 2] = [3.0, 8.0];
-/// Variance of corrections, over that of irradiances found afresh, from which on the coarse solution is asked.
-const LEAST_CORRECTED: f32 = 0.3;
 /// About so many neighbours say what it is.
 const MOST_HEARD: usize = 256;
 /// Side, in pixels, of a tile of the grid by which neighbouring records are found.
@@ -71,7 +66,9 @@ const TILE: u32 = 16;
 
 /// The irradiance cache: all records.
 pub struct IrradianceCache {
-    records: Vec<Record>,
+    pub(super) records: Vec<Record>,
+    /// Whether there was no time for some.
+    pub is_unfinished: bool,
     /// Records that another camera's picture had made.
     pub reused: usize,
     /// Random sequences that records have taken, a number for each record ever made.
@@ -96,6 +93,8 @@ pub struct Gathering {
     pub afresh: bool,
     /// How records are spaced.
     pub spacing: Spacing,
+    /// By when new ones had better be made.
+    pub until: Option<Instant>,
 }
 
 impl Gathering {
@@ -110,15 +109,6 @@ impl Gathering {
         let by_direction = world.has_normal_maps();
         Surroundings { world, coarse, visible, seed, afresh, asks_mesh, by_direction }
     }
-}
-
-/// How pilot rays, of the first records, decide how many gather rays every record gets.
-#[derive(Clone, Copy)]
-pub struct PilotSampling<'a> {
-    /// Whether the first picture had better come soon than be good: more noise is allowed then.
-    pub hasty: bool,
-    /// Direct irradiance of a fragment by its index: noise is judged beside all light.
-    pub direct: &'a dyn Fn(usize) -> Rgb,
 }
 
 /// What new records are made with.
@@ -144,7 +134,14 @@ pub struct Spacing {
 
 impl Default for IrradianceCache {
     fn default() -> Self {
-        Self { records: Vec::new(), reused: 0, sequences: 0, coverage: Vec::new(), asks_mesh: true }
+        Self {
+            records: Vec::new(),
+            is_unfinished: false,
+            reused: 0,
+            sequences: 0,
+            coverage: Vec::new(),
+            asks_mesh: true,
+        }
     }
 }
 
@@ -152,14 +149,14 @@ impl IrradianceCache {
     /// Writes the records.
     pub fn save(&self, to: &mut Writer) {
         to.value(self.sequences);
-        to.value(u32::from(self.asks_mesh));
+        to.value([self.asks_mesh, self.is_unfinished].map(u32::from));
         stored_record::save(&self.records, to);
     }
 
     /// Reads what [`IrradianceCache::save`] wrote.
     pub fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), CheckpointError> {
         self.sequences = from.value()?;
-        self.asks_mesh = from.value::<u32>()? != 0;
+        [self.asks_mesh, self.is_unfinished] = from.value::<[u32; 2]>()?.map(|is| is != 0);
         self.records = stored_record::restore(from)?;
         Ok(())
     }
@@ -198,8 +195,8 @@ impl IrradianceCache {
             .for_each(|(_, record)| record.gather(&known, gathering.rays));
     }
 
-    /// Adds records until every fragment is covered, and returns the rays of each: as many as
-    /// `gathering` says or, with a `pilot`, as many as the noise of the first grid's records asks
+    /// Adds records until every fragment is covered or the time is up, and returns the rays of each: as
+    /// many as `gathering` says or, with a `pilot`, as many as the noise of the first grid's records asks
     /// for.
     pub fn fill(
         &mut self,
@@ -211,6 +208,7 @@ impl IrradianceCache {
         let most = gathering.new_rays;
         let first_rays = if pilot.is_some() { PILOT_RAYS.min(most) } else { most };
         let mut rays = first_rays;
+        let mut time = TimeLimit::new(gathering.until);
         let radius_factor = self.shrink_bent(visible);
         for record in &mut self.records {
             record.radius = radius(record, gathering.spacing);
@@ -232,16 +230,21 @@ impl IrradianceCache {
                     direct +=
                         uncovered.iter().map(|place| (pilot.direct)(*place as usize)).sum::<Rgb>();
                 }
-                self.add_records(&context, uncovered, rays);
+                let (places, rays) = time.records(uncovered, rays, PILOT_RAYS);
+                time.count(places.len(), rays);
+                self.add_records(&context, places, rays);
             }
             if let Some(pilot) = pilot {
-                let allowed = ALLOWED_NOISE[usize::from(pilot.hasty)];
-                rays = self.rays_for_noise(direct, allowed).clamp(first_rays, most);
+                let wanted = self.rays_for_noise(direct, pilot.hasty).clamp(first_rays, most);
+                let more = time.rays(self.records.len(), wanted - first_rays);
+                rays = first_rays + more;
                 self.asks_mesh = self.is_corrected_noisily();
                 context.known.asks_mesh = self.asks_mesh;
-                self.gather_more(&context, rays - first_rays);
+                time.count(self.records.len(), more);
+                self.gather_more(&context, more);
             }
         }
+        self.is_unfinished = time.is_felt;
         rays
     }
 
@@ -313,29 +316,6 @@ impl IrradianceCache {
         });
         self.coverage.fill(0.0);
         self.cover(known.visible, 0);
-    }
-
-    /// Rays of a record with which its noise is `allowed` relative to the mean irradiance, a
-    /// multiple of eight. `all_direct` is the sum of the direct irradiance at the records.
-    fn rays_for_noise(&self, all_direct: Rgb, allowed: f32) -> u32 {
-        let (mut light, mut noise) = (all_direct.element_sum(), 0.0);
-        for record in &self.records {
-            light += record.irradiance().element_sum();
-            noise += (record.noise() * record.noise()).element_sum() * record.rays as f32;
-        }
-        let mean = (light / (3.0 * self.records.len() as f32)).max(f32::MIN_POSITIVE);
-        // Variance of a single ray.
-        let noise = noise / (3.0 * self.records.len() as f32);
-        (noise / (allowed * mean).powi(2) / 8.0).ceil().min(1e6) as u32 * 8
-    }
-
-    /// Whether much of the records' noise is in how light found afresh differs from the coarse solution.
-    fn is_corrected_noisily(&self) -> bool {
-        let [correction, all] = self.records.iter().fold([0.0; 2], |[correction, all], record| {
-            let [_, noise] = record.correction();
-            [correction + noise.length_squared(), all + record.noise().length_squared()]
-        });
-        correction > LEAST_CORRECTED * all
     }
 
     /// Shrinks the radii of all records by [`BENT_RADIUS_FACTORS`]; returns the radius factor of

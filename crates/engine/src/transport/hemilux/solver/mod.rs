@@ -69,6 +69,8 @@ const PICTURE_SHARE: f64 = 0.25;
 const LEAST_PICTURE_SHARE: f64 = 0.1;
 /// Share of an iteration that must be left of the time for work to go on.
 const LEAST_REST: f64 = 0.04;
+/// Share of the rest of the time in which records are made where lobes follow.
+const BESIDE_LOBES: f64 = 0.6;
 /// Time of an iteration with more links or more records, in that of the one before.
 const LONGER: f64 = 1.6;
 
@@ -405,8 +407,9 @@ impl Tiers {
             let most = self.pace.rays_left(Kind::Gather);
             self.refine(gathering, enough, (number / every) as usize, most);
         }
-        let fills = first || is_asked || REFILL_ITERATIONS.contains(&number);
-        if !fills || scene_is_known && !first {
+        let unfinished = self.cache.is_unfinished;
+        let fills = is_asked || REFILL_ITERATIONS.contains(&number);
+        if !(first || unfinished || fills && !scene_is_known) {
             return None;
         }
         self.cache.smooth(&self.visible, options.gather_fit);
@@ -428,6 +431,7 @@ impl Tiers {
             new_rays,
             afresh: self.options.gather_direct,
             spacing: self.spacing(iterations),
+            until: self.pace.until(if self.gloss.len() > 0 { BESIDE_LOBES } else { 1.0 }),
         }
     }
 

@@ -66,6 +66,7 @@ impl Tiers {
         (number + 1).is_power_of_two()
             || REFILL_ITERATIONS.contains(&number)
             || self.balance.new_rays > 0
+            || self.cache.is_unfinished
     }
 
     /// Spends what is left of the time, too little for an iteration, where it lowers the error most.
