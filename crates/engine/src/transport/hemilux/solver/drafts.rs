@@ -27,6 +27,7 @@ impl Tiers {
         let (losses, errors) = (drawn.losses, drawn.errors.unwrap_or_default());
         let [noise, bent, shadows, lobes, edges] = errors.by_cause;
         let scatter = noise.hypot(bent).hypot(shadows).hypot(lobes).hypot(errors.by_links);
+        let left = run.seconds_left().unwrap_or(f64::INFINITY);
         let surfaces = self.full.is_none().then(|| Full::takes(&draft, &self.visible));
         let prospects = Prospects {
             draft,
@@ -37,8 +38,9 @@ impl Tiers {
             scatter,
             edges,
             samples: Full::edges(&self.visible),
+            seconds: run.seconds() + left,
         };
-        let next = prospects.best(run.seconds_left().unwrap_or(f64::INFINITY));
+        let next = prospects.best(left);
         if next.by_light && next.shrink > 1 && self.full.is_none() {
             self.find_surfaces(draft);
         }

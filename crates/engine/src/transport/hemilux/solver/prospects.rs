@@ -15,8 +15,12 @@ const RAYS: [usize; 3] = [1, 2, 3];
 const LESS_GROWTH: f64 = 0.25;
 /// What they may be at most.
 const MOST_GROWTH: f64 = 1.05;
-/// All of that, and the picture, in the time that these parts are expected to take.
-const WITH_PICTURE: f64 = 1.2;
+/// All of that, and the picture, in the time that these parts are expected to take: another draft, and the
+/// whole picture. What the whole one is expected to take is rather too much.
+const WITH_PICTURE: [f64; 2] = [1.2, 1.05];
+/// Share of the time that there was at first by which the whole picture may be late: it is worth more than
+/// any draft.
+const GRACE: f64 = 0.05;
 
 /// Share of the time that is left in which the picture itself comes next, whatever drafts may promise: what
 /// they lose stays.
@@ -54,6 +58,8 @@ pub struct Prospects<'a> {
     pub edges: f64,
     /// Variance of surfaces' shares of the pixels asked for, in that of the draft's, by the samples.
     pub samples: f64,
+    /// Seconds that there were for the job.
+    pub seconds: f64,
 }
 
 impl Prospects<'_> {
@@ -65,13 +71,13 @@ impl Prospects<'_> {
             return whole;
         }
         let shrinks = (0..=self.draft.shrink.ilog2()).map(|level| 1 << level);
-        let fits = |next: &Next| self.takes(*next) <= left;
+        let fits = |next: &Next| self.takes(*next) <= left + self.grace(*next);
         // By its light where there is time for it: no draft is worse by that.
         let all = shrinks.filter_map(|shrink| {
             let [by_pixels, by_light] = [false, true].map(|by_light| Next { shrink, by_light });
             Some(by_light).filter(fits).or_else(|| Some(by_pixels).filter(fits))
         });
-        let error = |next: &Next| self.error(*next, left - self.takes(*next));
+        let error = |next: &Next| self.error(*next, (left - self.takes(*next)).max(0.0));
         all.min_by(|a, b| error(a).total_cmp(&error(b))).unwrap_or(now)
     }
 
@@ -93,6 +99,11 @@ impl Prospects<'_> {
         lost + self.scatter * self.scatter * rays / (rays + rest).max(f64::MIN_POSITIVE)
     }
 
+    /// Seconds by which it may be late.
+    fn grace(&self, next: Next) -> f64 {
+        if next.shrink == 1 { GRACE * self.seconds } else { 0.0 }
+    }
+
     /// Seconds that it can be expected to take.
     fn takes(&self, next: Next) -> f64 {
         let surfaces = if next.by_light { self.surfaces.unwrap_or_default() } else { 0.0 };
@@ -101,7 +112,8 @@ impl Prospects<'_> {
             return beside;
         }
         let parts = (0..PARTS.len()).map(|k| self.part(k, next.shrink));
-        WITH_PICTURE * parts.sum::<f64>() + beside
+        let is_whole = next.shrink == 1;
+        WITH_PICTURE[usize::from(is_whole)] * parts.sum::<f64>() + beside
     }
 
     /// Seconds that a part can be expected to take in pixels of some side.
@@ -134,6 +146,7 @@ mod tests {
             scatter: 0.03,
             edges: 0.02,
             samples: 1.0,
+            seconds: 0.0,
         }
     }
 
