@@ -1,9 +1,10 @@
 //! `tiers`: how good `hemilux` is and why. Every part switched off in turn ([`ablation`]), predicted
-//! against actual errors ([`calibration`]), how errors fall with time ([`slopes`]), time against what a
-//! scene has more of ([`growth`]), and what `auto` picks against what the best hand would ([`planning`]); on [`views`] that differ
+//! against actual errors ([`calibration`]), how errors fall with time ([`slopes`]), whether short jobs keep
+//! to their time ([`budgets`]), time against what a scene has more of ([`growth`]), and what `auto` picks against what the best hand would ([`planning`]); on [`views`] that differ
 //! in what makes light hard.
 
 mod ablation;
+mod budgets;
 mod calibration;
 mod growth;
 mod planning;
@@ -51,6 +52,7 @@ enum Part {
     Calibration,
     Targets,
     Slopes,
+    Budgets,
     Growth,
     Planning,
 }
@@ -90,6 +92,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     if wanted(Part::Slopes) {
         parts.extend(slopes::run(&mut study)?);
+    }
+    if wanted(Part::Budgets) {
+        parts.extend(budgets::run(&mut study)?);
     }
     if wanted(Part::Ablation) {
         parts.extend(ablation::run(&mut study)?);
