@@ -168,9 +168,13 @@ impl DirectLighting {
             .map(|(chunk, (sums, fragments))| {
                 let (mut rays, mut batch) = (0, Batch::default());
                 for (index, fragment) in fragments.iter().enumerate() {
-                    let count = count(chunk * CHUNK + index, fragment, &sums[index]);
+                    let mut count = count(chunk * CHUNK + index, fragment, &sums[index]);
                     let dark = caster.lights.is_exact() && sums[index].is_dark();
-                    if count > 0 && !dark {
+                    if sums[index].rays == 0 {
+                        // An edge was found to show something else.
+                        count = count.max(FIRST_RAYS);
+                    }
+                    if count > 0 && !dark && fragment.diffuse != Rgb::ZERO {
                         caster.aim(index, &mut sums[index], fragment, count, &mut batch);
                         rays += u64::from(count);
                     }

@@ -12,7 +12,7 @@ use super::record::{NO_FRAGMENT, Record, Surroundings};
 use super::splat::{LocalFit, splat};
 use super::{stored_record, turned};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
-use crate::radiometry::Rgb;
+use crate::radiometry::{Rgb, importance};
 use crate::sampling::Seed;
 use crate::transport::hemilux::coarse::CoarseSolution;
 use crate::transport::hemilux::fragments::VisibleSurfaces;
@@ -34,6 +34,9 @@ const COVERED_WEIGHT: f32 = 0.6;
 /// Later it fills what hears a record from afar only, such as thin things that lie between the pixels
 /// of the coarser grids.
 const LAST_COVERED_WEIGHTS: [f32; 2] = [0.02, 0.2];
+/// Diffuse albedo up to which a fragment shows the coarse solution if no other's records reach it: metals
+/// have none.
+const LEAST_ALBEDO: f32 = 0.002;
 /// Share of what radii would be below which light is so bent that the last grid fills all.
 const LAST_BENT_FACTOR: f32 = 0.5;
 /// Side, in pixels, of the square picture to which limits in pixels refer.
@@ -234,7 +237,7 @@ impl IrradianceCache {
                 time.count(places.len(), rays);
                 self.add_records(&context, places, rays);
             }
-            if let Some(pilot) = pilot {
+            if let Some(pilot) = pilot.filter(|_| !self.records.is_empty()) {
                 let wanted = self.rays_for_noise(direct, pilot.hasty).clamp(first_rays, most);
                 let more = time.rays(self.records.len(), wanted - first_rays);
                 rays = first_rays + more;
@@ -271,7 +274,11 @@ impl IrradianceCache {
             for column in (across * spacing..visible.width).step_by(double) {
                 let pixel = (row * visible.width + column) as usize;
                 let range = visible.start[pixel]..visible.start[pixel + 1];
-                uncovered.extend(range.filter(|f| self.coverage[*f as usize] < least(*f)));
+                let is_wanted = |f: &u32| {
+                    let albedo = importance(visible.fragments[*f as usize].diffuse);
+                    albedo > LEAST_ALBEDO && self.coverage[*f as usize] < least(*f)
+                };
+                uncovered.extend(range.filter(is_wanted));
             }
         }
         uncovered
