@@ -174,3 +174,24 @@ fn what_a_job_begins_with_is_for_jobs_that_would_find_the_same() {
         assert!(shown == afresh, "request {index} shows something else");
     }
 }
+
+/// Diffuse light takes rays where something reflects it: none go out from metal.
+#[test]
+fn metal_asks_for_no_diffuse_light() {
+    let mut request = request(&made::cornell(), 5, 1.0);
+    let figures = |request: &RenderRequest| {
+        let mut device = CpuDevice::new(None).unwrap();
+        let rendered = render(&mut device, request, &mut Unobserved).unwrap();
+        let of = |name: &str| rendered.stats.diagnostics[name];
+        [of("records"), of("shadow_rays"), of("lobe_rays")]
+    };
+    let [records, shadow_rays, lobe_rays] = figures(&request);
+    assert!(records > 0.0 && shadow_rays > 0.0 && lobe_rays == 0.0);
+    let scene = Arc::make_mut(&mut request.scene);
+    for material in &mut scene.materials {
+        (material.metallic, material.roughness) = (1.0, 0.3);
+    }
+    let [records, shadow_rays, lobe_rays] = figures(&request);
+    assert_eq!([records, shadow_rays], [0.0; 2]);
+    assert!(lobe_rays > 0.0);
+}
