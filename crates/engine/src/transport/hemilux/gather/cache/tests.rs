@@ -1,6 +1,6 @@
 use super::*;
 use crate::random::{Numbers, Stream};
-use crate::transport::hemilux::specimen::Specimen;
+use crate::transport::hemilux::specimen::{SEED, Specimen};
 use std::f32::consts::PI;
 
 /// Irradiance that all records have, before what is wrong with the coarse solution.
@@ -92,4 +92,26 @@ fn some_of_many_neighbours_are_asked() {
     assert!(all.len() > 60 && (10..=21).contains(&some.len()), "{} {}", all.len(), some.len());
     assert!(all.contains(&index) && some.contains(&index));
     assert!(some.iter().all(|other| all.contains(other)));
+}
+
+/// Where the time is up there are few records, and the next ones make up for it.
+#[test]
+fn records_that_had_no_time_are_made_later() {
+    let specimen = Specimen::furnace();
+    let visible = specimen.visible();
+    let fill = |cache: &mut IrradianceCache, until: Option<Instant>| {
+        let spacing = Spacing { scale: 1.0, least: 0.1, even: false };
+        let gathering =
+            Gathering { seed: SEED, rays: 32, new_rays: 32, afresh: true, spacing, until };
+        cache.fill(&specimen.coarse, &visible, gathering, None);
+        cache.len()
+    };
+    let mut whole = IrradianceCache::default();
+    let all = fill(&mut whole, None);
+    assert!(!whole.is_unfinished);
+    let mut cut_short = IrradianceCache::default();
+    let few = fill(&mut cut_short, Some(Instant::now()));
+    assert!(cut_short.is_unfinished && few < all / 2, "{few} of {all}");
+    let later = fill(&mut cut_short, None);
+    assert!(!cut_short.is_unfinished && 10 * later > 9 * all, "{later} of {all}");
 }
