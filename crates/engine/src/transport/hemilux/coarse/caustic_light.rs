@@ -5,7 +5,6 @@
 
 use super::elements::ElementIndex;
 use super::mesh::CoarseMesh;
-use super::solution::Drawing;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::SceneLights;
 use crate::patches::FacetPlace;
@@ -36,15 +35,15 @@ pub struct CausticLight {
 impl CausticLight {
     /// Nothing yet of the caustics of a scene of so many elements; `None` where nothing in it
     /// makes caustics worth a map.
-    pub fn new(world: &World, elements: usize, drawing: Drawing) -> Option<Self> {
+    pub fn new(world: &World, elements: usize, seed: u64, hasty: bool) -> Option<Self> {
         if !is_mapped(world) || !is_cast(world) {
             return None;
         }
         let lights = SceneLights::new(world)?;
         let lit = Lit { world, lights: &lights };
         let casters = Casters::new(world).filter(|_| lit.casts())?;
-        let rays = if drawing.hasty { HASTY_RAYS } else { RAYS };
-        let maker = Maker::new(lit, casters, rays, CELLS, drawing.seed.number);
+        let rays = if hasty { HASTY_RAYS } else { RAYS };
+        let maker = Maker::new(lit, casters, rays, CELLS, seed);
         Some(Self { maker, lights, power: vec![Rgb::ZERO; elements] })
     }
 

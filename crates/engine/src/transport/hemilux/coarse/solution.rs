@@ -85,7 +85,7 @@ impl CoarseSolution {
         let Drawing { seed, hasty } = drawing;
         let count = mesh.elements.len();
         let far_sides = FarSides::new(&world, &mesh).map(Arc::new);
-        let caustics = CausticLight::new(&world, count, drawing);
+        let caustics = CausticLight::new(&world, count, seed.number, hasty);
         // What lamps send by way of mirrors is too noisy to be found by chance.
         let follows_mirrors = (caustics.is_some() || !caustic_light::is_cast(&world))
             && caustic_light::has_mirrors(&world);

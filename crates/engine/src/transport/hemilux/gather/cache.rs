@@ -7,7 +7,7 @@
 
 use super::fitted::{FittedIrradiance, RecordPlane};
 use super::in_time::TimeLimit;
-use super::pilot::{PILOT_RAYS, PilotSampling};
+use super::pilot::{PILOT_RAYS, PilotSampling, is_corrected_noisily, rays_for_noise};
 use super::record::{NO_FRAGMENT, Record, Surroundings};
 use super::splat::{LocalFit, splat};
 use super::{stored_record, turned};
@@ -69,7 +69,7 @@ const TILE: u32 = 16;
 
 /// The irradiance cache: all records.
 pub struct IrradianceCache {
-    pub(super) records: Vec<Record>,
+    records: Vec<Record>,
     /// Whether there was no time for some.
     pub is_unfinished: bool,
     /// Records that another camera's picture had made.
@@ -238,10 +238,11 @@ impl IrradianceCache {
                 self.add_records(&context, places, rays);
             }
             if let Some(pilot) = pilot.filter(|_| !self.records.is_empty()) {
-                let wanted = self.rays_for_noise(direct, pilot.hasty).clamp(first_rays, most);
+                let wanted =
+                    rays_for_noise(&self.records, direct, pilot.hasty).clamp(first_rays, most);
                 let more = time.rays(self.records.len(), wanted - first_rays);
                 rays = first_rays + more;
-                self.asks_mesh = self.is_corrected_noisily();
+                self.asks_mesh = is_corrected_noisily(&self.records);
                 context.known.asks_mesh = self.asks_mesh;
                 time.count(self.records.len(), more);
                 self.gather_more(&context, more);

@@ -49,6 +49,7 @@ impl TimeLimit {
             return (places, wanted.min(rays));
         }
         self.is_felt = true;
+        let fewest = fewest.min(wanted);
         let count = (self.allowed() / f64::from(fewest)) as usize;
         let every = places.len().div_ceil(count.max(1));
         let chosen = places.into_iter().step_by(every).take(count);

@@ -1,7 +1,7 @@
 //! Pilot rays, of the first records: what they find says how many rays all records get
 //! (docs/decisions/0008), and whether these ask the coarse solution.
 
-use super::cache::IrradianceCache;
+use super::record::Record;
 use crate::radiometry::Rgb;
 
 /// Rays of a record before that is known.
@@ -21,28 +21,26 @@ pub struct PilotSampling<'a> {
     pub direct: &'a dyn Fn(usize) -> Rgb,
 }
 
-impl IrradianceCache {
-    /// Rays of a record with which its noise is what is allowed relative to the mean irradiance, a
-    /// multiple of eight. `all_direct` is the sum of the direct irradiance at the records.
-    pub(super) fn rays_for_noise(&self, all_direct: Rgb, hasty: bool) -> u32 {
-        let allowed = ALLOWED_NOISE[usize::from(hasty)];
-        let (mut light, mut noise) = (all_direct.element_sum(), 0.0);
-        for record in &self.records {
-            light += record.irradiance().element_sum();
-            noise += (record.noise() * record.noise()).element_sum() * record.rays as f32;
-        }
-        let mean = (light / (3.0 * self.records.len() as f32)).max(f32::MIN_POSITIVE);
-        // Variance of a single ray.
-        let noise = noise / (3.0 * self.records.len() as f32);
-        (noise / (allowed * mean).powi(2) / 8.0).ceil().min(1e6) as u32 * 8
+/// Rays of a record with which its noise is what is allowed relative to the mean irradiance, a
+/// multiple of eight. `all_direct` is the sum of the direct irradiance at the records.
+pub fn rays_for_noise(records: &[Record], all_direct: Rgb, hasty: bool) -> u32 {
+    let allowed = ALLOWED_NOISE[usize::from(hasty)];
+    let (mut light, mut noise) = (all_direct.element_sum(), 0.0);
+    for record in records {
+        light += record.irradiance().element_sum();
+        noise += (record.noise() * record.noise()).element_sum() * record.rays as f32;
     }
+    let mean = (light / (3.0 * records.len() as f32)).max(f32::MIN_POSITIVE);
+    // Variance of a single ray.
+    let noise = noise / (3.0 * records.len() as f32);
+    (noise / (allowed * mean).powi(2) / 8.0).ceil().min(1e6) as u32 * 8
+}
 
-    /// Whether much of the records' noise is in how light found afresh differs from the coarse solution.
-    pub(super) fn is_corrected_noisily(&self) -> bool {
-        let [correction, all] = self.records.iter().fold([0.0; 2], |[correction, all], record| {
-            let [_, noise] = record.correction();
-            [correction + noise.length_squared(), all + record.noise().length_squared()]
-        });
-        correction > LEAST_CORRECTED * all
-    }
+/// Whether much of the records' noise is in how light found afresh differs from the coarse solution.
+pub fn is_corrected_noisily(records: &[Record]) -> bool {
+    let [correction, all] = records.iter().fold([0.0; 2], |[correction, all], record| {
+        let [_, noise] = record.correction();
+        [correction + noise.length_squared(), all + record.noise().length_squared()]
+    });
+    correction > LEAST_CORRECTED * all
 }

@@ -46,7 +46,7 @@ fn corrections_are_shared_widely() {
     let specimen = Specimen::furnace();
     let visible = specimen.visible();
     let mut cache = cache(&visible, 2.0, |_, _| -1.0);
-    assert!(cache.is_corrected_noisily());
+    assert!(is_corrected_noisily(&cache.records));
     cache.smooth(&visible, true);
     let [widely, mean] = off(&cache);
     cache.asks_mesh = false;
@@ -69,7 +69,7 @@ fn corrections_without_noise_are_taken_as_they_are() {
                 if record.point.x > 0.5 { 3.0 } else { (index % 5) as f32 }
             },
         );
-    assert!(!cache.is_corrected_noisily(), "nothing is noisy");
+    assert!(!is_corrected_noisily(&cache.records), "nothing is noisy");
     cache.smooth(&visible, true);
     let [off, _] = off(&cache);
     assert!(off < 0.02 * EXACT, "{off}");
