@@ -14,7 +14,8 @@ use rayon::prelude::*;
 /// Jobs begin with a draft whose time budget is less than this for each pixel, seconds: the first
 /// iteration may take as long.
 const SECONDS_PER_PIXEL: f64 = 12e-6;
-/// The same of those of which that share is over before the first pixel: the scene is a slow one.
+/// The same of those of which that share is over before the first pixel, if there are fewer triangles than
+/// pixels: what triangles take a draft takes, too.
 const LATE: f64 = 0.25;
 /// Time budgets for each pixel, seconds, in which more than a first draft fits.
 const ENOUGH_PER_PIXEL: f64 = 1.5e-6;
@@ -52,12 +53,14 @@ impl Draft {
         let (width, height) = (request.width, request.height);
         let each = seconds / (f64::from(width) * f64::from(height));
         let is_large = width.min(height) >= LEAST_SIDE;
-        let is_light = request.scene.triangle_count() <= MOST_TRIANGLES;
+        let triangles = request.scene.triangle_count();
+        let is_light = triangles <= MOST_TRIANGLES;
         let has_enough =
             each >= ENOUGH_PER_PIXEL && width.min(height) >= FIRST_SHRINKS[1] * LEAST_FIRST_SIDE;
         let shrink = FIRST_SHRINKS[usize::from(has_enough)];
         let draft = Self { full: [width, height], shrink };
-        let is_short = each < SECONDS_PER_PIXEL || spent > LATE * seconds;
+        let is_late = spent > LATE * seconds && triangles < (width * height) as usize;
+        let is_short = each < SECONDS_PER_PIXEL || is_late;
         (is_short && is_large && is_light).then_some(draft)
     }
 
