@@ -52,9 +52,9 @@ pub fn correction(grid: &Grid) -> Option<Correction> {
     })
 }
 
-/// Multiplies what pixels show beyond `shine`, what they see of emitters, by factors at the middles of
+/// Multiplies what pixels show beyond what of it is `exact` by factors at the middles of
 /// squares of equal size, interpolated bilinearly between them.
-pub fn apply(picture: &mut Picture, shine: &[Rgb], factors: &[Rgb]) {
+pub fn apply(picture: &mut Picture, exact: &[Rgb], factors: &[Rgb]) {
     let side = factors.len().isqrt();
     let (width, height) = (picture.width as usize, picture.height as usize);
     // The two middles around a pixel, and how far it is from the first to the second.
@@ -64,12 +64,12 @@ pub fn apply(picture: &mut Picture, shine: &[Rgb], factors: &[Rgb]) {
         let first = (place as usize).min(side.saturating_sub(2));
         (first, (first + 1).min(side - 1), place - first as f32)
     };
-    for (index, (pixel, shine)) in picture.pixels.iter_mut().zip(shine).enumerate() {
+    for (index, (pixel, exact)) in picture.pixels.iter_mut().zip(exact).enumerate() {
         let (left, right, across) = between(index % width, width);
         let (above, below, down) = between(index / width, height);
         let row = |row: usize| factors[row * side + left].lerp(factors[row * side + right], across);
         let factor = row(above).lerp(row(below), down);
-        *pixel = *shine + (*pixel - *shine) * factor;
+        *pixel = *exact + (*pixel - *exact) * factor;
     }
 }
 

@@ -138,6 +138,7 @@ impl Audit {
         picture: &mut Picture,
     ) -> Corrected {
         let mut corrected = Corrected::default();
+        let exact = exact(visible);
         let mut finest = self.grid(visible, seed, picture);
         for side in correction::SIDES {
             let mut grid = finest.clone();
@@ -147,7 +148,7 @@ impl Audit {
             corrected.is_suspect |=
                 grid.beyond_noise().is_some_and(|own| own.square > own.deviation);
             if let Some(correction) = correction::correction(&grid) {
-                correction::apply(picture, &visible.shine, &correction.factors);
+                correction::apply(picture, &exact, &correction.factors);
                 corrected.left += correction.left;
                 finest = self.grid(visible, seed, picture);
             }
@@ -216,6 +217,13 @@ impl Audited<'_> {
         let brought = tracer.radiance(origin, direction, &mut walk);
         (if brought.is_finite() { brought } else { Rgb::ZERO }, walk.rays)
     }
+}
+
+/// What pixels see of emitters and of the background, which is right as it is.
+fn exact(visible: &VisibleSurfaces) -> Vec<Rgb> {
+    let mut exact = visible.shine.clone();
+    exact.iter_mut().zip(&visible.background).for_each(|(own, background)| *own += *background);
+    exact
 }
 
 #[cfg(test)]
@@ -332,6 +340,17 @@ mod tests {
             assert!(surely <= 10, "{side} {kind}: {surely}");
             assert!((-0.6..0.15).contains(&sum), "{side} {kind}: {sum}");
         }
+    }
+
+    #[test]
+    fn the_background_stays_as_it_is() {
+        let (audit, mut visible, mut picture) = furnace(20_000_000, [1.1; 2]);
+        visible.background = vec![Rgb::ZERO; picture.pixels.len()];
+        let before = picture.pixels[0];
+        visible.background[0] = before;
+        audit.correct(&visible, SEED, &mut picture);
+        assert_eq!(picture.pixels[0], before);
+        assert!(picture.pixels[1].x < 0.97 * before.x, "nothing was taken off elsewhere");
     }
 
     #[test]
