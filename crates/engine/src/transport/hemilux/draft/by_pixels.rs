@@ -248,4 +248,22 @@ mod tests {
         let left = without_noise(loss(&noisy, &shine, mean), 0.1 / 3f64.sqrt());
         assert!(left < 0.02, "{left}");
     }
+
+    /// Of a job of a second, a tenth of which is over, and three tenths.
+    #[test]
+    fn slow_scenes_begin_with_a_draft_unless_triangles_are_slow() {
+        use crate::render::Limits;
+        let begins = |triangles: usize, spent: f64| {
+            let triangle = crate::scene::Triangle { vertices: [0, 1, 2], material: 0 };
+            let scene =
+                crate::scene::Scene { triangles: vec![triangle; triangles], ..Default::default() };
+            let request = RenderRequest {
+                limits: Limits::seconds(1.0),
+                ..RenderRequest::new(std::sync::Arc::new(scene), "hemilux", [200; 2])
+            };
+            Draft::of(&request, spent).is_some()
+        };
+        assert!(!begins(1000, 0.1) && begins(1000, 0.3));
+        assert!(!begins(50_000, 0.3), "more triangles than pixels");
+    }
 }

@@ -46,7 +46,7 @@ impl TimeLimit {
     pub fn records(&mut self, places: Vec<u32>, wanted: u32, fewest: u32) -> (Vec<u32>, u32) {
         let rays = self.rays(places.len(), wanted);
         if rays >= wanted.min(fewest) || places.is_empty() {
-            return (places, wanted.min(rays));
+            return (places, rays);
         }
         self.is_felt = true;
         let fewest = fewest.min(wanted);
