@@ -28,6 +28,8 @@ const REFILLED_FROM: f64 = 0.25;
 const NOISE_OF_NEW: f64 = 0.3;
 /// Fewest rays of a new record.
 const LEAST_NEW_RAYS: f64 = 32.0;
+/// Error by records and links, over that by lobes, below which links are not doubled: 1 % of the square.
+const LINKS_ASIDE: f64 = 0.1;
 /// How many times its usual share of the rays the audit gets where it has a suspicion: then more paths
 /// either find what is wrong, and take it off, or find nothing.
 const AUDIT_TIMES: u32 = 5;
@@ -48,6 +50,8 @@ pub struct Balance {
     pub new_rays: u32,
     /// How many times its usual share of the rays the audit gets.
     pub audit_times: u32,
+    /// 1 where links stay as they are for the time being.
+    pub links_wait: u32,
 }
 
 /// What has been done so far.
@@ -100,6 +104,7 @@ impl Default for Balance {
             refine_every: 1,
             new_rays: 0,
             audit_times: 1,
+            links_wait: 0,
         }
     }
 }
@@ -144,6 +149,9 @@ impl Balance {
         let refine_every = but_noise / (4.0 * noise * noise).max(least);
         let all = squares(&[noise, bent, shadows, lobes, edges]);
         let enough = done.rays_per_record * (noise / bent.max(least)).powi(2) / NOISE_OF_NEW;
+        let links = errors.by_links;
+        let by_links = [errors.by_cause[0], errors.by_cause[1], links];
+        let links_wait = links > 0.0 && squares(&by_links) < (LINKS_ASIDE * lobes).powi(2);
         let refills = bent * bent > REFILLED_FROM * all;
         Self {
             shadow_passes: passes(shadows, shadow_passes, shadow_time).clamp(1, MOST_SHADOW_PASSES),
@@ -152,6 +160,7 @@ impl Balance {
             refine_every: (refine_every.round() as u32).clamp(1, MOST_REFINE_EVERY),
             new_rays: if refills { enough.max(LEAST_NEW_RAYS).round() as u32 } else { 0 },
             audit_times: if errors.is_suspect { AUDIT_TIMES } else { 1 },
+            links_wait: u32::from(links_wait),
         }
     }
 
@@ -164,6 +173,7 @@ impl Balance {
             refine_every: self.refine_every.clamp(1, MOST_REFINE_EVERY),
             new_rays: self.new_rays,
             audit_times: self.audit_times.clamp(1, AUDIT_TIMES),
+            links_wait: self.links_wait.min(1),
         }
     }
 }
@@ -222,6 +232,19 @@ mod tests {
     }
 
     #[test]
+    fn links_wait_where_lobes_make_the_error() {
+        let of = |by_cause, by_links| {
+            Balance::of(&Errors { by_cause, by_links, ..Errors::default() }, DONE).links_wait
+        };
+        assert_eq!(of([0.005, 0.005, 0.01, 0.2, 0.01], 0.001), 1);
+        // Before links have doubled once nobody knows how far they are off.
+        assert_eq!(of([0.005, 0.005, 0.01, 0.2, 0.01], 0.0), 0);
+        assert_eq!(of([0.005, 0.005, 0.01, 0.2, 0.01], 0.02), 0);
+        assert_eq!(of([0.005, 0.02, 0.01, 0.2, 0.01], 0.001), 0);
+        assert_eq!(of([0.005, 0.005, 0.2, 0.01, 0.01], 0.001), 0);
+    }
+
+    #[test]
     fn all_of_it_is_bounded() {
         for errors in [[0.0; 5], [1.0; 5], [0.0, 0.0, 0.0, 1.0, 1.0], [1e-300; 5]] {
             let found = balance(errors);
@@ -234,6 +257,7 @@ mod tests {
             refine_every: 0,
             new_rays: 7,
             audit_times: 99,
+            links_wait: 7,
         };
         let bounded = Balance {
             shadow_passes: 1,
@@ -242,6 +266,7 @@ mod tests {
             refine_every: 1,
             new_rays: 7,
             audit_times: 5,
+            links_wait: 1,
         };
         assert_eq!(wild.bounded(), bounded);
     }

@@ -20,8 +20,12 @@ use std::f32::consts::PI;
 const COVERAGE_VARIANCE: f32 = 0.04;
 /// Most places of a fragment at which the map of caustics is read.
 const MOST_MAP_READS: u32 = 8;
-/// Relative error assumed of indirect light where a fragment shows the coarse mesh itself.
+/// Relative error assumed of indirect light where a fragment shows the coarse mesh itself and too few
+/// others say how far that is off.
 const COARSE_ERROR: f32 = 0.2;
+/// Fragments that say so together: as many as will do, and fewest.
+const COMPARED: usize = 4096;
+const LEAST_COMPARED: usize = 64;
 /// Relative error allowed for what no cause covers: the coarse mesh behind the gather rays.
 const COARSE_MESH_ERROR: f64 = 0.002;
 
@@ -139,6 +143,34 @@ pub struct PictureInputs<'a> {
     pub options: &'a HemiluxSettings,
     /// Mean over channels of the variance of radiance by the links' noise, over wide areas.
     pub link_variance: f64,
+    /// Relative error of the indirect light where no record counts: [`coarse_error`].
+    pub coarse_error: f32,
+}
+
+/// How far tier 1 is off where fragments show it for want of records, relative to what it says: as far
+/// as where there are records.
+pub fn coarse_error(
+    visible: &VisibleSurfaces,
+    coarse: &CoarseSolution,
+    bounced: &[Option<IndirectLight>],
+) -> f32 {
+    let shown = || visible.fragments.iter().zip(bounced).filter(|(one, _)| one.weight() > 0.0);
+    if shown().all(|(_, own)| own.is_some()) {
+        return COARSE_ERROR;
+    }
+    let covered: Vec<_> = shown().filter_map(|(one, own)| Some((one, (*own)?))).collect();
+    if covered.len() < LEAST_COMPARED {
+        return COARSE_ERROR;
+    }
+    let (mut square, mut all) = (0.0, 0.0);
+    for (fragment, own) in covered.iter().step_by(covered.len().div_ceil(COMPARED)) {
+        let said = coarse.bounced(visible.place_on_facet(fragment));
+        let off = said - own.irradiance;
+        let weight = fragment.weight() * fragment.weight();
+        square += weight * (off * off - own.noise * own.noise).element_sum();
+        all += weight * (said * said).element_sum();
+    }
+    if all > 0.0 { (square / all).max(0.0).sqrt() } else { COARSE_ERROR }
 }
 
 /// The picture with its estimated error; `None` of a black picture.
@@ -228,7 +260,8 @@ impl PictureInputs<'_> {
         };
         let bounced = self.bounced[index].unwrap_or_else(|| {
             let irradiance = coarse.bounced(visible.place_on_facet(fragment));
-            IndirectLight { irradiance, noise: irradiance * COARSE_ERROR, bent: Rgb::ZERO }
+            let off = irradiance * self.coarse_error;
+            IndirectLight { irradiance, noise: Rgb::ZERO, bent: off * off }
         });
         let caustics = self.caustics(fragment);
         let arriving = direct + bounced.irradiance + caustics.irradiance;
@@ -297,4 +330,33 @@ fn errors(estimates: &[PixelEstimate], shine: &[Rgb], link_variance: f64) -> Opt
             ..Errors::default()
         }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::hemilux::specimen::Specimen;
+
+    /// Where records say that tier 1 is a tenth too dark, it is taken to be that where there are none.
+    #[test]
+    fn what_has_no_record_is_as_far_off_as_the_rest() {
+        let specimen = Specimen::furnace();
+        let (visible, coarse) = (specimen.visible(), &specimen.coarse);
+        let of = |fragment: &Fragment| {
+            let irradiance = 1.1 * coarse.bounced(visible.place_on_facet(fragment));
+            Some(IndirectLight { irradiance, ..IndirectLight::default() })
+        };
+        let mut bounced: Vec<_> = visible.fragments.iter().map(of).collect();
+        let error = |bounced: &[_]| coarse_error(&visible, coarse, bounced);
+        assert_eq!(error(&bounced), COARSE_ERROR, "nothing is missing");
+        bounced[7] = None;
+        assert!((error(&bounced) - 0.1).abs() < 1e-3, "{}", error(&bounced));
+        // Their own noise is no error of tier 1's.
+        for own in bounced.iter_mut().flatten() {
+            own.noise = own.irradiance * (0.1 / 1.1);
+        }
+        assert!(error(&bounced) < 1e-3, "{}", error(&bounced));
+        bounced[LEAST_COMPARED - 1..].fill(None);
+        assert_eq!(error(&bounced), COARSE_ERROR, "too few say so");
+    }
 }

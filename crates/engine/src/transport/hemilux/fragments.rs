@@ -178,9 +178,9 @@ pub struct VisibleSurfaces {
     placing: Placing,
     instance_pixels: InstancePixels,
     samples: Vec<Vec2>,
-    /// Middles of the squares that a pixel is cut into where all of it sees one facet: textures are
-    /// averaged over these, without gaps.
-    squares: [Vec<Vec2>; 3],
+    /// The squares that a pixel is cut into: textures are averaged over these where all of it sees one
+    /// facet, without gaps, and elsewhere over what is seen of it in each.
+    squares: [Vec<PixelSquare>; 3],
     /// Fragments in the order of their pixels.
     pub fragments: Vec<Fragment>,
     /// Lobes in the order of their pixels.
@@ -234,7 +234,7 @@ impl VisibleSurfaces {
             placed,
             placing,
             instance_pixels: InstancePixels::new(world, camera, [width, height]),
-            squares: SQUARES.map(squares),
+            squares: SQUARES.map(|count| squares(count, &samples)),
             samples,
             pyramids: world.pyramids(),
             cut,
@@ -395,8 +395,8 @@ impl VisibleSurfaces {
         let (code, offset) = self.place_of_lobe(lobe, n);
         let (facet, back) = item::decode(code).unwrap_or((0, false));
         let pixel = self.of_lobe(lobe).pixel;
-        let at = self.barycentric(facet, pixel, offset);
         let placed = self.placed(facet);
+        let at = self.within(&placed, pixel, offset);
         let spot = Spot::new(placed.corners, placed.normal, at.x, at.y);
         let source = self.cut.source(FacetIndex(facet));
         let side = if back { -1.0 } else { 1.0 };
@@ -404,15 +404,20 @@ impl VisibleSurfaces {
             let at = self.cut.to_source(FacetIndex(facet), at);
             return world.surface_at(source, at, spot, side);
         }
-        let part = self.part(facet, (pixel, offset), area.sqrt());
+        let part = self.part((facet, &placed), (pixel, offset), area.sqrt());
         world.surface_over(&self.pyramids, (source, &part), spot, side)
     }
 
     /// The part of the scene's triangle that a facet lies in that a square of a pixel sees, of
     /// so many pixels' side; `offset` is its middle.
-    fn part(&self, facet: u32, (pixel, offset): (u32, Vec2), side: f32) -> Part {
-        let at = self.barycentric(facet, pixel, offset);
-        let planes = &self.placed(facet).planes;
+    fn part(
+        &self,
+        (facet, placed): (u32, &PictureFacet),
+        (pixel, offset): (u32, Vec2),
+        side: f32,
+    ) -> Part {
+        let at = self.within(placed, pixel, offset);
+        let planes = &placed.planes;
         let column = (pixel % self.width) as f32 + offset.x;
         let row = (pixel / self.width) as f32 + offset.y;
         let value =
@@ -552,10 +557,28 @@ fn nth_bit(mut bits: u64, n: u32) -> u32 {
     bits.trailing_zeros()
 }
 
-/// Middles of so many squares along and across a pixel, from its middle.
-fn squares(count: u32) -> Vec<Vec2> {
+/// A square of those that a pixel is cut into.
+struct PixelSquare {
+    /// Its middle, from the pixel's.
+    middle: Vec2,
+    /// The samples in it, a bit each.
+    samples: u64,
+}
+
+/// So many squares along and across a pixel.
+fn squares(count: u32, samples: &[Vec2]) -> Vec<PixelSquare> {
     let at = |index: u32| (index as f32 + 0.5) / count as f32 - 0.5;
-    (0..count * count).map(|index| Vec2::new(at(index % count), at(index / count))).collect()
+    let along = |place: f32| (((place + 0.5) * count as f32) as u32).min(count - 1);
+    let square = |index: u32| {
+        let is_in = |sample: Vec2| along(sample.y) * count + along(sample.x) == index;
+        let numbered = samples.iter().enumerate();
+        let own = numbered.filter(|(_, sample)| is_in(**sample));
+        PixelSquare {
+            middle: Vec2::new(at(index % count), at(index / count)),
+            samples: own.fold(0, |all, (number, _)| all | 1 << number),
+        }
+    };
+    (0..count * count).map(square).collect()
 }
 
 /// Samples of a pixel that see the same side of the same facet.

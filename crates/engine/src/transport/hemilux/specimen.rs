@@ -6,9 +6,8 @@ use crate::emitters::DirectLights;
 use crate::patches::Cut;
 use crate::radiometry::Rgb;
 use crate::sampling::Seed;
-use crate::scene::Environment;
 use crate::scene::gltf::{ImportLimits, Resources, import};
-use crate::scene::made;
+use crate::scene::{Environment, Scene, made};
 use crate::surface::World;
 use std::sync::Arc;
 
@@ -37,6 +36,11 @@ impl Specimen {
     /// The same in its surroundings.
     pub fn surrounded(glb: &[u8], environment: Environment, patches: usize) -> Self {
         let scene = import(glb, &Resources::new(), &ImportLimits::default()).expect("valid");
+        Self::of(scene, environment, patches)
+    }
+
+    /// The same of a scene.
+    pub fn of(scene: Scene, environment: Environment, patches: usize) -> Self {
         let scene = Arc::new(scene);
         let world = Arc::new(World::surrounded(scene.clone(), Arc::new(environment)));
         let lights = DirectLights::new(&world).expect("something shines");

@@ -1,8 +1,8 @@
 //! How bands of rows are rasterised and their samples grouped into fragments.
 
 use super::{
-    ALIKE_DIFFUSE, BAND, Fragment, Lobe, MOST_SAMPLES, MOST_TEXELS, NO_FRAGMENT, SMOOTH_COSINE,
-    STEP_PIXELS, SampleGroup, SampleMeans, VisibleSurfaces,
+    ALIKE_DIFFUSE, BAND, Fragment, Lobe, MOST_SAMPLES, MOST_TEXELS, NO_FRAGMENT, PictureFacet,
+    PixelSquare, SMOOTH_COSINE, STEP_PIXELS, SampleGroup, SampleMeans, VisibleSurfaces,
 };
 use crate::hemicube::item;
 use crate::measurement::{BoxOffset, View};
@@ -14,6 +14,7 @@ use crate::surface::World;
 use crate::transport::hemilux::places::FragmentPlaces;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
+use std::iter::{Once, once};
 use std::time::Instant;
 
 impl VisibleSurfaces {
@@ -179,7 +180,7 @@ impl VisibleSurfaces {
         let mut shine = Rgb::ZERO;
         let first = fragments.len();
         for (number, group) in groups.iter().enumerate() {
-            let seen = self.samples_of(world, pixel, group);
+            let seen = self.part_of(world, pixel, group);
             let Some((one, own)) = self.fragment_of(world, pixel, group.code, seen) else {
                 continue;
             };
@@ -233,39 +234,47 @@ impl VisibleSurfaces {
             && between.dot(one.point - other.point).abs() < reach
     }
 
-    /// Middles of the squares over which textures are averaged in a pixel that sees a facet alone: more
-    /// of them where it sees more texels.
-    fn squares_of(&self, world: &World, pixel: u32, code: u32) -> &[Vec2] {
+    /// The squares over which textures are averaged in a pixel that sees a facet: more of them where it
+    /// sees more texels.
+    fn squares_of(&self, world: &World, pixel: u32, code: u32) -> &[PixelSquare] {
         let Some((facet, _)) = item::decode(code) else { return &self.squares[0] };
         let source = self.cut.source(FacetIndex(facet));
         if !varies(world, source) {
             return &self.squares[0];
         }
+        let facet = (facet, &*self.placed(facet));
         let texels = world.texels_along(source, &self.part(facet, (pixel, Vec2::ZERO), 1.0));
         // Not a number is as many as can be.
         let enough = MOST_TEXELS.iter().position(|most| texels <= *most);
         &self.squares[enough.unwrap_or(MOST_TEXELS.len())]
     }
 
-    /// The samples of a group, as places in the pixel.
-    pub(super) fn samples_of(
+    /// What is seen of a group.
+    pub(super) fn part_of(
         &self,
         world: &World,
         pixel: u32,
         group: &SampleGroup,
-    ) -> SeenPart<impl Iterator<Item = Vec2> + Clone> {
-        let (mask, all) = (group.mask, self.samples.len() as f32);
-        let count = mask.count_ones() as usize;
-        let is_whole = count == self.samples.len();
-        // Each sample stands for as much of the pixel.
-        let (masked, squares) =
-            if is_whole { (0, self.squares_of(world, pixel, group.code)) } else { (mask, &[][..]) };
-        let side = (if is_whole { squares.len() as f32 } else { all }).sqrt().recip();
+    ) -> SeenPart<impl Iterator<Item = SeenPlace>> {
+        let (mask, all) = (group.mask, self.samples.len() as u32);
+        let count = mask.count_ones();
+        let squares = self.squares_of(world, pixel, group.code);
+        let in_square = move |square: &PixelSquare| {
+            if count == all {
+                let weight = (squares.len() as f32).recip();
+                return Some(SeenPlace { offset: square.middle, side: weight.sqrt(), weight });
+            }
+            // As large as what is seen in the square, and in the middle of that.
+            let own = mask & square.samples;
+            let seen = own.count_ones() as f32;
+            let offset = self.offsets(own).sum::<Vec2>() / seen;
+            let (side, weight) = ((seen / all as f32).sqrt(), seen / count as f32);
+            (own != 0).then_some(SeenPlace { offset, side, weight })
+        };
         SeenPart {
-            share: count as f32 * all.recip(),
+            share: count as f32 / all as f32,
             middle: self.offsets(mask).sum::<Vec2>() / count as f32,
-            side,
-            places: squares.iter().copied().chain(self.offsets(masked)),
+            places: squares.iter().filter_map(in_square),
         }
     }
 
@@ -276,7 +285,7 @@ impl VisibleSurfaces {
         world: &World,
         pixel: u32,
         code: u32,
-        seen: SeenPart<impl Iterator<Item = Vec2> + Clone>,
+        seen: SeenPart<impl Iterator<Item = SeenPlace>>,
     ) -> Option<(Fragment, Rgb)> {
         let (facet, back) = item::decode(code)?;
         let source = self.cut.source(FacetIndex(facet));
@@ -289,7 +298,7 @@ impl VisibleSurfaces {
         let side = if back { -1.0 } else { 1.0 };
         let normal = world.smooth_normal(source, source_at, flat, side);
         let (diffuse, lobe_factor, shine, shading_normal) = if varies(world, source) {
-            let means = self.means(world, (facet, back), pixel, seen);
+            let means = self.means(world, (facet, back, &*placed), pixel, seen);
             let normal = means.normal.normalize_or(normal);
             (means.diffuse, means.lobe_factor, means.shine, normal)
         } else {
@@ -324,26 +333,24 @@ impl VisibleSurfaces {
     fn means(
         &self,
         world: &World,
-        (facet, back): (u32, bool),
+        (facet, back, placed): (u32, bool, &PictureFacet),
         pixel: u32,
-        seen: SeenPart<impl Iterator<Item = Vec2> + Clone>,
+        seen: SeenPart<impl Iterator<Item = SeenPlace>>,
     ) -> SampleMeans {
         let source = self.cut.source(FacetIndex(facet));
         let side = if back { -1.0 } else { 1.0 };
         let mut means = SampleMeans::default();
-        let each = (seen.places.clone().count() as f32).recip();
-        for offset in seen.places {
-            let at = self.barycentric(facet, pixel, offset);
-            let (point, flat) = self.spot(facet, back, at);
-            let part = self.part(facet, (pixel, offset), seen.side);
+        for SeenPlace { offset, side: width, weight } in seen.places {
+            let (point, flat) = placed.spot(back, self.within(placed, pixel, offset));
+            let part = self.part((facet, placed), (pixel, offset), width);
             let normal = world.shading_normal_over(&self.pyramids, (source, &part), flat, side);
             let cosine = normal.dot(self.frame.towards_eye(point));
             let parameters = world.parameters_over(&self.pyramids, source, &part);
             let [diffuse, lobe_factor] = parameters.diffuse_and_lobe_factor(cosine);
-            means.diffuse += diffuse * each;
-            means.lobe_factor += lobe_factor * each;
-            means.shine += world.shine_over(&self.pyramids, source, &part) * each;
-            means.normal += normal * each;
+            means.diffuse += diffuse * weight;
+            means.lobe_factor += lobe_factor * weight;
+            means.shine += world.shine_over(&self.pyramids, source, &part) * weight;
+            means.normal += normal * weight;
         }
         means
     }
@@ -367,10 +374,27 @@ pub(super) struct SeenPart<I> {
     pub share: f32,
     /// Its middle, from the pixel's.
     pub middle: Vec2,
-    /// Side, in pixels, of the square that each of the places stands for.
-    pub side: f32,
-    /// Places of it, from the pixel's middle.
+    /// Places of it.
     pub places: I,
+}
+
+impl SeenPart<Once<SeenPlace>> {
+    /// A square, as if it were all of the pixel.
+    pub fn at(offset: Vec2, side: f32) -> Self {
+        let place = SeenPlace { offset, side, weight: 1.0 };
+        Self { share: 1.0, middle: offset, places: once(place) }
+    }
+}
+
+/// A place of what is seen of a facet in a pixel.
+#[derive(Clone, Copy)]
+pub(super) struct SeenPlace {
+    /// From the pixel's middle.
+    pub offset: Vec2,
+    /// Side, in pixels, of the square that it stands for.
+    pub side: f32,
+    /// Share of what is seen of the facet; all together 1.
+    pub weight: f32,
 }
 
 impl Fragment {

@@ -2,7 +2,7 @@
 //! one on the surface's other side, which is lit there as all fragments are. What it would reflect,
 //! its diffuse albedo being the share that comes through, is what comes through.
 
-use super::band::SeenPart;
+use super::band::{SeenPart, SeenPlace};
 use super::{Fragment, SampleGroup, VisibleSurfaces, other_side};
 use crate::hemicube::item;
 use crate::patches::FacetIndex;
@@ -33,7 +33,7 @@ impl VisibleSurfaces {
             let (mut passed, mut all) = (Rgb::ZERO, 0.0);
             let mine = groups.iter().zip(of_group).filter(|(_, of)| **of == near);
             for (group, _) in mine {
-                let seen = self.samples_of(world, own.pixel, group);
+                let seen = self.part_of(world, own.pixel, group);
                 let share = seen.share;
                 passed += self.passed(world, own.pixel, group.code, seen) * share;
                 all += share;
@@ -68,7 +68,7 @@ impl VisibleSurfaces {
         world: &World,
         pixel: u32,
         code: u32,
-        seen: SeenPart<impl Iterator<Item = Vec2> + Clone>,
+        seen: SeenPart<impl Iterator<Item = SeenPlace>>,
     ) -> Rgb {
         let Some((facet, back)) = item::decode(code) else { return Rgb::ZERO };
         let source = self.cut.source(FacetIndex(facet));
@@ -77,17 +77,16 @@ impl VisibleSurfaces {
             return Rgb::ZERO;
         }
         let side = if back { -1.0 } else { 1.0 };
-        let (mut sum, mut count) = (Rgb::ZERO, 0.0);
-        for offset in seen.places {
-            let at = self.barycentric(facet, pixel, offset);
-            let (point, flat) = self.spot(facet, back, at);
-            let part = self.part(facet, (pixel, offset), seen.side);
+        let placed = self.placed(facet);
+        let mut sum = Rgb::ZERO;
+        for SeenPlace { offset, side: width, weight } in seen.places {
+            let (point, flat) = placed.spot(back, self.within(&placed, pixel, offset));
+            let part = self.part((facet, &placed), (pixel, offset), width);
             let normal = world.shading_normal_over(&self.pyramids, (source, &part), flat, side);
             let cosine = normal.dot(self.frame.towards_eye(point));
-            sum += world.passed_over(&self.pyramids, (source, &part), cosine);
-            count += 1.0;
+            sum += world.passed_over(&self.pyramids, (source, &part), cosine) * weight;
         }
-        sum / count
+        sum
     }
 
     /// Whether any fragment may let light through diffusely.

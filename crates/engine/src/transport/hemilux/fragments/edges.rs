@@ -16,7 +16,6 @@ use crate::sampling::{Afresh, Seed, Shifted};
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
-use std::iter::once;
 use std::ops::{Add, AddAssign, Mul};
 
 /// Pixels of a parallel task.
@@ -260,7 +259,7 @@ impl EdgePixel {
         };
         self.seen.covered += 1.0;
         let side = (MOST_SAMPLES as f32).sqrt().recip();
-        let seen = SeenPart { share: 1.0, middle: offset, side, places: once(offset) };
+        let seen = SeenPart::at(offset, side);
         let one = visible
             .code_of(&hit)
             .and_then(|code| visible.fragment_of(world, self.pixel, code, seen));
@@ -275,7 +274,7 @@ impl EdgePixel {
                 let (diffuse, lobe_factor) = (one.diffuse, one.lobe_factor);
                 fragments[index].seen += Part { share: 1.0, diffuse, lobe_factor };
                 if let Some(beyond) = visible.beyond_in(own, index) {
-                    let seen = SeenPart { share: 1.0, middle: offset, side, places: once(offset) };
+                    let seen = SeenPart::at(offset, side);
                     let code = visible.code_of(&hit).unwrap_or(item::EMPTY);
                     let diffuse = visible.passed(world, self.pixel, code, seen);
                     let lobe_factor = own[beyond].lobe_factor;

@@ -2,7 +2,9 @@
 
 use super::*;
 use crate::rays::Eye;
-use crate::scene::made;
+use crate::scene::environment::{Environment, Sky};
+use crate::scene::gltf::{ImportLimits, Resources, import};
+use crate::scene::{Scene, Triangle, made};
 use crate::transport::hemilux::specimen::{EMISSION, Specimen};
 
 #[test]
@@ -49,4 +51,74 @@ fn a_fragment_is_sampled_on_all_its_facets() {
             assert!((seen - 1.0).abs() < 1e-3, "pixel {} sees {seen} as far", fragment.pixel);
         }
     }
+}
+
+#[test]
+fn each_sample_is_in_one_square() {
+    for count in [1, 3, 16, 64] {
+        let samples = sample_pattern(count);
+        for along in SQUARES {
+            let all: Vec<u64> = squares(along, &samples).iter().map(|own| own.samples).collect();
+            assert_eq!(all.iter().map(|own| own.count_ones()).sum::<u32>(), count);
+            assert_eq!(all.iter().fold(0, |all, own| all | own).count_ones(), count);
+        }
+    }
+}
+
+/// A scene in which each triangle is cut into four, so many times over.
+fn divided(scene: &Scene, times: u32) -> Scene {
+    let mut scene = scene.clone();
+    for _ in 0..times {
+        let whole = std::mem::take(&mut scene.triangles);
+        for triangle in whole {
+            let [a, b, c] = triangle.vertices;
+            let mut middle = |one: u32, other: u32| {
+                let [one, other] = [one, other].map(|at| scene.vertices[at as usize]);
+                let mut middle = one;
+                middle.position = 0.5 * (one.position + other.position);
+                middle.uv = [0, 1].map(|set| 0.5 * (one.uv[set] + other.uv[set]));
+                scene.vertices.push(middle);
+                scene.vertices.len() as u32 - 1
+            };
+            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+            let parts = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]];
+            scene.triangles.extend(parts.map(|vertices| Triangle { vertices, ..triangle }));
+        }
+    }
+    scene
+}
+
+/// What pixels show of a checker is the same whether they see one facet or several, though parts of pixels
+/// read fewer places of textures. (Farther away than half the picture facets are finer than samples.)
+#[test]
+fn textures_are_read_on_all_parts_of_a_pixel() {
+    let glb = made::checker(4.0);
+    let scene = import(&glb, &Resources::new(), &ImportLimits::default()).expect("valid");
+    let albedos = |scene: Scene| {
+        let surroundings = Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::none() };
+        let Specimen { world, cut, .. } = Specimen::of(scene, surroundings, 500);
+        let camera = &world.scene.cameras[0];
+        let visible = VisibleSurfaces::new(&world, cut, camera, [24, 20], MOST_SAMPLES);
+        let parts = visible.fragments.len();
+        let pixels = (visible.width * visible.height) as usize;
+        let mut all = vec![0.0; pixels / 2];
+        let near = |fragment: &&Fragment| fragment.pixel as usize >= pixels / 2;
+        for fragment in visible.fragments.iter().filter(near) {
+            all[fragment.pixel as usize - pixels / 2] +=
+                fragment.share * importance(fragment.diffuse);
+        }
+        (all, visible.groups.len(), parts)
+    };
+    let (whole, _, _) = albedos(scene.clone());
+    let (cut, groups, parts) = albedos(divided(&scene, 8));
+    assert!(
+        groups.max(parts) > 4 * whole.len(),
+        "{groups} groups, {parts} parts: facets are small"
+    );
+    let square =
+        |off: &dyn Fn(usize) -> f32| -> f32 { (0..whole.len()).map(|k| off(k).powi(2)).sum() };
+    let off = (square(&|k| cut[k] - whole[k]) / square(&|k| whole[k])).sqrt();
+    assert!(off < 0.03, "{off}");
+    let mean = cut.iter().sum::<f32>() / whole.iter().sum::<f32>();
+    assert!((mean - 1.0).abs() < 0.004, "{mean}");
 }

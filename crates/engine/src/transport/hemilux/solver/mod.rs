@@ -272,7 +272,8 @@ impl Tiers {
             self.coarse.shed_caustics();
         }
         self.clock.lap("seconds_caustics");
-        if (number + 1).is_power_of_two() && !scene_is_known {
+        let links_wait = self.balance.links_wait > 0;
+        if (number + 1).is_power_of_two() && !scene_is_known && !links_wait {
             self.link(number);
         }
         self.clock.lap("seconds_links");
