@@ -20,6 +20,8 @@ const GROUPS: usize = 4;
 /// none is left out.
 const LEAST_LOBE_SHARE: f32 = 0.02;
 
+/// Share of all light below which neither the sky nor all else is looked at by itself.
+const LEAST_PART: f32 = 1e-3;
 /// Share of the rays that go to the sky from dark places that know no opening.
 const BLIND_SKY_SHARE: f32 = 0.2;
 
@@ -40,6 +42,14 @@ pub struct DirectLights {
     beyond: f32,
 }
 
+/// What lights shine in two parts, each to be sampled by itself.
+pub struct BesideSky {
+    /// All but the sky.
+    pub others: AllUnoccluded,
+    /// The sky.
+    pub sky: AllUnoccluded,
+}
+
 /// What all lights shine on a surface without occlusion, by which they are picked.
 #[derive(Clone, Copy)]
 pub struct AllUnoccluded {
@@ -53,9 +63,27 @@ pub struct AllUnoccluded {
     lobe: Option<LobeAxis>,
     /// Where the sky is seen through openings, if it is.
     lookout: Option<Lookout>,
+    /// What the sky shines, as far as it is a part of `irradiance`.
+    sky: Rgb,
 }
 
 impl AllUnoccluded {
+    /// The sky's part of it and that of all other lights, where both shine; `None` where either does not, or
+    /// the sky is seen through openings.
+    pub fn beside_sky(&self) -> Option<BesideSky> {
+        let share = self.shares[1];
+        if self.looks_out() || !(LEAST_PART..=1.0 - LEAST_PART).contains(&share) {
+            return None;
+        }
+        let [mut others, mut sky] = [self.shares; 2].map(|shares| Self { shares, ..*self });
+        others.irradiance -= self.sky;
+        others.shares = self.shares.map(|own| own / (1.0 - share));
+        others.shares[1] = 0.0;
+        sky.irradiance = self.sky;
+        sky.shares = [0.0, 1.0, 0.0, 0.0];
+        Some(BesideSky { others, sky })
+    }
+
     /// Whether it is dark, so that the sky is seen through openings if at all: its light is no part of
     /// `irradiance` then.
     pub fn looks_out(&self) -> bool {
@@ -185,6 +213,7 @@ impl DirectLights {
             shares: [1.0, 0.0, 0.0, 0.0],
             lobe: None,
             lookout: self.lookout(point, normal),
+            sky: Rgb::ZERO,
         };
         if self.has_only_polygons() {
             return all;
@@ -196,6 +225,7 @@ impl DirectLights {
         ];
         let known = if all.looks_out() { &others[1..] } else { &others };
         all.irradiance += known.iter().sum::<Rgb>();
+        all.sky = others[0];
         let [sky, sun, punctual] = others.map(importance);
         all.shares = self.shares([importance(polygons.irradiance), sky, sun, punctual]);
         all.give_half_to_sky();
@@ -218,6 +248,7 @@ impl DirectLights {
             shares: [1.0, 0.0, 0.0, 0.0],
             lobe: Some(axis),
             lookout: self.lookout(point, normal),
+            sky: Rgb::ZERO,
         };
         if self.has_only_polygons() {
             return all;

@@ -7,7 +7,7 @@
 //! Links double whenever they are traced anew, so that a solution b is nearly the mean of the one before,
 //! a, and of what the new links alone would give, c, both with twice the variance of b. Then b − a is
 //! (c − a)/2, of which the variance is (2 + 2)/4 of b's: the change by the new links is as large as the
-//! error that is left.
+//! error that is left. (Where links have waited, more are new than were there, and the change is larger.)
 
 use super::coarse::CoarseSolution;
 use super::fragments::VisibleSurfaces;

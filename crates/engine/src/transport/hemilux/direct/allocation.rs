@@ -2,7 +2,7 @@
 //! be off in the picture.
 
 use super::shadows::{CHUNK, DirectLighting, NEIGHBOUR_REACH, SHARES_OF_MORE, around};
-use super::sums::{SAME_SHARE, ShadowSums};
+use super::sums::ShadowSums;
 use crate::transport::hemilux::fragments::{Fragment, VisibleSurfaces};
 use rayon::prelude::*;
 
@@ -18,14 +18,9 @@ impl DirectLighting {
                 if mine.is_disputed() {
                     return true;
                 }
-                if mine.known_rays() == 0 {
-                    return false;
-                }
                 let mut disagrees = false;
                 around(visible, index, NEIGHBOUR_REACH, |other, _, _| {
-                    let other = &sums[other];
-                    let off = other.blocked_share() - mine.blocked_share();
-                    disagrees |= other.known_rays() > 0 && off.abs() > SAME_SHARE;
+                    disagrees |= mine.differs_from(&sums[other]);
                 });
                 disagrees
             })

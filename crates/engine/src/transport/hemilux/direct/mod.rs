@@ -1,6 +1,7 @@
 //! Direct light on every fragment (tier 3).
 
 mod allocation;
+mod by_neighbours;
 mod shadows;
 mod sums;
 

@@ -2,10 +2,9 @@
 //! share of it that shadow rays find unoccluded. There are few rays where they agree, and many
 //! where they do not.
 
-use super::sums::{ShadowSums, StoredShadowSums, alike};
+use super::sums::{Part, ShadowSums, StoredShadowSums, StoredShares};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::{DirectLights, TRIES};
-use crate::filter::Plane;
 use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
 use crate::rays::Segment;
@@ -35,10 +34,6 @@ const ORDINARY_PIXELS: u32 = 250_000;
 const RECHECK_PASSES: u32 = 4;
 /// Pixels in each direction whose rays are compared, and shared.
 pub(super) const NEIGHBOUR_REACH: i32 = 2;
-/// A fragment with at least so many rays of its own takes none of its neighbours.
-const ENOUGH_RAYS: u32 = 2048;
-/// A fragment with at least so many rays takes those of adjacent pixels only.
-const FEW_RAYS: u32 = 32;
 /// Where the light without occlusion of adjacent pixels differs by more than this share, it is the mean over
 /// so many places; in a hasty job, by the first of these.
 const PLACES: [(f32, u32); 2] = [(0.1, 16), (0.5, 64)];
@@ -48,11 +43,6 @@ const IN_PLANE: f32 = 0.98;
 pub(super) const CHUNK: usize = 1024;
 /// Shadow rays that are traced together, at least.
 const BATCH: usize = 512;
-/// Factor by which neighbours are taken to lower the variance where they are too few to measure it.
-const NEIGHBOUR_VARIANCE_FACTOR: f32 = 0.15;
-/// Variance of the rays of a fragment at a shadow's edge, in that which well-spread points would leave of
-/// something smoother.
-const EDGE_VARIANCE: f32 = 2.5;
 
 /// Direct light on all fragments of a picture.
 pub struct DirectLighting {
@@ -77,7 +67,7 @@ impl DirectLighting {
     ) -> Self {
         let unoccluded = |fragment: &Fragment| {
             let all = lights.unoccluded(fragment.point, fragment.shading_normal);
-            ShadowSums::new(all.irradiance, all.looks_out())
+            ShadowSums::new(&all, lights.is_exact())
         };
         let fragments = visible.fragments.par_iter().with_min_len(CHUNK);
         let mut sums: Vec<ShadowSums> = fragments.map(unoccluded).collect();
@@ -95,6 +85,8 @@ impl DirectLighting {
         to.value(self.passes);
         to.value(self.rays);
         to.slice(&self.sums.iter().map(StoredShadowSums::of).collect::<Vec<_>>());
+        let skies = self.sums.iter().filter_map(|sums| sums.sky.as_ref());
+        to.slice(&skies.map(StoredShares::of).collect::<Vec<_>>());
     }
 
     /// Reads what [`DirectLighting::save`] wrote of the same fragments.
@@ -103,7 +95,10 @@ impl DirectLighting {
         self.rays = from.value()?;
         let stored: Vec<StoredShadowSums> = from.exactly(self.sums.len())?;
         let mut pairs = self.sums.iter_mut().zip(stored);
-        pairs.try_for_each(|(sums, stored)| stored.restore(sums))
+        pairs.try_for_each(|(sums, stored)| stored.restore(sums))?;
+        let skies: Vec<_> = self.sums.iter_mut().filter_map(|sums| sums.sky.as_mut()).collect();
+        let stored: Vec<StoredShares> = from.exactly(skies.len())?;
+        skies.into_iter().zip(stored).try_for_each(|(sums, stored)| stored.restore(sums))
     }
 
     /// Casts another pass of rays; about `most` of them at most where they go by need and it is not the
@@ -115,7 +110,7 @@ impl DirectLighting {
             self.sums.iter_mut().for_each(|sums| sums.disputed = true);
             self.cast(caster, |_, _, _| rays);
         } else if self.passes == 0 {
-            self.cast(caster, |_, _, _| FIRST_RAYS);
+            self.cast(caster, |_, _, sums| FIRST_RAYS * sums.least_rays());
             self.mark_disputed(visible);
             let half = self.more_rays[0] / 2;
             self.cast(caster, |_, _, sums| if sums.is_uneven() { half } else { 0 });
@@ -172,7 +167,7 @@ impl DirectLighting {
                     let dark = caster.lights.is_exact() && sums[index].is_dark();
                     if sums[index].rays == 0 {
                         // An edge was found to show something else.
-                        count = count.max(FIRST_RAYS);
+                        count = count.max(FIRST_RAYS * sums[index].least_rays());
                     }
                     if count > 0 && !dark && fragment.diffuse != Rgb::ZERO {
                         caster.aim(index, &mut sums[index], fragment, count, &mut batch);
@@ -188,131 +183,6 @@ impl DirectLighting {
             .sum();
         self.rays += rays;
     }
-
-    /// Direct irradiance of a fragment and its estimated variance; where its own rays are few, with
-    /// the help of its neighbours' if `filtered`.
-    pub fn irradiance(
-        &self,
-        lights: &DirectLights,
-        visible: &VisibleSurfaces,
-        index: usize,
-        filtered: bool,
-    ) -> (Rgb, Rgb) {
-        let sums = &self.sums[index];
-        if sums.rays == 0 {
-            return (Rgb::ZERO, Rgb::ZERO);
-        }
-        let (known, variance) = self.by_share(lights.is_exact(), visible, index, filtered);
-        if !sums.apart.is_any {
-            return (known, variance);
-        }
-        let (apart, other_variance) = self.through_openings(visible, index, filtered);
-        (known + apart, variance + other_variance)
-    }
-
-    /// Light of the sky that comes through openings, likewise: a plane through what arrives around,
-    /// where chance lets that be the same.
-    fn through_openings(
-        &self,
-        visible: &VisibleSurfaces,
-        index: usize,
-        filtered: bool,
-    ) -> (Rgb, Rgb) {
-        let sums = &self.sums[index];
-        let own = (sums.apart_mean(), sums.apart_variance());
-        if !filtered || sums.rays >= ENOUGH_RAYS {
-            return own;
-        }
-        let reach = if sums.rays < FEW_RAYS { NEIGHBOUR_REACH } else { 1 };
-        let mut others = Vec::with_capacity(24);
-        around(visible, index, reach, |other, across, down| {
-            let other = &self.sums[other];
-            if other.rays > 0 && other.apart.is_any {
-                others.push((other, across, down));
-            }
-        });
-        // Of a ray; one fragment's rays are too few to tell.
-        let all = others.iter().map(|(other, ..)| *other).chain([sums]);
-        let (squares, rays) = all.fold((0.0, 0.0), |(squares, rays), sums| {
-            (squares + sums.apart_scatter(), rays + (sums.rays as f32 - 1.0))
-        });
-        let scatter = squares / rays.max(1.0);
-        let mut plane = Plane::new();
-        plane.add(0, 0, own.0, sums.rays as f32);
-        for (other, across, down) in others {
-            let off = importance(other.apart_mean()) - importance(own.0);
-            let chance = scatter / other.rays as f32 + scatter / sums.rays as f32;
-            let weight = 1.0 / (1.0 + (across * across + down * down) as f32 * 0.5);
-            let weight = weight * other.rays as f32 * alike(off, chance);
-            plane.add(across, down, other.apart_mean(), weight);
-        }
-        let (light, variance) = plane.center();
-        (light, variance.unwrap_or(own.1 * NEIGHBOUR_VARIANCE_FACTOR))
-    }
-
-    /// Light whose irradiance without occlusion is known, likewise: what a plane through the shares
-    /// around says of it, where chance lets them be the same, and how far they are off that plane.
-    fn by_share(
-        &self,
-        exact: bool,
-        visible: &VisibleSurfaces,
-        index: usize,
-        filtered: bool,
-    ) -> (Rgb, Rgb) {
-        let sums = &self.sums[index];
-        let factor = if exact { sums.unoccluded } else { Rgb::ONE };
-        if exact && sums.cast == Rgb::ZERO && factor != Rgb::ZERO {
-            return self.share_around(visible, index);
-        }
-        let share = sums.share(exact);
-        if !(filtered && sums.is_disputed() && sums.rays < ENOUGH_RAYS) {
-            return (factor * share, sums.own_variance(exact));
-        }
-        let reach = if sums.rays < FEW_RAYS { NEIGHBOUR_REACH } else { 1 };
-        let mut plane = Plane::new();
-        plane.add(0, 0, share, sums.known_rays() as f32);
-        around(visible, index, reach, |other, across, down| {
-            let other = &self.sums[other];
-            let weight = 1.0 / (1.0 + (across * across + down * down) as f32 * 0.5);
-            if other.tells_share_of(sums, exact) {
-                let alike = if exact { sums.alike(other) } else { 1.0 };
-                let weight = other.known_rays() as f32 * weight * alike;
-                plane.add(across, down, other.share(exact), weight);
-            }
-        });
-        let own_share = share;
-        let (share, variance) = plane.center();
-        // Too few around are alike for a plane: this is a shadow's edge, of which they say nothing.
-        if exact && sums.mixed && variance.is_none() {
-            return (factor * own_share, EDGE_VARIANCE * sums.own_variance(exact));
-        }
-        let Some(variance) = variance else {
-            return (factor * share, sums.own_variance(exact) * NEIGHBOUR_VARIANCE_FACTOR);
-        };
-        // In half-shadow a few pixels wide no plane is as good as many rays.
-        let chance = sums.chance_around(importance(share));
-        if exact && variance.element_sum() > 3.0 * chance {
-            return (factor * own_share, factor * factor * chance);
-        }
-        (factor * share, factor * factor * variance)
-    }
-
-    /// The same where no ray of the fragment has found a place of a light above its horizon, as of a lamp
-    /// that this cuts: by the shares around, and as if nothing were in between where none is known.
-    fn share_around(&self, visible: &VisibleSurfaces, index: usize) -> (Rgb, Rgb) {
-        let unoccluded = self.sums[index].unoccluded;
-        let (mut sum, mut rays) = (Rgb::ZERO, 0.0);
-        around(visible, index, NEIGHBOUR_REACH, |other, _, _| {
-            let other = &self.sums[other];
-            if other.cast != Rgb::ZERO {
-                sum += other.share(true) * other.known_rays() as f32;
-                rays += other.known_rays() as f32;
-            }
-        });
-        let share = if rays > 0.0 { sum / rays } else { Rgb::ONE };
-        let variance = share * (Rgb::ONE - share);
-        (unoccluded * share, unoccluded * unoccluded * variance.max(Rgb::ZERO))
-    }
 }
 
 /// Takes the mean over a fragment's places as its light without occlusion where that differs much from
@@ -325,15 +195,14 @@ fn average_where_uneven(
     places: &[(f32, u32)],
 ) {
     // Light of which the sky is no part is no measure of light of which it is.
-    let of = |sums: &ShadowSums| (importance(sums.unoccluded), sums.apart.is_any);
-    let light: Vec<(f32, bool)> = sums.iter().map(of).collect();
+    let light = sums.to_vec();
+    let exact = lights.is_exact();
+    let of = |index: usize| importance(light[index].known.unoccluded);
     let one = |(index, sums): (usize, &mut ShadowSums)| {
-        let (own, is_apart) = light[index];
-        let mut most = 0.0f32;
+        let (own, mut most) = (of(index), 0.0f32);
         beside(visible, index, |other| {
-            let (theirs, other_is_apart) = light[other];
-            if is_apart == other_is_apart {
-                most = most.max((theirs - own).abs());
+            if light[other].is_divided_as(&light[index]) {
+                most = most.max((of(other) - own).abs());
             }
         });
         let places = places.iter().rev().find(|(from, _)| most > from * own);
@@ -342,12 +211,15 @@ fn average_where_uneven(
         // The first of a pixel's places are spread about its middle; those of a part of it need not be.
         let places =
             if fragment.share < 1.0 { visible.count(fragment).max(*places) } else { *places };
-        let at = |n| lights.unoccluded(visible.sample_point(fragment, n), fragment.shading_normal);
-        let alike = (0..places).map(at).filter(|all| all.looks_out() == is_apart);
-        let (sum, count) =
-            alike.fold((Rgb::ZERO, 0u32), |(sum, count), all| (sum + all.irradiance, count + 1));
+        let at = |n| {
+            let point = visible.sample_point(fragment, n);
+            ShadowSums::new(&lights.unoccluded(point, fragment.shading_normal), exact)
+        };
+        let alike = (0..places).map(at).filter(|all| all.is_divided_as(sums));
+        let (sum, count) = alike
+            .fold((Rgb::ZERO, 0u32), |(sum, count), all| (sum + all.known.unoccluded, count + 1));
         if count > 0 {
-            sums.unoccluded = sum / count as f32;
+            sums.known.unoccluded = sum / count as f32;
         }
     };
     sums.par_iter_mut().enumerate().with_min_len(CHUNK).for_each(one);
@@ -391,8 +263,8 @@ pub struct Caster<'a> {
 struct Batch {
     segments: Vec<Segment>,
     /// Of each ray, its fragment's index in the chunk, the irradiance that its light point stands
-    /// for, and whether that is apart.
-    ends: Vec<(usize, Rgb, bool)>,
+    /// for, and the part of the light that this belongs to.
+    ends: Vec<(usize, Rgb, Part)>,
     visible: Vec<Rgb>,
 }
 
@@ -413,39 +285,47 @@ impl Caster<'_> {
         let sequence = Shifted::new(self.seed, Stream::Light, tile);
         // Lights are picked by what they shine on the fragment's mean place, for all its points.
         let unoccluded = lights.unoccluded(fragment.point, fragment.shading_normal);
+        let split = unoccluded.beside_sky().filter(|_| sums.sky.is_some());
         for _ in 0..count {
             let n = sums.rays;
             let from = visible.sample_point(fragment, n);
             if !lights.is_exact() {
                 let xi = sequence.of_pixel(place * TRIES, n).triple();
                 sums.rays += 1;
+                sums.known.rays += 1;
                 if let Some((end, irradiance)) =
                     lights.one_of_many(from, fragment.shading_normal, xi)
                 {
-                    to.add(Segment { from, to: end }, (index, irradiance, false));
+                    to.add(Segment { from, to: end }, (index, irradiance, Part::Known));
                 }
                 continue;
             }
+            // The sky and all other lights take turns.
+            let (mut part, picked) = match &split {
+                Some(split) if !n.is_multiple_of(2) => (Part::Sky, &split.sky),
+                Some(split) => (Part::Known, &split.others),
+                None => (Part::Known, &unoccluded),
+            };
             let sample = |tries: u32| {
                 let xi = sequence.of_pixel(place * TRIES + tries, n).triple();
-                lights.sample(&unoccluded, from, fragment.shading_normal, xi)
+                lights.sample(picked, from, fragment.shading_normal, xi)
             };
             // Where the horizon cuts a light, the ratio of seen to cast asks for points above it;
             // light apart is no such ratio.
             let tries = if unoccluded.looks_out() { 1 } else { TRIES };
             let light = (0..tries).find_map(sample);
-            sums.rays += 1;
-            let Some(light) = light else { continue };
-            if !light.is_apart {
-                sums.cast += light.irradiance;
+            if light.as_ref().is_some_and(|light| light.is_apart) {
+                part = Part::Apart;
             }
-            to.add(Segment { from, to: light.end }, (index, light.irradiance, light.is_apart));
+            sums.aim(part, light.as_ref().map_or(Rgb::ZERO, |light| light.irradiance));
+            let Some(light) = light else { continue };
+            to.add(Segment { from, to: light.end }, (index, light.irradiance, part));
         }
     }
 }
 
 impl Batch {
-    fn add(&mut self, segment: Segment, end: (usize, Rgb, bool)) {
+    fn add(&mut self, segment: Segment, end: (usize, Rgb, Part)) {
         self.segments.push(segment);
         self.ends.push(end);
     }
@@ -454,11 +334,8 @@ impl Batch {
     fn trace(&mut self, caster: &Caster<'_>, sums: &mut [ShadowSums]) {
         caster.world.visibility_many(&self.segments, &mut self.visible);
         let exact = caster.lights.is_exact();
-        for ((index, irradiance, is_apart), visibility) in self.ends.iter().zip(&self.visible) {
-            match exact && *is_apart {
-                true => sums[*index].apart.add(*irradiance * *visibility),
-                false => sums[*index].add_ray(*irradiance, *visibility, exact),
-            }
+        for ((index, irradiance, part), visibility) in self.ends.iter().zip(&self.visible) {
+            sums[*index].add(*part, *irradiance, *visibility, exact);
         }
         self.segments.clear();
         self.ends.clear();
@@ -535,14 +412,14 @@ mod tests {
         direct.pass(&caster(&specimen, &visible), f64::INFINITY);
         let missed = visible.fragments.len() / 2;
         let sums = &mut direct.sums[missed];
-        (sums.cast, sums.seen) = (Rgb::ZERO, Rgb::ZERO);
+        (sums.known.cast, sums.known.seen) = (Rgb::ZERO, Rgb::ZERO);
         for filtered in [false, true] {
             let light = |direct: &DirectLighting| {
                 direct.irradiance(&specimen.lights, &visible, missed, filtered).0
             };
             assert!(is_near(light(&direct), PI * EMISSION, 0.005), "{}", light(&direct));
         }
-        direct.sums.iter_mut().for_each(|sums| sums.seen *= 0.5);
+        direct.sums.iter_mut().for_each(|sums| sums.known.seen *= 0.5);
         let (half, _) = direct.irradiance(&specimen.lights, &visible, missed, true);
         assert!(is_near(half, 0.5 * PI * EMISSION, 0.005), "{half}");
     }
@@ -559,8 +436,8 @@ mod tests {
             const PLACES: u32 = 256;
             let all = (0..PLACES).map(|n| light(visible.sample_point(fragment, n)));
             let mean = importance(all.sum::<Rgb>() / PLACES as f32);
-            let off =
-                [light(fragment.point), sums.unoccluded].map(|own| importance(own) / mean - 1.0);
+            let off = [light(fragment.point), sums.known.unoccluded]
+                .map(|own| importance(own) / mean - 1.0);
             if off[0].abs() > 0.05 {
                 uneven += 1;
                 (0..2).for_each(|k| squares[k] += off[k] * off[k]);
@@ -576,10 +453,15 @@ mod tests {
 
     #[test]
     fn what_rays_found_comes_back() {
-        let specimen = Specimen::new(&crate::scene::made::cornell(), 300);
+        comes_back(&Specimen::new(&crate::scene::made::cornell(), 300));
+        let ground = crate::scene::made::real::checker();
+        comes_back(&Specimen::surrounded(&ground.glb, ground.environment, 300));
+    }
+
+    fn comes_back(specimen: &Specimen) {
         let visible = specimen.visible();
         let mut direct = DirectLighting::new(&specimen.lights, &visible, true, false);
-        direct.pass(&caster(&specimen, &visible), f64::INFINITY);
+        direct.pass(&caster(specimen, &visible), f64::INFINITY);
         let mut to = Writer::new(u64::MAX);
         direct.save(&mut to);
         let bytes = to.finish().expect("there is room");

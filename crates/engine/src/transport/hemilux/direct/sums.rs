@@ -1,6 +1,7 @@
 //! What the shadow rays of a fragment found, as sums.
 
 use crate::checkpoint::CheckpointError;
+use crate::emitters::AllUnoccluded;
 use crate::radiometry::{Rgb, importance};
 use bytemuck::{Pod, Zeroable};
 
@@ -15,7 +16,7 @@ const ALIKE_VARIANCES: f32 = 6.0;
 const UNLIKE_VARIANCES: f32 = 24.0;
 /// Shares of blocked light of two rays that differ by less count as the same: panes take a little
 /// more of light that crosses them at another angle.
-pub const SAME_SHARE: f32 = 0.02;
+const SAME_SHARE: f32 = 0.02;
 
 /// Fragments, this one among them, whose rays are compared to tell whether they agree.
 const RAYS_AROUND: f32 = 25.0;
@@ -24,28 +25,64 @@ const RAYS_AROUND: f32 = 25.0;
 /// means damage.
 const MOST_RAYS_OF_ALL: u32 = 1 << 30;
 
-/// [`ShadowSums`] as checkpoints store them: without the closed form, which is computed again. The
-/// order of the fields is part of the format.
+/// What rays of a fragment found, as checkpoints store it: without the closed form, which is computed again.
+/// The order of the fields is part of the format.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub struct StoredShadowSums {
+pub struct StoredShares {
     seen: Rgb,
     cast: Rgb,
     squares: f32,
     rays: u32,
     blocked: f32,
     first: f32,
+    mixed: u32,
+}
+
+/// The rest of [`ShadowSums`], likewise.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub struct StoredShadowSums {
+    known: StoredShares,
+    rays: u32,
     disputed: u32,
     apart: Rgb,
     apart_squares: f32,
     apart_rays: u32,
 }
 
-/// Sums over the shadow rays of a fragment. Where lights are too many for the closed form
-/// ([`crate::emitters::DirectLights::is_exact`]) the light points' irradiances are a Monte-Carlo estimate
-/// themselves.
+/// Sums over the shadow rays of a fragment.
 #[derive(Clone, Copy, Default)]
 pub struct ShadowSums {
+    /// Of rays to light whose irradiance without occlusion is known.
+    pub known: ShareSums,
+    /// Of rays to the sky where other light shines, too: in a sun's shadow all light is the sky's, of which
+    /// few rays would tell anything if lights were picked by what they shine. Then `known` is without it.
+    pub sky: Option<ShareSums>,
+    /// Light of the sky through openings, of the same rays, if it is seen so.
+    pub apart: LightApart,
+    /// Rays so far, of all kinds.
+    pub rays: u32,
+    /// Whether rays here or in the neighbourhood disagreed when they were last compared.
+    pub disputed: bool,
+}
+
+/// A kind of light in [`ShadowSums`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// [`ShadowSums::known`].
+    Known,
+    /// [`ShadowSums::sky`].
+    Sky,
+    /// [`ShadowSums::apart`].
+    Apart,
+}
+
+/// Sums over shadow rays to light whose irradiance without occlusion is known. Where lights are too many for
+/// the closed form ([`crate::emitters::DirectLights::is_exact`]) the light points' irradiances are a
+/// Monte-Carlo estimate themselves.
+#[derive(Clone, Copy)]
+pub struct ShareSums {
     /// Irradiance without occlusion in closed form; zero where lights are too many for that.
     pub unoccluded: Rgb,
     /// Σ irradiance that the unoccluded light points stand for.
@@ -62,10 +99,22 @@ pub struct ShadowSums {
     pub first: f32,
     /// Whether that of another ray was another.
     pub mixed: bool,
-    /// Whether rays here or in the neighbourhood disagreed when they were last compared.
-    pub disputed: bool,
-    /// Light of the sky through openings, of the same rays, if it is seen so.
-    pub apart: LightApart,
+}
+
+impl Default for ShareSums {
+    fn default() -> Self {
+        let (unoccluded, seen, cast) = (Rgb::ZERO, Rgb::ZERO, Rgb::ZERO);
+        Self {
+            unoccluded,
+            seen,
+            cast,
+            squares: 0.0,
+            rays: 0,
+            blocked: 0.0,
+            first: -1.0,
+            mixed: false,
+        }
+    }
 }
 
 /// Sums over the rays that went to light which is no part of the irradiance without occlusion.
@@ -81,17 +130,32 @@ pub struct LightApart {
     rays: u32,
 }
 
-impl StoredShadowSums {
+impl StoredShares {
     /// The sums to be stored.
+    pub fn of(sums: &ShareSums) -> Self {
+        let ShareSums { seen, cast, squares, rays, blocked, first, mixed, .. } = *sums;
+        Self { seen, cast, squares, rays, blocked, first, mixed: u32::from(mixed) }
+    }
+
+    /// Puts back what was stored.
+    pub fn restore(&self, sums: &mut ShareSums) -> Result<(), CheckpointError> {
+        if self.rays > MOST_RAYS_OF_ALL || !self.blocked.is_finite() {
+            return Err(CheckpointError::damaged("there can't be that many rays"));
+        }
+        let Self { seen, cast, squares, rays, blocked, first, mixed } = *self;
+        let (unoccluded, mixed) = (sums.unoccluded, mixed != 0);
+        *sums = ShareSums { unoccluded, seen, cast, squares, rays, blocked, first, mixed };
+        Ok(())
+    }
+}
+
+impl StoredShadowSums {
+    /// The sums to be stored, but for those of [`ShadowSums::sky`].
     pub fn of(sums: &ShadowSums) -> Self {
         Self {
-            seen: sums.seen,
-            cast: sums.cast,
-            squares: sums.squares,
+            known: StoredShares::of(&sums.known),
             rays: sums.rays,
-            blocked: sums.blocked,
-            first: sums.first,
-            disputed: u32::from(sums.disputed) | u32::from(sums.mixed) << 1,
+            disputed: u32::from(sums.disputed),
             apart: sums.apart.seen,
             apart_squares: sums.apart.squares,
             apart_rays: sums.apart.rays,
@@ -100,13 +164,11 @@ impl StoredShadowSums {
 
     /// Puts back what was stored.
     pub fn restore(&self, sums: &mut ShadowSums) -> Result<(), CheckpointError> {
-        if self.rays > MOST_RAYS_OF_ALL || self.apart_rays > self.rays || !self.blocked.is_finite()
-        {
+        if self.rays > MOST_RAYS_OF_ALL || self.apart_rays > self.rays {
             return Err(CheckpointError::damaged("there can't be that many rays"));
         }
-        (sums.seen, sums.cast, sums.squares) = (self.seen, self.cast, self.squares);
-        (sums.rays, sums.blocked, sums.first) = (self.rays, self.blocked, self.first);
-        (sums.disputed, sums.mixed) = (self.disputed & 1 != 0, self.disputed & 2 != 0);
+        self.known.restore(&mut sums.known)?;
+        (sums.rays, sums.disputed) = (self.rays, self.disputed != 0);
         (sums.apart.seen, sums.apart.squares) = (self.apart, self.apart_squares);
         sums.apart.rays = self.apart_rays;
         Ok(())
@@ -122,12 +184,10 @@ impl LightApart {
     }
 }
 
-impl ShadowSums {
-    /// No rays yet, of a fragment with that irradiance without occlusion; `looks_out` if there is
-    /// light apart from it.
-    pub fn new(unoccluded: Rgb, looks_out: bool) -> Self {
-        let apart = LightApart { is_any: looks_out, ..LightApart::default() };
-        Self { unoccluded, first: -1.0, apart, ..Self::default() }
+impl ShareSums {
+    /// No rays yet, to light that shines so much without occlusion.
+    fn new(unoccluded: Rgb) -> Self {
+        Self { unoccluded, ..Self::default() }
     }
 
     /// Estimated variance of the irradiance by the rays of the fragment alone.
@@ -145,12 +205,12 @@ impl ShadowSums {
         }
         let share = self.blocked_share();
         // Well-spread points do better than random ones: the variance falls by about n^−1.5.
-        let variance = share * (1.0 - share) / (self.known_rays() as f32).powf(1.5);
+        let variance = share * (1.0 - share) / (self.rays as f32).powf(1.5);
         self.unoccluded * self.unoccluded * variance
     }
 
-    /// Share of the direct light that arrives, `seen / cast`; where lights are too many for the
-    /// closed form, the estimated irradiance.
+    /// Share of the light that arrives, `seen / cast`; where lights are too many for the closed form, the
+    /// estimated irradiance.
     pub fn share(&self, exact: bool) -> Rgb {
         if !exact {
             return self.seen / self.rays as f32;
@@ -158,34 +218,134 @@ impl ShadowSums {
         Rgb::select(self.cast.cmpgt(Rgb::ZERO), self.seen / self.cast, Rgb::ZERO)
     }
 
-    /// Whether rays here or around disagreed when they were last compared, or do so here since.
-    pub fn is_disputed(&self) -> bool {
-        self.disputed || self.mixed
+    /// Share of the light that was blocked.
+    pub fn blocked_share(&self) -> f32 {
+        self.blocked / self.rays.max(1) as f32
+    }
+
+    /// Variance of the share of blocked rays; where all agree, as if one half of a ray did not.
+    fn chance(&self) -> f32 {
+        let share = (self.blocked + 0.5) / (self.rays + 1) as f32;
+        share * (1.0 - share) / self.rays.max(1) as f32
+    }
+
+    /// The same where the rays around say which share arrives: a few rays may agree by chance.
+    pub fn chance_around(&self, arrives: f32) -> f32 {
+        let share = arrives.clamp(0.0, 1.0);
+        self.chance().max(share * (1.0 - share) / self.rays.max(1) as f32)
     }
 
     /// Weight of a neighbour, 0 to 1, by how likely chance alone explains the difference between
     /// the two shares of blocked rays.
-    pub fn alike(&self, other: &ShadowSums) -> f32 {
+    pub fn alike(&self, other: &Self) -> f32 {
         let off = self.blocked_share() - other.blocked_share();
         alike(off, self.chance() + other.chance())
     }
 
+    /// Whether two fragments' rays say different things.
+    pub fn differs_from(&self, other: &Self) -> bool {
+        let off = self.blocked_share() - other.blocked_share();
+        self.rays > 0 && other.rays > 0 && off.abs() > SAME_SHARE
+    }
+
+    /// Variance of what one ray says of the irradiance, importance, with that much of a ray unknown.
+    fn variance_of_one(&self, unknown: f32) -> f32 {
+        let share = (self.blocked + unknown) / (self.rays as f32 + 2.0 * unknown);
+        importance(self.unoccluded).powi(2) * share * (1.0 - share)
+    }
+
+    /// Adds what a shadow ray found; `irradiance` is what its light point stands for.
+    pub fn add_ray(&mut self, irradiance: Rgb, visibility: Rgb, exact: bool) {
+        let blocked = 1.0 - importance(visibility);
+        if self.first < 0.0 {
+            self.first = blocked;
+        }
+        self.mixed |= (blocked - self.first).abs() > SAME_SHARE;
+        self.blocked += blocked;
+        self.seen += irradiance * visibility;
+        if !exact {
+            self.squares += importance(irradiance * visibility).powi(2);
+        }
+    }
+}
+
+impl ShadowSums {
+    /// No rays yet, of a fragment on which that shines.
+    pub fn new(all: &AllUnoccluded, exact: bool) -> Self {
+        let apart = LightApart { is_any: all.looks_out(), ..LightApart::default() };
+        let split = all.beside_sky().filter(|_| exact);
+        let others = split.as_ref().map_or(all.irradiance, |split| split.others.irradiance);
+        let sky = split.map(|split| ShareSums::new(split.sky.irradiance));
+        Self { known: ShareSums::new(others), sky, apart, ..Self::default() }
+    }
+
+    /// The sums of a part that has shares.
+    pub fn part(&self, part: Part) -> Option<&ShareSums> {
+        match part {
+            Part::Known => Some(&self.known),
+            Part::Sky => self.sky.as_ref(),
+            Part::Apart => None,
+        }
+    }
+
+    /// Counts a ray that is sent to a part of the light, to a point that stands for that irradiance; zero
+    /// where there is no such point above the horizon.
+    pub fn aim(&mut self, part: Part, irradiance: Rgb) {
+        self.rays += 1;
+        let shares = match (part, &mut self.sky) {
+            (Part::Apart, _) => return,
+            (Part::Sky, Some(sky)) => sky,
+            _ => &mut self.known,
+        };
+        shares.rays += 1;
+        shares.cast += irradiance;
+    }
+
+    /// Adds what a ray to some light point found; `irradiance` is what the point stands for.
+    pub fn add(&mut self, part: Part, irradiance: Rgb, visibility: Rgb, exact: bool) {
+        match (part, &mut self.sky) {
+            (Part::Apart, _) if exact => self.apart.add(irradiance * visibility),
+            (Part::Sky, Some(sky)) => sky.add_ray(irradiance, visibility, exact),
+            _ => self.known.add_ray(irradiance, visibility, exact),
+        }
+    }
+
+    /// Whether light is divided up as another fragment's is.
+    pub fn is_divided_as(&self, other: &Self) -> bool {
+        self.apart.is_any == other.apart.is_any && self.sky.is_some() == other.sky.is_some()
+    }
+
+    /// Rays that a fragment needs for each of its parts to have one.
+    pub fn least_rays(&self) -> u32 {
+        1 + u32::from(self.sky.is_some())
+    }
+
+    /// Whether rays here or around disagreed when they were last compared, or do so here since.
+    pub fn is_disputed(&self) -> bool {
+        self.disputed || self.known.mixed || self.sky.is_some_and(|sky| sky.mixed)
+    }
+
+    /// Whether rays say different things than a neighbour's.
+    pub fn differs_from(&self, other: &Self) -> bool {
+        let skies = self.sky.zip(other.sky);
+        self.known.differs_from(&other.known)
+            || skies.is_some_and(|(mine, theirs)| mine.differs_from(&theirs))
+    }
+
     /// Whether its rays tell which share arrives of the light that `other` knows: any has gone to
-    /// such light, and the sky is apart in both or in neither.
-    pub fn tells_share_of(&self, other: &ShadowSums, exact: bool) -> bool {
-        let same = self.apart.is_any == other.apart.is_any;
-        self.known_rays() > 0 && (!exact || (same && self.cast != Rgb::ZERO))
+    /// such light, and it is divided up alike.
+    pub fn tells_share_of(&self, other: &Self, part: Part, exact: bool) -> bool {
+        let shares = self.part(part).filter(|shares| shares.rays > 0);
+        shares.is_some_and(|own| !exact || self.is_divided_as(other) && own.cast != Rgb::ZERO)
     }
 
     /// Standard deviation of what one ray says of the irradiance, importance.
     pub fn deviation(&self) -> f32 {
         // Where all rays agree, and those around with them, another one hardly says otherwise.
         let unknown = if self.is_disputed() { 0.5 } else { 0.5 / RAYS_AROUND };
-        let rays = self.known_rays() as f32;
-        let share = (self.blocked + unknown) / (rays + 2.0 * unknown);
-        let known = importance(self.unoccluded).powi(2) * share * (1.0 - share);
+        let sky = self.sky.map_or(0.0, |sky| sky.variance_of_one(unknown));
         let apart = self.apart_scatter() / (self.rays.max(2) - 1) as f32;
-        (known + apart).sqrt()
+        (self.known.variance_of_one(unknown) + sky + apart).sqrt()
     }
 
     /// Whether more rays are worth while.
@@ -195,7 +355,7 @@ impl ShadowSums {
 
     /// Whether nothing shines on the fragment.
     pub fn is_dark(&self) -> bool {
-        self.unoccluded == Rgb::ZERO && !self.apart.is_any
+        self.known.unoccluded == Rgb::ZERO && self.sky.is_none() && !self.apart.is_any
     }
 
     /// Mean irradiance through openings.
@@ -217,43 +377,6 @@ impl ShadowSums {
             return mean * mean;
         }
         mean * mean * (self.apart_scatter() / (rays * (rays - 1.0) * square) * WELL_SPREAD_FACTOR)
-    }
-
-    /// Rays to light whose irradiance without occlusion is known.
-    pub fn known_rays(&self) -> u32 {
-        self.rays - self.apart.rays
-    }
-
-    /// Share of the light of those that was blocked.
-    pub fn blocked_share(&self) -> f32 {
-        self.blocked / self.known_rays().max(1) as f32
-    }
-
-    /// Variance of the share of blocked rays; where all agree, as if one half of a ray did not.
-    pub fn chance(&self) -> f32 {
-        let rays = self.known_rays();
-        let share = (self.blocked + 0.5) / (rays + 1) as f32;
-        share * (1.0 - share) / rays.max(1) as f32
-    }
-
-    /// The same where the rays around say which share arrives: a few rays may agree by chance.
-    pub fn chance_around(&self, arrives: f32) -> f32 {
-        let share = arrives.clamp(0.0, 1.0);
-        self.chance().max(share * (1.0 - share) / self.known_rays().max(1) as f32)
-    }
-
-    /// Adds what a shadow ray found; `irradiance` is what its light point stands for.
-    pub fn add_ray(&mut self, irradiance: Rgb, visibility: Rgb, exact: bool) {
-        let blocked = 1.0 - importance(visibility);
-        if self.first < 0.0 {
-            self.first = blocked;
-        }
-        self.mixed |= (blocked - self.first).abs() > SAME_SHARE;
-        self.blocked += blocked;
-        self.seen += irradiance * visibility;
-        if !exact {
-            self.squares += importance(irradiance * visibility).powi(2);
-        }
     }
 }
 
