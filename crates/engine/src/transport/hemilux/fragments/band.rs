@@ -17,6 +17,9 @@ use rayon::prelude::*;
 use std::iter::{Once, once};
 use std::time::Instant;
 
+/// Share of a pixel from which on textures are read at each sample of a facet: there its rim counts.
+const BY_SAMPLE: f32 = 0.25;
+
 impl VisibleSurfaces {
     pub(super) fn band(&self, world: &World, view: &View, first_row: u32) -> Band {
         let began = Instant::now();
@@ -258,7 +261,11 @@ impl VisibleSurfaces {
     ) -> SeenPart<impl Iterator<Item = SeenPlace>> {
         let (mask, all) = (group.mask, self.samples.len() as u32);
         let count = mask.count_ones();
-        let squares = self.squares_of(world, pixel, group.code);
+        let share = count as f32 / all as f32;
+        let (squares, samples) = match share >= BY_SAMPLE && count < all {
+            true => (&[][..], mask),
+            false => (self.squares_of(world, pixel, group.code), 0),
+        };
         let in_square = move |square: &PixelSquare| {
             if count == all {
                 let weight = (squares.len() as f32).recip();
@@ -271,10 +278,15 @@ impl VisibleSurfaces {
             let (side, weight) = ((seen / all as f32).sqrt(), seen / count as f32);
             (own != 0).then_some(SeenPlace { offset, side, weight })
         };
+        let (side, weight) = ((all as f32).sqrt().recip(), (count as f32).recip());
+        let of_sample = move |offset| SeenPlace { offset, side, weight };
         SeenPart {
-            share: count as f32 / all as f32,
+            share,
             middle: self.offsets(mask).sum::<Vec2>() / count as f32,
-            places: squares.iter().filter_map(in_square),
+            places: squares
+                .iter()
+                .filter_map(in_square)
+                .chain(self.offsets(samples).map(of_sample)),
         }
     }
 
