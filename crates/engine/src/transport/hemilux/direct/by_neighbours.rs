@@ -215,8 +215,9 @@ mod tests {
         let of = |direct: &DirectLighting, index| {
             importance(direct.irradiance(lights, visible, index, true).0)
         };
-        let sky =
-            |index: usize| exact.sums[index].sky.map_or(0.0, |sky| importance(sky.unoccluded));
+        let sky = |index: usize| {
+            exact.sums[index].sky.as_ref().map_or(0.0, |sky| importance(sky.unoccluded))
+        };
         let all = 0..visible.fragments.len();
         let sun = |index: usize| importance(exact.sums[index].known.share(true));
         let is_shaded = |index: usize| sky(index) > 0.0 && sun(index) < 1e-6;

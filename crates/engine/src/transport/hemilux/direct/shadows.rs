@@ -85,7 +85,7 @@ impl DirectLighting {
         to.value(self.passes);
         to.value(self.rays);
         to.slice(&self.sums.iter().map(StoredShadowSums::of).collect::<Vec<_>>());
-        let skies = self.sums.iter().filter_map(|sums| sums.sky.as_ref());
+        let skies = self.sums.iter().filter_map(|sums| sums.sky.as_deref());
         to.slice(&skies.map(StoredShares::of).collect::<Vec<_>>());
     }
 
@@ -96,7 +96,8 @@ impl DirectLighting {
         let stored: Vec<StoredShadowSums> = from.exactly(self.sums.len())?;
         let mut pairs = self.sums.iter_mut().zip(stored);
         pairs.try_for_each(|(sums, stored)| stored.restore(sums))?;
-        let skies: Vec<_> = self.sums.iter_mut().filter_map(|sums| sums.sky.as_mut()).collect();
+        let skies: Vec<_> =
+            self.sums.iter_mut().filter_map(|sums| sums.sky.as_deref_mut()).collect();
         let stored: Vec<StoredShares> = from.exactly(skies.len())?;
         skies.into_iter().zip(stored).try_for_each(|(sums, stored)| stored.restore(sums))
     }
@@ -195,14 +196,16 @@ fn average_where_uneven(
     places: &[(f32, u32)],
 ) {
     // Light of which the sky is no part is no measure of light of which it is.
-    let light = sums.to_vec();
+    let of = |sums: &ShadowSums| (importance(sums.known.unoccluded), sums.division());
+    let light: Vec<(f32, [bool; 2])> = sums.iter().map(of).collect();
     let exact = lights.is_exact();
-    let of = |index: usize| importance(light[index].known.unoccluded);
     let one = |(index, sums): (usize, &mut ShadowSums)| {
-        let (own, mut most) = (of(index), 0.0f32);
+        let (own, division) = light[index];
+        let mut most = 0.0f32;
         beside(visible, index, |other| {
-            if light[other].is_divided_as(&light[index]) {
-                most = most.max((of(other) - own).abs());
+            let (theirs, other_division) = light[other];
+            if division == other_division {
+                most = most.max((theirs - own).abs());
             }
         });
         let places = places.iter().rev().find(|(from, _)| most > from * own);
@@ -215,7 +218,7 @@ fn average_where_uneven(
             let point = visible.sample_point(fragment, n);
             ShadowSums::new(&lights.unoccluded(point, fragment.shading_normal), exact)
         };
-        let alike = (0..places).map(at).filter(|all| all.is_divided_as(sums));
+        let alike = (0..places).map(at).filter(|all| all.division() == division);
         let (sum, count) = alike
             .fold((Rgb::ZERO, 0u32), |(sum, count), all| (sum + all.known.unoccluded, count + 1));
         if count > 0 {

@@ -52,13 +52,13 @@ pub struct StoredShadowSums {
 }
 
 /// Sums over the shadow rays of a fragment.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Default)]
 pub struct ShadowSums {
     /// Of rays to light whose irradiance without occlusion is known.
     pub known: ShareSums,
     /// Of rays to the sky where other light shines, too: in a sun's shadow all light is the sky's, of which
     /// few rays would tell anything if lights were picked by what they shine. Then `known` is without it.
-    pub sky: Option<ShareSums>,
+    pub sky: Option<Box<ShareSums>>,
     /// Light of the sky through openings, of the same rays, if it is seen so.
     pub apart: LightApart,
     /// Rays so far, of all kinds.
@@ -275,7 +275,7 @@ impl ShadowSums {
         let apart = LightApart { is_any: all.looks_out(), ..LightApart::default() };
         let split = all.beside_sky().filter(|_| exact);
         let others = split.as_ref().map_or(all.irradiance, |split| split.others.irradiance);
-        let sky = split.map(|split| ShareSums::new(split.sky.irradiance));
+        let sky = split.map(|split| Box::new(ShareSums::new(split.sky.irradiance)));
         Self { known: ShareSums::new(others), sky, apart, ..Self::default() }
     }
 
@@ -283,7 +283,7 @@ impl ShadowSums {
     pub fn part(&self, part: Part) -> Option<&ShareSums> {
         match part {
             Part::Known => Some(&self.known),
-            Part::Sky => self.sky.as_ref(),
+            Part::Sky => self.sky.as_deref(),
             Part::Apart => None,
         }
     }
@@ -310,9 +310,9 @@ impl ShadowSums {
         }
     }
 
-    /// Whether light is divided up as another fragment's is.
-    pub fn is_divided_as(&self, other: &Self) -> bool {
-        self.apart.is_any == other.apart.is_any && self.sky.is_some() == other.sky.is_some()
+    /// Which parts beside the first the light is divided up into: the sky, and light apart.
+    pub fn division(&self) -> [bool; 2] {
+        [self.sky.is_some(), self.apart.is_any]
     }
 
     /// Rays that a fragment needs for each of its parts to have one.
@@ -322,28 +322,30 @@ impl ShadowSums {
 
     /// Whether rays here or around disagreed when they were last compared, or do so here since.
     pub fn is_disputed(&self) -> bool {
-        self.disputed || self.known.mixed || self.sky.is_some_and(|sky| sky.mixed)
+        self.disputed || self.known.mixed || self.sky.as_ref().is_some_and(|sky| sky.mixed)
     }
 
     /// Whether rays say different things than a neighbour's.
     pub fn differs_from(&self, other: &Self) -> bool {
-        let skies = self.sky.zip(other.sky);
+        let skies = self.sky.as_ref().zip(other.sky.as_ref());
         self.known.differs_from(&other.known)
-            || skies.is_some_and(|(mine, theirs)| mine.differs_from(&theirs))
+            || skies.is_some_and(|(mine, theirs)| mine.differs_from(theirs))
     }
 
     /// Whether its rays tell which share arrives of the light that `other` knows: any has gone to
     /// such light, and it is divided up alike.
     pub fn tells_share_of(&self, other: &Self, part: Part, exact: bool) -> bool {
         let shares = self.part(part).filter(|shares| shares.rays > 0);
-        shares.is_some_and(|own| !exact || self.is_divided_as(other) && own.cast != Rgb::ZERO)
+        shares.is_some_and(|own| {
+            !exact || self.division() == other.division() && own.cast != Rgb::ZERO
+        })
     }
 
     /// Standard deviation of what one ray says of the irradiance, importance.
     pub fn deviation(&self) -> f32 {
         // Where all rays agree, and those around with them, another one hardly says otherwise.
         let unknown = if self.is_disputed() { 0.5 } else { 0.5 / RAYS_AROUND };
-        let sky = self.sky.map_or(0.0, |sky| sky.variance_of_one(unknown));
+        let sky = self.sky.as_ref().map_or(0.0, |sky| sky.variance_of_one(unknown));
         let apart = self.apart_scatter() / (self.rays.max(2) - 1) as f32;
         (self.known.variance_of_one(unknown) + sky + apart).sqrt()
     }
