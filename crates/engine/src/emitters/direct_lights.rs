@@ -63,7 +63,7 @@ pub struct AllUnoccluded {
     lobe: Option<LobeAxis>,
     /// Where the sky is seen through openings, if it is.
     lookout: Option<Lookout>,
-    /// What the sky shines, as far as it is a part of `irradiance`.
+    /// What the sky shines without occlusion.
     sky: Rgb,
 }
 
@@ -75,7 +75,7 @@ impl AllUnoccluded {
         if self.looks_out() || !(LEAST_PART..=1.0 - LEAST_PART).contains(&share) {
             return None;
         }
-        let [mut others, mut sky] = [self.shares; 2].map(|shares| Self { shares, ..*self });
+        let (mut others, mut sky) = (*self, *self);
         others.irradiance -= self.sky;
         others.shares = self.shares.map(|own| own / (1.0 - share));
         others.shares[1] = 0.0;

@@ -1,7 +1,7 @@
 //! What the shadow rays of a fragment and of those around it say together.
 
 use super::shadows::{DirectLighting, NEIGHBOUR_REACH, around};
-use super::sums::{Part, ShadowSums, alike};
+use super::sums::{Part, alike};
 use crate::emitters::DirectLights;
 use crate::filter::Plane;
 use crate::radiometry::{Rgb, importance};
@@ -143,8 +143,8 @@ impl DirectLighting {
         let (mut sum, mut rays) = (Rgb::ZERO, 0.0);
         around(visible, index, NEIGHBOUR_REACH, |other, _, _| {
             let other = &self.sums[other];
-            let told = |other: &ShadowSums| other.sky.is_some() == sums.sky.is_some();
-            let theirs = other.part(part).filter(|own| told(other) && own.cast != Rgb::ZERO);
+            let is_alike = other.sky.is_some() == sums.sky.is_some();
+            let theirs = other.part(part).filter(|own| is_alike && own.cast != Rgb::ZERO);
             if let Some(theirs) = theirs {
                 sum += theirs.share(true) * theirs.rays as f32;
                 rays += theirs.rays as f32;
@@ -164,6 +164,7 @@ mod tests {
     use crate::scene::environment::{Environment, Sky, Sun};
     use crate::scene::{Camera, Material, Scene, Triangle, Vertex};
     use crate::transport::hemilux::direct::shadows::Caster;
+    use crate::transport::hemilux::direct::sums::ShadowSums;
     use crate::transport::hemilux::fragments::Fragment;
     use crate::transport::hemilux::specimen::Specimen;
     use glam::Vec3;

@@ -216,11 +216,13 @@ fn average_where_uneven(
             if fragment.share < 1.0 { visible.count(fragment).max(*places) } else { *places };
         let at = |n| {
             let point = visible.sample_point(fragment, n);
-            ShadowSums::new(&lights.unoccluded(point, fragment.shading_normal), exact)
+            let all = lights.unoccluded(point, fragment.shading_normal);
+            let (known, sky) = ShadowSums::unoccluded(&all, exact);
+            ([sky.is_some(), all.looks_out()] == division).then_some(known)
         };
-        let alike = (0..places).map(at).filter(|all| all.division() == division);
-        let (sum, count) = alike
-            .fold((Rgb::ZERO, 0u32), |(sum, count), all| (sum + all.known.unoccluded, count + 1));
+        let alike = (0..places).filter_map(at);
+        let (sum, count) =
+            alike.fold((Rgb::ZERO, 0u32), |(sum, count), known| (sum + known, count + 1));
         if count > 0 {
             sums.known.unoccluded = sum / count as f32;
         }

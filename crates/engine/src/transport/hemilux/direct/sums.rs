@@ -273,10 +273,17 @@ impl ShadowSums {
     /// No rays yet, of a fragment on which that shines.
     pub fn new(all: &AllUnoccluded, exact: bool) -> Self {
         let apart = LightApart { is_any: all.looks_out(), ..LightApart::default() };
-        let split = all.beside_sky().filter(|_| exact);
-        let others = split.as_ref().map_or(all.irradiance, |split| split.others.irradiance);
-        let sky = split.map(|split| Box::new(ShareSums::new(split.sky.irradiance)));
-        Self { known: ShareSums::new(others), sky, apart, ..Self::default() }
+        let (known, sky) = Self::unoccluded(all, exact);
+        let sky = sky.map(|sky| Box::new(ShareSums::new(sky)));
+        Self { known: ShareSums::new(known), sky, apart, ..Self::default() }
+    }
+
+    /// What shines without occlusion of the parts that have shares.
+    pub fn unoccluded(all: &AllUnoccluded, exact: bool) -> (Rgb, Option<Rgb>) {
+        match all.beside_sky().filter(|_| exact) {
+            Some(split) => (split.others.irradiance, Some(split.sky.irradiance)),
+            None => (all.irradiance, None),
+        }
     }
 
     /// The sums of a part that has shares.
