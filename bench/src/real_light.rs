@@ -5,7 +5,6 @@
 use crate::page::percent;
 use crate::real_view::RealView;
 use crate::results::{self, Failure};
-use hemilux_charts::accuracy::error;
 use hemilux_charts::regions::without_emitters;
 use hemilux_charts::sheet;
 use hemilux_charts::table::Table;
@@ -116,7 +115,10 @@ fn measure(
     let side = arguments.side;
     let view = RealView::new(made, side);
     let reference = view.reference(device, &arguments.references, arguments.reference_seconds)?;
-    let counted = without_emitters(&view.scene, &view.camera()?, (side, side), 16);
+    let seconds = arguments.reference_seconds;
+    let (exact, traced) = view.sparse_reference(device, &arguments.references, seconds)?;
+    let mut counted = without_emitters(&view.scene, &view.camera()?, (side, side), 16);
+    counted.iter_mut().zip(traced).for_each(|(counted, traced)| *counted &= traced);
     let [truth, first, second] =
         [&reference.picture(), reference.halves()[0], reference.halves()[1]]
             .map(|picture| block_means(picture, BLOCK));
@@ -128,6 +130,7 @@ fn measure(
         for warning in &stats.warnings {
             eprintln!("{}: {}: {}", made.name, warning.at, warning.what);
         }
+        let judged = exact.judged(&rendered.picture, &counted);
         let row = Row {
             scene: made.name.clone(),
             why: made.why.into(),
@@ -135,10 +138,10 @@ fn measure(
             seconds_solve: stats.seconds_solve,
             method: stats.method.clone(),
             iterations: figures.iterations,
-            error: error(reference.squared_error(&rendered.picture, &counted)),
+            error: judged.error(),
             predicted: figures.estimated_error.unwrap_or(f64::NAN),
-            resolution: reference.resolution(&counted),
-            mean_ratio: reference.energy(&rendered.picture, &counted),
+            resolution: judged.resolution(),
+            mean_ratio: exact.energy(&rendered.picture, &counted),
             largest_block: largest_deviation(&block_means(&rendered.picture, BLOCK), &truth),
             largest_block_of_halves: largest_deviation(&first, &second),
         };

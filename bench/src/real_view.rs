@@ -8,6 +8,7 @@ use hemilux_engine::image::Picture;
 use hemilux_engine::render::{
     CameraChoice, Limits, RenderRequest, Rendered, Unobserved, choose_camera,
 };
+use hemilux_engine::sampling::SparsePixels;
 use hemilux_engine::scene::made::real::RealScene;
 use hemilux_engine::scene::{Camera, Environment, Scene};
 use hemilux_engine::transport::render;
@@ -45,16 +46,19 @@ impl RealView {
     pub fn render(
         &self,
         device: &mut dyn Device,
-        (method, limits): (&str, Limits),
+        how: (&str, Limits),
         seed: u64,
     ) -> Result<Rendered, Failure> {
-        let request = RenderRequest {
+        Ok(render(device, &self.request(how, seed), &mut Unobserved)?)
+    }
+
+    fn request(&self, (method, limits): (&str, Limits), seed: u64) -> RenderRequest {
+        RenderRequest {
             environment: Some(self.environment.clone()),
             limits,
             seed,
             ..RenderRequest::new(self.scene.clone(), method, [self.side; 2])
-        };
-        Ok(render(device, &request, &mut Unobserved)?)
+        }
     }
 
     /// The reference: from the folder, or traced for so many seconds a half and put there.
@@ -64,13 +68,38 @@ impl RealView {
         folder: &Path,
         seconds: f64,
     ) -> Result<Reference, Failure> {
+        self.traced(device, folder, (seconds, 1))
+    }
+
+    /// About a thousand pixels of the reference, traced as long as all of it would be, and which they are:
+    /// they say how far pictures are off where a whole reference is too noisy for that.
+    pub fn sparse_reference(
+        &self,
+        device: &mut dyn Device,
+        folder: &Path,
+        seconds: f64,
+    ) -> Result<(Reference, Vec<bool>), Failure> {
+        let squares = squares_of(self.side);
+        let reference = self.traced(device, folder, (seconds, squares))?;
+        Ok((reference, SparsePixels::new(squares).mask([self.side; 2])))
+    }
+
+    /// The reference by one pixel of each square of so many pixels.
+    fn traced(
+        &self,
+        device: &mut dyn Device,
+        folder: &Path,
+        (seconds, squares): (f64, u32),
+    ) -> Result<Reference, Failure> {
         let mut half = |seed, name| -> Result<Picture, Failure> {
-            let path = folder.join(format!("{}-{name}.exr", self.key));
+            let kind = kind_of(squares);
+            let path = folder.join(format!("{}-{kind}{name}.exr", self.key));
             if let Ok(bytes) = std::fs::read(&path) {
                 return Ok(Picture::from_exr(&bytes)?);
             }
-            let limits = Limits::seconds(seconds);
-            let rendered = self.render(device, ("ray-traced", limits), seed)?;
+            let mut request = self.request(("ray-traced", Limits::seconds(seconds)), seed);
+            request.options.insert("pixel_squares".into(), squares.to_string());
+            let rendered = render(device, &request, &mut Unobserved)?;
             eprintln!("{}: half {name}, {} passes", self.key, rendered.stats.figures.iterations);
             std::fs::write(&path, rendered.picture.to_exr()?)?;
             Ok(rendered.picture)
@@ -78,6 +107,16 @@ impl RealView {
         let [first, second] = REFERENCE_SEEDS;
         Ok(Reference::new(half(first, "a")?, half(second, "b")?))
     }
+}
+
+/// Pixels along the squares that leave about 32 × 32 of a picture's pixels.
+pub fn squares_of(side: u32) -> u32 {
+    (side / 32).max(1)
+}
+
+/// What names of files say of references that are not whole.
+pub fn kind_of(squares: u32) -> String {
+    if squares > 1 { format!("of{squares}-") } else { String::new() }
 }
 
 /// A number that differs where the scene or what surrounds it does.

@@ -6,7 +6,6 @@ use crate::page::percent;
 use crate::real_view::RealView;
 use crate::results::{self, Failure};
 use crate::tiers::GOOD;
-use hemilux_charts::accuracy::error;
 use hemilux_charts::regions::Regions;
 use hemilux_charts::statistics::median;
 use hemilux_charts::table::Table;
@@ -153,23 +152,26 @@ fn measure(room: u32, arguments: &Arguments, device: &mut dyn Device) -> Result<
     };
     std::fs::write(arguments.references.join(format!("{}.glb", made.name)), &made.glb)?;
     let view = RealView::new(&made, side);
-    let reference = view.reference(device, &arguments.references, arguments.reference_seconds)?;
+    let seconds = arguments.reference_seconds;
+    let (reference, traced) = view.sparse_reference(device, &arguments.references, seconds)?;
     // Where an emitter covers a thousandth of a pixel its noise would be that of the picture.
     let regions = Regions::new(&view.scene, &view.camera()?, (side, side), 16, 1);
-    let [counted, ..] = regions.beside_no_emitter(side).masks;
+    let [mut counted, ..] = regions.beside_no_emitter(side).masks;
+    counted.iter_mut().zip(traced).for_each(|(counted, traced)| *counted &= traced);
     let mut rows = Vec::new();
     for limits in arguments.limits() {
         let (after, seconds_asked) = (after(limits), limits.seconds);
         let Rendered { picture, stats, .. } = view.render(device, ("hemilux", limits), 1)?;
+        let judged = reference.judged(&picture, &counted);
         let row = Row {
             room,
             side,
             iterations: stats.figures.iterations,
             seconds_asked,
             seconds_solve: stats.seconds_solve,
-            error: error(reference.squared_error(&picture, &counted)),
+            error: judged.error(),
             predicted: stats.figures.estimated_error.unwrap_or(f64::NAN),
-            resolution: reference.resolution(&counted),
+            resolution: judged.resolution(),
             mean_ratio: reference.energy(&picture, &counted),
             diagnostics: stats.diagnostics.iter().map(|(k, v)| (k.to_string(), *v)).collect(),
         };

@@ -28,7 +28,7 @@ struct Point {
     seed: u64,
     predicted: f64,
     actual: f64,
-    /// What the reference can tell apart.
+    /// What the reference can tell.
     resolution: f64,
     energy: f64,
     seconds: f64,
@@ -50,13 +50,14 @@ const CAUSES: [&str; 8] = [
 
 impl Point {
     fn new(view: &View, truth: &Truth, rendered: &Rendered, seed: u64) -> Self {
+        let judged = truth.judged(rendered);
         Self {
             view: view.name.clone(),
             iterations: rendered.stats.figures.iterations,
             seed,
             predicted: rendered.stats.figures.estimated_error.unwrap_or(f64::NAN),
-            actual: truth.error(rendered),
-            resolution: truth.resolution(),
+            actual: judged.error(),
+            resolution: judged.resolution(),
             energy: truth.energy(rendered),
             seconds: rendered.stats.seconds_solve,
             parts: CAUSES
@@ -81,7 +82,7 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
     let mut points = Vec::new();
     for view in &views {
         eprintln!("calibration: {}", view.name);
-        let truth = study.truth(view)?;
+        let truth = study.sparse_truth(view)?;
         for seed in 1..=SEEDS {
             for iterations in ITERATIONS {
                 let limits = Limits::iterations(iterations);
@@ -104,7 +105,7 @@ pub fn ask(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
     let mut asked = Vec::new();
     // The first views stand for the rest.
     for view in study.views().iter().take(5) {
-        let truth = study.truth(view)?;
+        let truth = study.sparse_truth(view)?;
         for target in TARGETS {
             let limits =
                 Limits { target_error: Some(target), seconds: Some(PATIENCE), ..Limits::default() };

@@ -26,6 +26,9 @@ pub struct Arguments {
     /// Only these parts; all by default.
     #[arg(long, value_delimiter = ',')]
     parts: Vec<Part>,
+    /// Only these views; all by default.
+    #[arg(long, value_delimiter = ',')]
+    views: Vec<String>,
     /// Few views and seconds; writes to out/tiers.
     #[arg(long)]
     quick: bool,
@@ -71,6 +74,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         references: arguments.references.clone(),
         reference_seconds: arguments.reference_seconds.unwrap_or(seconds),
         quick: arguments.quick,
+        only: arguments.views.clone(),
     };
     let wanted = |part| arguments.parts.is_empty() || arguments.parts.contains(&part);
     let mut parts = Vec::new();

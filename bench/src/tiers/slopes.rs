@@ -32,15 +32,16 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
     let (mut judged, mut falling) = (0, 0);
     for view in study.views() {
         eprintln!("slopes: {}", view.name);
-        let truth = study.truth(&view)?;
+        let truth = study.sparse_truth(&view)?;
         let (mut errors, mut blurred, mut last) = (Vec::new(), Vec::new(), Vec::new());
         for seconds in SECONDS {
             let request = view.request("auto", Limits::seconds(seconds), 1, &[]);
             let rendered = render(study.device.as_mut(), &request, &mut Unobserved)?;
             let figures = &rendered.stats.figures;
             let predicted = figures.estimated_error.unwrap_or(f64::NAN);
-            let [error, from_afar] = [truth.error(&rendered), truth.blurred_error(&rendered)];
-            errors.push(error);
+            let judged = truth.judged(&rendered);
+            let (error, from_afar) = (judged.error(), truth.blurred_error(&rendered));
+            errors.push(judged);
             blurred.push(from_afar);
             last = vec![format!("{:.4}", truth.energy(&rendered)), percent(predicted)];
             csv.add(vec![
@@ -49,19 +50,18 @@ pub fn run(study: &mut Study) -> Result<Vec<(String, String)>, Failure> {
                 figures.iterations.to_string(),
                 format!("{error:.5}"),
                 format!("{from_afar:.5}"),
-                format!("{:.5}", truth.resolution()),
+                format!("{:.5}", judged.resolution()),
                 format!("{predicted:.5}"),
                 last[0].clone(),
             ]);
             std::fs::write(study.out.join("slopes.csv"), csv.csv())?;
         }
-        let share = errors[2] / errors[1];
-        // An error of the longest job that is below what the reference resolves is no figure.
-        let is_judged = errors[2] >= truth.resolution();
+        let share = errors[2].error() / errors[1].error();
+        let is_judged = errors[2].is_resolved();
         judged += usize::from(is_judged);
         falling += usize::from(is_judged && share <= BAR);
         let mut row = vec![view.name.clone()];
-        row.extend(errors.iter().map(|error| told(*error, truth.resolution())));
+        row.extend(errors.iter().map(|own| told(own.error(), own.resolution())));
         row.extend(blurred.iter().map(|error| percent(*error)));
         row.push(if is_judged { format!("{share:.2}") } else { "–".into() });
         row.extend(last);

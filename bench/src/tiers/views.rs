@@ -1,10 +1,11 @@
 //! What the method is measured on: views that differ in what makes light hard, and references for
 //! them by path tracing, kept in files for the next time.
 
+use crate::real_view::kind_of;
 use crate::results::Failure;
 use crate::views::imported;
 use glam::Vec3;
-use hemilux_charts::accuracy::{Reference, error};
+use hemilux_charts::accuracy::{Judged, Reference, error};
 use hemilux_charts::regions::Regions;
 use hemilux_engine::device::Device;
 use hemilux_engine::image::Picture;
@@ -12,6 +13,7 @@ use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{
     CameraChoice, Limits, RenderRequest, Rendered, Unobserved, choose_camera,
 };
+use hemilux_engine::sampling::SparsePixels;
 use hemilux_engine::scene::{Camera, Material, Scene, Triangle, Vertex, made};
 use hemilux_engine::transport::render;
 use std::collections::BTreeMap;
@@ -59,16 +61,18 @@ impl View {
         }
     }
 
-    /// The reference: from the folder, or traced for `seconds` a half and put there.
+    /// The reference, or one pixel of each square of so many pixels of it: from the folder, or traced
+    /// for so many seconds a half and put there.
     pub fn truth(
         &self,
         device: &mut dyn Device,
         folder: &Path,
-        seconds: f64,
+        (seconds, squares): (f64, u32),
     ) -> Result<Truth, Failure> {
         let mut halves = Vec::new();
+        let kind = kind_of(squares);
         for (seed, half) in REFERENCE_SEEDS.into_iter().zip(["a", "b"]) {
-            let path = folder.join(format!("{}-{}-{half}.exr", self.name, self.side));
+            let path = folder.join(format!("{}-{}-{kind}{half}.exr", self.name, self.side));
             if let Ok(bytes) = std::fs::read(&path) {
                 halves.push(Picture::from_exr(&bytes)?);
                 continue;
@@ -76,7 +80,8 @@ impl View {
             eprintln!("{}: reference, half {half}", self.name);
             let longer = if DARK.contains(&self.name.as_str()) { LONGER } else { 1.0 };
             let limits = Limits::seconds(seconds * longer);
-            let request = self.request("ray-traced", limits, seed, &[]);
+            let sparse = [("pixel_squares", &*squares.to_string())];
+            let request = self.request("ray-traced", limits, seed, &sparse);
             let picture = render(device, &request, &mut Unobserved)?.picture;
             std::fs::write(&path, picture.to_exr()?)?;
             halves.push(picture);
@@ -85,7 +90,9 @@ impl View {
         let size = (self.side, self.side);
         // Where an emitter covers a thousandth of a pixel its noise would be that of the picture.
         let regions = Regions::new(&self.scene, &camera, size, 16, 1).beside_no_emitter(self.side);
-        let [counted, ..] = regions.masks;
+        let [mut counted, ..] = regions.masks;
+        let traced = SparsePixels::new(squares).mask([self.side; 2]);
+        counted.iter_mut().zip(traced).for_each(|(counted, traced)| *counted &= traced);
         let second = halves.pop().ok_or("no reference")?;
         let first = halves.pop().ok_or("no reference")?;
         Ok(Truth { reference: Reference::new(first, second), counted })
@@ -102,6 +109,11 @@ impl Truth {
     /// rRMSE of a picture, free of the reference's noise.
     pub fn error(&self, rendered: &Rendered) -> f64 {
         error(self.reference.squared_error(&rendered.picture, &self.counted))
+    }
+
+    /// The same with how far it may be off.
+    pub fn judged(&self, rendered: &Rendered) -> Judged {
+        self.reference.judged(&rendered.picture, &self.counted)
     }
 
     /// The same after a Gaussian of six pixels: what is left of the error from afar.

@@ -71,6 +71,23 @@ impl Reference {
         product((x, &self.first), (x, &self.second), 1.0, counted) / self.mean(counted).powi(2)
     }
 
+    /// [`Reference::squared_error`] with its standard error, by how the counted pixels scatter:
+    /// noise of the reference is in it, and chance in which pixels are counted where these stand for
+    /// all.
+    pub fn judged(&self, x: &Picture, counted: &[bool]) -> Judged {
+        let square = product((x, &self.first), (x, &self.second), 1.0, counted);
+        let (mut scatter, mut count) = (0.0, 0.0);
+        for (at, _) in counted.iter().enumerate().filter(|(_, counted)| **counted) {
+            let off = |reference: &Picture| x.pixels[at] - reference.pixels[at];
+            let own = f64::from((off(&self.first) * off(&self.second)).element_sum()) / 3.0;
+            scatter += (own - square).powi(2);
+            count += 1.0;
+        }
+        let deviation = (scatter / (count * (count - 1.0))).sqrt();
+        let mean = self.mean(counted).powi(2);
+        Judged { square: square / mean, deviation: deviation / mean }
+    }
+
     /// The same after a Gaussian of [`BLUR`] pixels over the counted ones: what is left of the error
     /// from afar.
     pub fn blurred_squared_error(&self, x: &Picture, counted: &[bool]) -> f64 {
@@ -117,6 +134,33 @@ impl Reference {
     /// Mean radiance of `x` over that of the reference.
     pub fn energy(&self, x: &Picture, counted: &[bool]) -> f64 {
         mean(x, counted) / self.mean(counted)
+    }
+}
+
+/// A squared relative error, and how far it may be off.
+#[derive(Clone, Copy, Debug)]
+pub struct Judged {
+    /// See [`Reference::squared_error`].
+    pub square: f64,
+    /// Its standard error.
+    pub deviation: f64,
+}
+
+impl Judged {
+    /// Relative error; negative where its square is estimated to be.
+    pub fn error(self) -> f64 {
+        error(self.square)
+    }
+
+    /// Relative error that would be three standard errors: what is below is no figure, and what is
+    /// above is right within a fifth.
+    pub fn resolution(self) -> f64 {
+        (3.0 * self.deviation).sqrt()
+    }
+
+    /// Whether the error is a figure.
+    pub fn is_resolved(self) -> bool {
+        self.error() >= self.resolution()
     }
 }
 
@@ -272,6 +316,37 @@ mod tests {
         }
         let ratio = resolution.powi(2) / 2.0 / squares.sqrt();
         assert!((0.9..1.6).contains(&ratio), "{ratio}, expected 1.2");
+    }
+
+    /// A tenth of the pixels, with a reference as noisy, say what all of them do, within what they
+    /// say of themselves.
+    #[test]
+    fn some_pixels_stand_for_all() {
+        let exact = noisy(1, 0.0, 0.0);
+        let mut x = noisy(3, 0.0, 0.2);
+        // One in eight is far more wrong than the rest.
+        x.pixels.iter_mut().step_by(8).for_each(|pixel| *pixel *= 1.5);
+        let all = exact_error(&x);
+        let (mut off, mut told, parts) = (0.0, 0.0, 13);
+        for part in 0..parts {
+            let some: Vec<bool> = (0..x.pixels.len()).map(|at| at % parts == part).collect();
+            let halves = [20, 21].map(|seed| noisy(seed + 2 * part as u64, 0.0, 0.1));
+            let [first, second] = halves;
+            let judged = Reference::new(first, second).judged(&x, &some);
+            off += (judged.square - all).powi(2) / parts as f64;
+            told += judged.deviation.powi(2) / parts as f64;
+            assert!(judged.is_resolved());
+        }
+        let ratio = (off / told).sqrt();
+        assert!((0.6..1.5).contains(&ratio), "{ratio}");
+        let nothing = Reference::new(noisy(4, 0.0, 0.4), noisy(5, 0.0, 0.4));
+        let judged = nothing.judged(&exact, &self::all());
+        assert!(!judged.is_resolved(), "{judged:?}");
+    }
+
+    /// Squared error over all pixels, by an exact reference.
+    fn exact_error(x: &Picture) -> f64 {
+        exact().squared_error(x, &all())
     }
 
     #[test]

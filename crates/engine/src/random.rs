@@ -55,6 +55,8 @@ pub enum Stream {
     Aimed = 24,
     /// Rays of elements that find what lobes send.
     FollowedLobe = 25,
+    /// Which pixels stand for all of a picture.
+    SparsePixel = 26,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

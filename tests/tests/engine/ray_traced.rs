@@ -8,6 +8,7 @@ use hemilux_engine::radiometry::{Rgb, lobe_albedo};
 use hemilux_engine::render::{
     CameraChoice, ExplicitCamera, Limits, Observer, Progress, RenderRequest, Rendered, StopReason,
 };
+use hemilux_engine::sampling::SparsePixels;
 use hemilux_engine::scene::{Material, Scene, made};
 use hemilux_engine::transport::render;
 use hemilux_tests::comparison::mean_ratio;
@@ -70,6 +71,23 @@ fn off_emitters(scene: &Arc<Scene>, side: u32) -> impl Fn(usize) -> bool {
 fn looking(eye: [f32; 3], target: [f32; 3], yfov_degrees: f32) -> CameraChoice {
     let up = [0.0, 1.0, 0.0];
     CameraChoice::Explicit(ExplicitCamera { eye, target, up, yfov_degrees })
+}
+
+/// A part of the pixels is what they are in the whole picture, the rest is black; the estimated error is
+/// theirs alone.
+#[test]
+fn some_pixels_are_traced_as_in_the_whole_picture() {
+    let scene = Arc::new(imported(&made::cornell()));
+    let whole = request(&scene, 48, 64);
+    let some = with(whole.clone(), &[("pixel_squares", "4")]);
+    let traced = SparsePixels::new(4).mask([48; 2]);
+    let [all, few] = [&whole, &some].map(rendered);
+    for (index, traced) in traced.iter().enumerate() {
+        let expected = if *traced { all.picture.pixels[index] } else { Rgb::ZERO };
+        assert_eq!(few.picture.pixels[index], expected, "{index}");
+    }
+    let [all, few] = [all, few].map(|own| own.stats.figures.estimated_error.unwrap());
+    assert!((0.6..1.7).contains(&(few / all)), "{few} {all}");
 }
 
 /// The Cornell box at full depth is the reference, within the noise of both.

@@ -5,10 +5,12 @@ mod discrete;
 mod frame;
 mod mis;
 mod sequence;
+mod sparse;
 mod strata;
 
 pub use discrete::Discrete;
 pub use frame::frame;
 pub use mis::power_heuristic;
 pub use sequence::*;
+pub use sparse::SparsePixels;
 pub use strata::*;

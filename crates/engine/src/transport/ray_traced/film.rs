@@ -48,8 +48,9 @@ struct PixelSums {
     open: Rgb,
     /// Σ over passes of [`super::pixels::Estimate::by_map`].
     by_map: Rgb,
-    /// Not 0 where any sample saw an emitter: then it doesn't count for the error.
-    sees_emitter: u32,
+    /// Not 0 where any sample saw an emitter, or the pixel is not traced: then it doesn't count for
+    /// the error.
+    left_out: u32,
 }
 
 /// What error estimates sum over the pixels that count.
@@ -196,6 +197,10 @@ impl Row {
     fn advance(&mut self, pixels: &Pixels<'_>, row: u32, period: u64) {
         let closes = period > 1 && (self.passes + 1).is_multiple_of(period);
         for (column, sums) in self.pixels.iter_mut().enumerate() {
+            if !pixels.traced.has(column as u32, row) {
+                sums.left_out = 1;
+                continue;
+            }
             let (estimate, walk) = pixels.pixel(column as u32, row, self.passes);
             let value = estimate.radiance;
             self.rays += walk.rays;
@@ -206,7 +211,7 @@ impl Row {
                 *sum += estimate.coverage;
             }
             sums.squares += square(value);
-            sums.sees_emitter |= u32::from(walk.saw_emitter);
+            sums.left_out |= u32::from(walk.saw_emitter);
             if period > 1 {
                 sums.open += value;
             }
@@ -221,7 +226,7 @@ impl Row {
     fn scatter(&self, period: u64) -> Scatter {
         let turns = (self.passes / period) as f64;
         let mut scatter = Scatter::default();
-        for pixel in self.pixels.iter().filter(|pixel| pixel.sees_emitter == 0) {
+        for pixel in self.pixels.iter().filter(|pixel| pixel.left_out == 0) {
             let (squares, sum) = match period {
                 1 => (pixel.squares, pixel.sum),
                 _ => (pixel.turn_squares, (pixel.sum - pixel.open) / period as f32),

@@ -5,7 +5,7 @@ use super::settings::PixelSampling;
 use crate::measurement::Frame;
 use crate::radiometry::Rgb;
 use crate::random::{Numbers, Stream};
-use crate::sampling::Turn;
+use crate::sampling::{SparsePixels, Turn};
 use glam::{Vec2, Vec3};
 
 /// The camera, and how its pixels are sampled.
@@ -16,6 +16,8 @@ pub struct Pixels<'a> {
     pub frame: Frame,
     /// Columns and rows.
     pub size: [u32; 2],
+    /// Which of them are traced.
+    pub traced: SparsePixels,
     /// How.
     pub sampling: PixelSampling,
     /// Whether choices along paths are spread over cells as jittered samples are.

@@ -2,7 +2,7 @@
 
 use crate::emitters::TriangleLights;
 use crate::emitters::{DiskPoints, Disks};
-use crate::sampling::Strata;
+use crate::sampling::{SparsePixels, Strata};
 use crate::surface::World;
 use crate::transport::options::{
     AnySetting, Choice, Number, Preset, Setting, Settings, Switch, Whole,
@@ -54,6 +54,11 @@ static LIGHT_SAMPLING: Setting<Choice<LightSampling>> = Setting::new(
 static PATH_STRATA: Setting<Switch> = Setting::new("path_strata", "true", Switch)
     .means("of jittered pixel_sampling with one ray a pixel: the light samples and directions of a pixel's paths at their first two surfaces are spread over as many cells as its samples are")
     .for_studies();
+static PIXEL_SQUARES: Setting<Whole> =
+    Setting::new("pixel_squares", "1", Whole { low: 1, high: 64 }).unit("pixels").means(
+        "side of the squares of which one pixel each, at a random place, is traced; all others stay black. A picture is told how far it is off best by few pixels that have many paths",
+    )
+    .for_studies();
 
 /// All of them.
 pub static SETTINGS: &[&dyn AnySetting] = &[
@@ -65,6 +70,7 @@ pub static SETTINGS: &[&dyn AnySetting] = &[
     &RAY_DEPTH,
     &LIGHT_SAMPLING,
     &PATH_STRATA,
+    &PIXEL_SQUARES,
 ];
 
 /// Lange's importance sampling, as Rogers describes it.
@@ -95,6 +101,8 @@ pub struct RayTracedSettings {
     pub pixel_sampling: PixelSampling,
     /// Whether choices along paths are spread as the samples of their pixel are.
     pub path_strata: bool,
+    /// Which pixels are traced.
+    pub traced: SparsePixels,
 }
 
 /// How direct light is sampled.
@@ -133,6 +141,7 @@ impl RayTracedSettings {
         Self {
             reflections: if limit == 0 { u32::MAX } else { limit },
             path_strata: settings.get(&PATH_STRATA),
+            traced: SparsePixels::new(settings.get(&PIXEL_SQUARES) as u32),
             rays_per_pixel: settings.get(&RAYS_PER_PIXEL) as u32,
             light_sampling: settings.get(&LIGHT_SAMPLING),
             pixel_sampling: match settings.get(&PIXEL_SAMPLING) {

@@ -61,6 +61,7 @@ impl View {
             },
             frame: self.frame,
             size: self.size,
+            traced: self.options.traced,
             sampling: self.options.pixel_sampling,
             path_strata: self.options.spreads_paths(),
             seed: self.seed,
