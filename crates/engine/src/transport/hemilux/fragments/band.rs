@@ -419,8 +419,10 @@ impl Fragment {
         self.shading_normal = shading.normalize_or(self.shading_normal);
         self.diffuse = self.diffuse * mine + other.diffuse * theirs;
         self.lobe_factor = self.lobe_factor * mine + other.lobe_factor * theirs;
+        // Not that of the larger part: light changes by percents within a pixel.
+        self.point = self.point * mine + other.point * theirs;
         if other.mask.count_ones() > self.mask.count_ones() {
-            (self.code, self.mask, self.point) = (other.code, other.mask, other.point);
+            (self.code, self.mask) = (other.code, other.mask);
         }
         self.share = share;
     }

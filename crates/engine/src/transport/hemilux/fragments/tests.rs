@@ -43,6 +43,11 @@ fn a_fragment_is_sampled_on_all_its_facets() {
         let samples = (fragment.share * visible.samples() as f32).round() as u32;
         assert_eq!(visible.count(fragment), samples);
         let points: Vec<_> = (0..samples).map(|n| visible.sample_point(fragment, n)).collect();
+        // Light changes within a pixel: one facet's middle does not stand for all of it.
+        let middle = points.iter().sum::<Vec3>() / samples as f32;
+        let reach = points.iter().map(|point| point.distance(middle)).fold(0.0, f32::max);
+        let off = fragment.point.distance(middle);
+        assert!(off <= 0.1 * reach + 1e-5, "pixel {}: {off} of {reach}", fragment.pixel);
         for (n, point) in points.iter().enumerate() {
             assert!(!points[..n].contains(point), "sample {n} of pixel {}", fragment.pixel);
             let to = *point - eye;
