@@ -329,7 +329,8 @@ mod tests {
         let all = exact_error(&x);
         let (mut off, mut told, parts) = (0.0, 0.0, 13);
         for part in 0..parts {
-            let some: Vec<bool> = (0..x.pixels.len()).map(|at| at % parts == part).collect();
+            let of = |at: usize| (13.0 * uniform(7, Stream::PointV, at as u64)) as usize;
+            let some: Vec<bool> = (0..x.pixels.len()).map(|at| of(at) == part).collect();
             let halves = [20, 21].map(|seed| noisy(seed + 2 * part as u64, 0.0, 0.1));
             let [first, second] = halves;
             let judged = Reference::new(first, second).judged(&x, &some);
