@@ -106,15 +106,17 @@ impl DirectLighting {
             return (factor * share, own.own_variance(exact));
         }
         let reach = if rays < FEW_RAYS { NEIGHBOUR_REACH } else { 1 };
+        // Not by numbers of rays: these hang on what the first ones found, and whoever has seen more of the
+        // light would count more.
         let mut plane = Plane::new();
-        plane.add(0, 0, share, own.rays as f32);
+        plane.add(0, 0, share, 1.0);
         around(visible, index, reach, |other, across, down| {
             let other = &self.sums[other];
             let weight = 1.0 / (1.0 + (across * across + down * down) as f32 * 0.5);
             let theirs = other.part(part).filter(|_| other.tells_share_of(sums, part, exact));
             if let Some(theirs) = theirs {
                 let alike = if exact { own.alike(theirs) } else { 1.0 };
-                let weight = theirs.rays as f32 * weight * alike;
+                let weight = weight * alike;
                 plane.add(across, down, theirs.share(exact), weight);
             }
         });
