@@ -37,13 +37,14 @@ struct Point {
 }
 
 /// What the engine calls the causes of errors.
-const CAUSES: [&str; 8] = [
+const CAUSES: [&str; 9] = [
     "error_noise",
     "error_bent",
     "error_shadows",
     "error_lobes",
     "error_edges",
     "error_links",
+    "error_textures",
     "error_audit",
     "error_draft",
 ];

@@ -20,6 +20,12 @@ const EDGES_ASIDE: f64 = 0.15;
 /// Share of an iteration's time that rays at edges may take, and time of one in that of a lobe ray.
 pub const EDGE_TIME: f64 = 0.05;
 const EDGE_COST: f64 = 0.2;
+/// Error by textures, over that of all, down to which they are read more finely: 2 % of the square.
+const TEXTURES_ASIDE: f64 = 0.15;
+/// Time of reading a square of a pixel's textures in that of a lobe ray, and share of the time so far that
+/// it may take.
+const TEXTURE_COST: f64 = 0.3;
+const TEXTURE_TIME: f64 = 0.1;
 /// Most iterations from one in which records get more rays to the next.
 const MOST_REFINE_EVERY: u32 = 32;
 /// Share of the squared error from which interpolation between records asks for more records.
@@ -69,6 +75,22 @@ pub struct WorkDone {
     pub rays_per_record: f64,
     /// At edges.
     pub edges: EdgeWork,
+}
+
+impl WorkDone {
+    /// Times of gather rays, shadow rays and lobe rays, in that of one lobe ray.
+    fn times(&self) -> [f64; 3] {
+        let [gather, shadow] = RAY_COSTS;
+        [gather * self.gather_rays as f64, shadow * self.shadows.1 as f64, self.lobes.1]
+    }
+
+    /// Whether so many squares had better be read of textures, whose error is then a fourth of the squared
+    /// one: if that counts, in a small part of the time so far.
+    pub fn allows_textures(&self, errors: &Errors, squares: f64) -> bool {
+        let time: f64 = self.times().iter().sum();
+        let counts = errors.by_textures > TEXTURES_ASIDE * errors.total;
+        counts && TEXTURE_COST * squares < TEXTURE_TIME * time
+    }
 }
 
 /// What has been done at edges.
@@ -126,10 +148,8 @@ impl Balance {
         let [noise, bent, shadows, lobes, edges] = errors.by_cause;
         let [noise, bent] = [noise, bent].map(|smooth| SMOOTH_COUNTS * smooth);
         let least = f64::MIN_POSITIVE;
-        let gather = RAY_COSTS[0] * done.gather_rays as f64;
-        let (shadow_passes, shadow_rays) = done.shadows;
-        let shadow_time = RAY_COSTS[1] * shadow_rays as f64;
-        let (lobe_passes, lobe_time) = done.lobes;
+        let [gather, shadow_time, lobe_time] = done.times();
+        let [shadow_passes, lobe_passes] = [done.shadows.0, done.lobes.0];
         let worth = |error: f64, time: f64| error * time.sqrt();
         let all_worth = worth(noise.hypot(bent), gather)
             + worth(shadows, shadow_time)

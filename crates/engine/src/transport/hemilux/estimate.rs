@@ -3,6 +3,7 @@
 use super::audit::{Corrected, Verdict};
 use super::coarse::CoarseSolution;
 use super::direct::DirectLighting;
+use super::fragments::textures::{Ahead, Textures};
 use super::fragments::{Fragment, VisibleSurfaces};
 use super::gather::IndirectLight;
 use super::gloss::Gloss;
@@ -73,6 +74,8 @@ pub struct Errors {
     pub by_cause: [f64; 5],
     /// rRMSE by noise of the links that wide areas have in common.
     pub by_links: f64,
+    /// rRMSE by textures that are read too coarsely.
+    pub by_textures: f64,
     /// rRMSE over wide areas that no cause has, as an audit finds it.
     pub by_audit: f64,
     /// rRMSE by the larger pixels of a draft.
@@ -143,6 +146,8 @@ pub struct PictureInputs<'a> {
     pub options: &'a HemiluxSettings,
     /// Mean over channels of the variance of radiance by the links' noise, over wide areas.
     pub link_variance: f64,
+    /// Textures, once it is known how far they are off.
+    pub textures: Option<&'a Textures>,
     /// Relative error of the indirect light where no record counts: [`coarse_error`].
     pub coarse_error: f32,
 }
@@ -187,7 +192,8 @@ pub fn measure(known: &PictureInputs<'_>) -> (Picture, Option<Errors>) {
         .with_min_len(1024)
         .map(|pixel| known.pixel(&gloss, coverage, pixel))
         .collect();
-    let errors = errors(&estimates, &visible.shine, known.link_variance);
+    let errors =
+        errors(&estimates, &visible.shine, [known.link_variance, known.texture_variance(&gloss)]);
     let pixels = estimates.iter().map(|estimate| estimate.radiance).collect();
     let alpha = (!visible.coverage.is_empty()).then(|| visible.coverage.clone());
     (Picture { alpha, ..Picture::new(visible.width, visible.height, pixels) }, errors)
@@ -285,6 +291,26 @@ impl PictureInputs<'_> {
 }
 
 impl PictureInputs<'_> {
+    /// Variance of radiance by textures that are read too coarsely, the mean over channels and all pixels:
+    /// by what smaller squares change of some.
+    fn texture_variance(&self, gloss: &[(Rgb, Rgb)]) -> f64 {
+        let Some((ahead, each)) = self.textures.map(Textures::ahead) else { return 0.0 };
+        let visible = self.visible;
+        let change = |own: &Ahead| {
+            let arriving = self.irradiance(own.fragment).0 * own.diffuse / PI;
+            let lobes = gloss.get(own.fragment).map_or(Rgb::ZERO, |(mean, _)| *mean);
+            let beyond = visible.beyond(own.fragment);
+            let passed = beyond.map_or(Rgb::ZERO, |beyond| self.irradiance(beyond).0);
+            arriving + lobes * own.lobe_factor + passed * own.passed / PI
+        };
+        let counts = |own: &&Ahead| {
+            visible.shine[visible.fragments[own.fragment].pixel as usize] == Rgb::ZERO
+        };
+        let squares = ahead.iter().filter(counts).map(change).map(|own| own.length_squared());
+        let pixels = visible.shine.iter().filter(|shine| **shine == Rgb::ZERO).count().max(1);
+        squares.map(f64::from).sum::<f64>() * each / (3.0 * pixels as f64)
+    }
+
     /// Mean of what the map of caustics says of a fragment's samples.
     fn caustics(&self, fragment: &Fragment) -> Mapped {
         let Some(caustics) = self.coarse.caustics().filter(|_| fragment.diffuse != Rgb::ZERO)
@@ -305,7 +331,13 @@ impl PictureInputs<'_> {
 }
 
 /// Relative errors over the pixels that see no emitter; `None` where these are black.
-fn errors(estimates: &[PixelEstimate], shine: &[Rgb], link_variance: f64) -> Option<Errors> {
+///
+/// The last two variances are the mean over all pixels and channels of what links and textures add.
+fn errors(
+    estimates: &[PixelEstimate],
+    shine: &[Rgb],
+    [by_links, by_textures]: [f64; 2],
+) -> Option<Errors> {
     let (mut sum, mut variance, mut pixels) = (0.0, [0.0; 5], 0.0);
     for (estimate, shine) in estimates.iter().zip(shine) {
         if *shine == Rgb::ZERO {
@@ -320,11 +352,13 @@ fn errors(estimates: &[PixelEstimate], shine: &[Rgb], link_variance: f64) -> Opt
         let mean = sum / pixels;
         let square = |k: usize| CAUSE_FACTORS[k] * variance[k] / pixels / (mean * mean);
         let squares: [f64; 5] = std::array::from_fn(square);
-        let by_links = link_variance / (mean * mean);
-        let all = squares.iter().sum::<f64>() + by_links + COARSE_MESH_ERROR * COARSE_MESH_ERROR;
+        let [by_links, by_textures] = [by_links, by_textures].map(|own| own / (mean * mean));
+        let by_rest = by_links + by_textures + COARSE_MESH_ERROR * COARSE_MESH_ERROR;
+        let all = squares.iter().sum::<f64>() + by_rest;
         Errors {
             by_cause: squares.map(f64::sqrt),
             by_links: by_links.sqrt(),
+            by_textures: by_textures.sqrt(),
             total: all.sqrt(),
             mean,
             ..Errors::default()

@@ -4,6 +4,7 @@
 mod band;
 mod beyond;
 pub mod edges;
+pub mod textures;
 
 use super::instance_pixels::InstancePixels;
 use super::places::FragmentPlaces;
@@ -494,6 +495,12 @@ impl VisibleSurfaces {
     /// Whether a fragment's samples see the side of a facet that has that code.
     fn has_facet(&self, fragment: &Fragment, code: u32) -> bool {
         code == fragment.code || self.groups(fragment).iter().any(|group| group.code == code)
+    }
+
+    /// The facet of a code, with that and its side.
+    fn facet_of(&self, code: u32) -> Option<(u32, (u32, bool), Cow<'_, PictureFacet>)> {
+        let (facet, back) = item::decode(code)?;
+        Some((code, (facet, back), self.placed(facet)))
     }
 
     /// A facet for the picture.

@@ -239,7 +239,7 @@ impl VisibleSurfaces {
 
     /// The squares over which textures are averaged in a pixel that sees a facet: more of them where it
     /// sees more texels.
-    fn squares_of(&self, world: &World, pixel: u32, code: u32) -> &[PixelSquare] {
+    pub(super) fn squares_of(&self, world: &World, pixel: u32, code: u32) -> &[PixelSquare] {
         let Some((facet, _)) = item::decode(code) else { return &self.squares[0] };
         let source = self.cut.source(FacetIndex(facet));
         if !varies(world, source) {
@@ -342,7 +342,7 @@ impl VisibleSurfaces {
     }
 
     /// Means over what is seen of a facet on which something varies.
-    fn means(
+    pub(super) fn means(
         &self,
         world: &World,
         (facet, back, placed): (u32, bool, &PictureFacet),
@@ -376,7 +376,7 @@ fn shares(seconds: f64, bands: &[Band]) -> [f64; 2] {
 }
 
 /// Whether anything that a fragment shows varies over a triangle.
-fn varies(world: &World, source: u32) -> bool {
+pub(super) fn varies(world: &World, source: u32) -> bool {
     world.varies(source) || world.material(source).normal_map.is_some()
 }
 

@@ -124,6 +124,11 @@ impl Edges {
         (self.pixels.len(), self.drawn)
     }
 
+    /// These pixels.
+    pub(super) fn pixels(&self) -> impl Iterator<Item = u32> + '_ {
+        self.pixels.iter().map(|own| own.pixel)
+    }
+
     /// Rays of all pixels.
     pub fn rays(&self) -> u64 {
         u64::from(self.drawn) * self.pixels.len() as u64
@@ -332,7 +337,7 @@ impl VisibleSurfaces {
 
     /// The fragment that fills all of a pixel, or `Some(None)` where it has none; `None` where
     /// several things share it.
-    fn filling(&self, pixel: u32) -> Option<Option<&Fragment>> {
+    pub(super) fn filling(&self, pixel: u32) -> Option<Option<&Fragment>> {
         match &self.fragments[self.of_pixel(pixel)] {
             [] => Some(None),
             [one, rest @ ..] if one.share > WHOLE && rest.iter().all(|own| own.is_beyond) => {

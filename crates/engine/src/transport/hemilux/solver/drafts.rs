@@ -81,7 +81,7 @@ impl Tiers {
         self.cache.change_camera(&self.visible, self.spacing(0));
         self.cache.reused = 0;
         // The audit's paths are of no pixels, and stay.
-        (self.edges, self.balance) = (None, Balance::default());
+        (self.edges, self.textures, self.balance) = (None, None, Balance::default());
         self.drawn = DrawnPicture::default();
         (self.iteration_seconds, self.picture_seconds) = (None, None);
         (run.standing.tally.iterations, self.done, self.next_check) = (0, 0, 1);

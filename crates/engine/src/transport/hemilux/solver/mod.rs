@@ -15,6 +15,7 @@ use super::direct::DirectLighting;
 use super::draft::{Draft, Full};
 use super::estimate;
 use super::fragments::edges::Edges;
+use super::fragments::textures::Textures;
 use super::fragments::{Fragment, VisibleSurfaces};
 use super::gather::{Gathering, IrradianceCache, PilotSampling, Spacing, least_scale};
 use super::gloss::{Gloss, lacking, of_camera};
@@ -103,6 +104,8 @@ pub struct Tiers {
     gloss: Gloss,
     /// Found when they are first asked for.
     edges: Option<Edges>,
+    /// Found once it is to be known how far they are off.
+    textures: Option<Textures>,
     audit: Audit,
     balance: Balance,
     options: HemiluxSettings,
@@ -172,6 +175,7 @@ impl Tiers {
             direct,
             gloss: Gloss::new(&world, &visible, options.lobe_filter),
             edges: None,
+            textures: None,
             audit: Audit::default(),
             balance: Balance::default(),
             link_variance: 0.0,
@@ -251,6 +255,7 @@ impl Tiers {
         let mut edges = Edges::default();
         edges.restore(&mut self.visible, &mut from)?;
         self.edges = (edges.rays() > 0).then_some(edges);
+        self.restore_textures(&mut from)?;
         self.audit = Audit::restore(&mut from)?;
         from.end()?;
         Ok(true)
@@ -355,6 +360,7 @@ impl Tiers {
             edges: self.edge_work(),
         };
         self.balance = Balance::of(&errors, done);
+        self.read_textures(&errors, &done);
     }
 
     /// Doubles the number of links and solves for all of them. Iterations do so whenever their
@@ -531,6 +537,7 @@ impl Solver for Tiers {
         parts.bound.value(self.balance);
         parts.bound.value(self.link_variance);
         self.edges.as_ref().unwrap_or(&Edges::default()).save(&mut parts.bound);
+        self.save_textures(&mut parts.bound);
         self.audit.save(&mut parts.bound);
         Ok(())
     }
@@ -552,6 +559,7 @@ impl Solver for Tiers {
         }
         let errors = self.drawn.errors.unwrap_or_default();
         figures.insert("error_links".into(), errors.by_links);
+        figures.insert("error_textures".into(), errors.by_textures);
         figures.insert("error_audit".into(), errors.by_audit);
         figures.insert("error_draft".into(), errors.by_draft);
         let shrink = self.draft.map_or(1, |draft| draft.shrink);

@@ -1,15 +1,20 @@
 //! Passes of rays, and how the time is used up that is left after the last iteration.
 
-use super::super::balance::{EDGE_TIME, SMOOTH_COUNTS};
+use super::super::balance::{EDGE_TIME, SMOOTH_COUNTS, WorkDone};
 use super::super::direct::Caster;
 use super::super::estimate::Errors;
+use super::super::fragments::edges::Edges;
+use super::super::fragments::textures::{MOST_HALVINGS, Textures};
 use super::super::gather::Gathering;
 use super::super::pace::{Kind, shared_out};
 use super::{LEAST_REST, REFILL_ITERATIONS, Tiers};
+use crate::checkpoint::{CheckpointError, Reader, Writer};
 use std::time::{Duration, Instant};
 
 /// Most passes of a kind of ray after the last iteration.
 const MOST_PASSES: u32 = 16;
+/// Share of what is left of the time that reading textures more finely may take.
+const TEXTURE_SHARE: f64 = 0.2;
 
 impl Tiers {
     /// Traces more gather rays, `most` at most, for records that have not `enough`, or for some of them
@@ -99,6 +104,52 @@ impl Tiers {
         self.clock.lap("seconds_gloss");
         // It shows none of this yet.
         self.drawn.iterations = None;
+    }
+
+    /// Reads textures more finely, if it is worth that; finds out how far they are off at first.
+    pub(super) fn read_textures(&mut self, errors: &Errors, done: &WorkDone) {
+        if self.draft.is_some() || self.done < 2 {
+            return;
+        }
+        self.clock.start();
+        let Self { visible, edges, textures, drawn, pace, .. } = self;
+        match textures {
+            None => {
+                let edges = edges.get_or_insert_with(|| Edges::new(visible));
+                *textures = Some(Textures::new(visible, edges));
+            }
+            Some(own) => {
+                let next = own.halvings() + 1;
+                let is_worth_it = done.allows_textures(errors, own.next_squares());
+                let fits = own.next_seconds() < TEXTURE_SHARE * pace.left();
+                if next > MOST_HALVINGS || !is_worth_it || !fits {
+                    return;
+                }
+                own.halve(visible, next);
+                drawn.iterations = None;
+            }
+        }
+        self.clock.lap("seconds_textures");
+    }
+
+    /// Writes how finely textures are read.
+    pub(super) fn save_textures(&self, to: &mut Writer) {
+        to.value(self.textures.as_ref().map_or(0, |own| 1 + own.halvings()));
+    }
+
+    /// Reads what [`Tiers::save_textures`] wrote, and the textures as finely.
+    pub(super) fn restore_textures(
+        &mut self,
+        from: &mut Reader<'_>,
+    ) -> Result<(), CheckpointError> {
+        let Some(halvings) = from.value::<u32>()?.checked_sub(1) else { return Ok(()) };
+        if halvings > MOST_HALVINGS {
+            return Err(CheckpointError::damaged("textures can't be read so finely"));
+        }
+        let Self { visible, edges, textures, .. } = self;
+        let edges = edges.get_or_insert_with(|| Edges::new(visible));
+        textures.insert(Textures::new(visible, edges)).halve(visible, halvings);
+        Ok(())
     }
 
     /// Draws rays at edges, if these are a large part of the error.

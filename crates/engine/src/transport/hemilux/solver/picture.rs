@@ -51,6 +51,7 @@ impl Tiers {
             gloss: &self.gloss,
             options: &self.options,
             link_variance: self.link_variance,
+            textures: self.textures.as_ref(),
             coarse_error: estimate::coarse_error(&self.visible, &self.coarse, &bounced),
         };
         let (mut picture, mut errors) = estimate::measure(&known);
