@@ -28,7 +28,7 @@ const COARSE_ERROR: f32 = 0.2;
 const COMPARED: usize = 4096;
 const LEAST_COMPARED: usize = 64;
 /// Relative error allowed for what no cause covers: the coarse mesh behind the gather rays.
-const COARSE_MESH_ERROR: f64 = 0.002;
+const COARSE_MESH_ERROR: f64 = 0.0015;
 
 /// Causes of a picture's error, by the names that reports use:
 /// - `noise`: noise of the records' gather rays, from two pictures by either half of the rays;
@@ -44,7 +44,7 @@ pub const CAUSES: [&str; 5] = ["noise", "bent", "shadows", "lobes", "edges"];
 /// points are worse than points that are spread together; a plane fits better in its middle than at
 /// its rim; errors of shadows are shared by neighbours; lobes and edges show the coarse mesh, whose
 /// error is no scatter.
-const CAUSE_FACTORS: [f64; 5] = [0.45, 0.9, 1.8, 1.5, 7.5];
+const CAUSE_FACTORS: [f64; 5] = [0.3, 0.9, 1.8, 1.5, 4.0];
 
 /// What the true error is taken to lie between, over what the causes say, where no wide area is off
 /// beyond what they know: about the ratios that predictions are judged by (docs/tiers.md).
