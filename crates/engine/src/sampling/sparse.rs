@@ -20,6 +20,9 @@ impl SparsePixels {
     /// Whether a pixel is one of them.
     pub fn has(self, column: u32, row: u32) -> bool {
         let Self { side } = self;
+        if side == 1 {
+            return true;
+        }
         // The square's columns and rows are drawn apart, so that neighbouring squares differ.
         let square =
             pcg(pcg((column / side) ^ Stream::SparsePixel as u32).wrapping_add(row / side));
