@@ -270,8 +270,13 @@ impl Level {
     fn halved(size: [u32; 2], read: impl Fn(usize) -> Vec4 + Sync) -> Self {
         let half = size.map(|side| (side / 2).max(1));
         let columns: Vec<Span> = (0..half[0]).map(|x| Span::new(x, half[0], size[0])).collect();
+        let is_even = size.iter().all(|side| side % 2 == 0);
         let row = |y: u32| {
             let rows = Span::new(y, half[1], size[1]);
+            let of_four = |x: usize| {
+                let [top, bottom] = [0, 1].map(|row| ((2 * y + row) * size[0]) as usize + 2 * x);
+                0.25 * (read(top) + read(top + 1) + read(bottom) + read(bottom + 1))
+            };
             let of = |columns: &Span| {
                 let mut sum = Vec4::ZERO;
                 for (y, across) in rows.each() {
@@ -281,14 +286,25 @@ impl Level {
                 }
                 sum
             };
-            columns.iter().map(of).collect::<Vec<Vec4>>()
+            let row: Vec<Vec4> = match is_even {
+                true => (0..columns.len()).map(of_four).collect(),
+                false => columns.iter().map(of).collect(),
+            };
+            let most = row.iter().fold(Vec4::ZERO, |most, texel| most.max(*texel));
+            (row, most)
         };
-        let rows: Vec<Vec<Vec4>> = (0..half[1]).into_par_iter().map(row).collect();
-        let most = rows.iter().flatten().fold(Vec4::ZERO, |most, texel| most.max(*texel));
+        let (rows, most): (Vec<Vec<Vec4>>, Vec<Vec4>) =
+            (0..half[1]).into_par_iter().map(row).unzip();
+        let most = most.into_iter().fold(Vec4::ZERO, Vec4::max);
         let unit = most / f32::from(u16::MAX);
         let per_unit = Vec4::select(unit.cmpgt(Vec4::ZERO), 1.0 / unit, Vec4::ZERO);
-        let store = |texel: &Vec4| (*texel * per_unit + 0.5).to_array().map(|x| x as u16);
-        Self { size: half, texels: rows.iter().flatten().map(store).collect(), unit }
+        let mut texels = vec![[0; 4]; half[0] as usize * half[1] as usize];
+        texels.par_chunks_mut(half[0] as usize).zip(&rows).for_each(|(stored, row)| {
+            for (stored, texel) in stored.iter_mut().zip(row) {
+                *stored = (*texel * per_unit + 0.5).to_array().map(|x| x as u16);
+            }
+        });
+        Self { size: half, texels, unit }
     }
 
     fn at(&self, at: usize) -> Vec4 {
