@@ -47,6 +47,9 @@ const WIDE_STRIDE: i32 = 4;
 /// Lobes share rays if they look less than 1/√this beside each other, as a share of the angle at
 /// which a lobe has fallen to e^−½: half of it. A wider reach flattens highlights on balls.
 const NARROWNESS: f32 = 4.0;
+/// Lobes share rays if the way between their places leaves the surface by less than this, as the sine
+/// of an angle: what lies before another surface takes light from it close by.
+const MOST_STEP: f32 = 0.3;
 /// Lobes share rays if their exponents, at least 1, differ by less than this factor.
 const LIKE_EXPONENTS: f32 = 1.3;
 /// Bound on rays of a lobe read from a checkpoint: more than any run traces, so a larger number
@@ -88,6 +91,8 @@ struct Work {
 #[derive(Clone, Copy)]
 struct PlacedLobe {
     point: Vec3,
+    /// Unit normal of the surface.
+    normal: Vec3,
     /// Unit vector.
     direction: Vec3,
     exponent: f32,
@@ -126,7 +131,9 @@ impl Gloss {
             let exponent = surface
                 .clear
                 .map_or_else(|| surface.reflection().exponent(), |clear| clear.exponent());
-            PlacedLobe { point: surface.spot.point, direction: surface.mirrored(viewer), exponent }
+            let normal = visible.fragments[lobe.fragment as usize].normal;
+            let (point, direction) = (surface.spot.point, surface.mirrored(viewer));
+            PlacedLobe { point, normal, direction, exponent }
         };
         let lobes: Vec<PlacedLobe> =
             visible.lobes.par_iter().with_min_len(1024).map(placed).collect();
@@ -470,7 +477,12 @@ impl Gloss {
             return 0.0;
         }
         let nearness = 0.5 * (self.sums[one].nearness() + self.sums[other].nearness());
-        let between = (b.point - a.point) * nearness + (b.direction - a.direction);
+        let apart = b.point - a.point;
+        let step = a.normal.dot(apart).abs().min(b.normal.dot(apart).abs());
+        if step * step > MOST_STEP * MOST_STEP * apart.length_squared() {
+            return 0.0;
+        }
+        let between = apart * nearness + (b.direction - a.direction);
         let across = between - a.direction * a.direction.dot(between);
         1.0 - (across.length_squared() * most.max(1.0) * NARROWNESS).min(1.0)
     }
@@ -514,6 +526,24 @@ fn mean_rays(visible: &VisibleSurfaces, lobe: &Lobe) -> u32 {
 mod tests {
     use super::*;
     use crate::transport::hemilux::specimen::{SEED, Specimen};
+
+    /// Lobes of surfaces one behind the other do not share what is close by to one of them alone.
+    #[test]
+    fn what_lies_behind_is_not_shared() {
+        let specimen = Specimen::new(&crate::scene::made::phong_cornell(), 500);
+        let visible = specimen.visible();
+        let mut gloss = Gloss::new(&specimen.world, &visible, true);
+        let first = PlacedLobe { exponent: 1.0, ..gloss.lobes[0] };
+        let along = first.normal.any_orthonormal_vector();
+        let beside = |step: f32| PlacedLobe {
+            point: first.point + 1000.0 * (along + step * first.normal),
+            ..first
+        };
+        gloss.lobes.splice(0..3, [first, beside(0.1), beside(-1.0)]);
+        gloss.sums[..3].fill(LobeSums::default());
+        assert!(gloss.looks_at_the_same(0, 1) > 0.9 && gloss.looks_at_the_same(1, 0) > 0.9);
+        assert_eq!([gloss.looks_at_the_same(0, 2), gloss.looks_at_the_same(2, 0)], [0.0; 2]);
+    }
 
     /// What lobes show together has less variance than what each found, and the same mean; what pixels
     /// farther away add is some of that.
