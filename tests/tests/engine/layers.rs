@@ -4,7 +4,9 @@ use glam::{Vec2, Vec3};
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest};
-use hemilux_engine::scene::{Environment, Layering, Layers, Material, Scene};
+use hemilux_engine::scene::{
+    Encoding, Environment, Layering, Layers, Material, NormalMap, Scene, Texture, TextureSlot,
+};
 use hemilux_tests::blocks::{block_means, largest_deviation};
 use hemilux_tests::rendering;
 use hemilux_tests::scenes::Builder;
@@ -76,6 +78,26 @@ fn coats_are_those_of_path_tracing() {
         [covered(left.clone(), coat(0.3)), covered(right.clone(), coat(0.0))],
     );
     agrees("coats", &with, &room(floor, [left, right]), [0.05, 0.1]);
+}
+
+/// What a coat leaves of the light below goes by its own normal, not by that of the map below it.
+#[test]
+fn a_coat_dims_by_its_own_normal() {
+    let matt = Material { roughness: 0.9, base_color: Rgb::splat(0.8), ..Material::default() };
+    let polished = Layers { coat: 1.0, coat_roughness: 0.1, ..Layers::NONE };
+    let slot = TextureSlot { encoding: Encoding::Linear, ..TextureSlot::plain(0) };
+    let map = Some(NormalMap { slot, scale: 1.0 });
+    // Of one texel, which leans by 37°.
+    let map_of_one = Texture { width: 1, height: 1, texels: vec![[204, 128, 230, 255]] };
+    let with_floor = |coat_normal_map| {
+        let layering = Layering { factors: polished, coat_normal_map, ..Layering::default() };
+        let floor =
+            Material { normal_map: map, layering: Some(Box::new(layering)), ..matt.clone() };
+        let mut scene = Scene::clone(&room(floor, [matt.clone(), matt.clone()]));
+        scene.textures.push(map_of_one.clone());
+        Arc::new(scene)
+    };
+    agrees("a coat's normal", &with_floor(None), &with_floor(map), [0.05, 0.1]);
 }
 
 #[test]

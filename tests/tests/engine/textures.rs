@@ -122,6 +122,25 @@ fn a_checker_finer_than_a_pixel_is_its_mean() {
     }
 }
 
+/// What a metal reflects is as sharp as its texture after few rays, since its albedo is known without
+/// them: each pixel is nearer to paths' picture than the squares that few rays happen to meet.
+#[test]
+fn a_checker_of_metal_is_as_sharp_as_its_texture() {
+    let mut scene = Scene::clone(&imported(&made::checker(1.7)));
+    for material in &mut scene.materials {
+        (material.metallic, material.roughness) = (1.0, 1.0);
+    }
+    let scene = Arc::new(scene);
+    let flagship = Seeds::new(&scene, 1.0, &above(8.0), ("hemilux", 3));
+    let paths = Seeds::new(&scene, 1.0, &above(8.0), ("ray-traced", 384));
+    let (rms, _) = block_error(&flagship.mean(), &paths.mean());
+    let error = error_by_halves(&flagship.all[0], &paths.all[0], &paths.all[1], |_| true);
+    let predicted = flagship.predicted.expect("a prediction");
+    println!("blocks {rms:.4}; pixels {error:.4}, predicted {predicted:.4}");
+    assert!(rms < 0.01 && error < 0.013, "{rms} {error}");
+    assert!(error < 1.5 * predicted, "{error} {predicted}");
+}
+
 /// The comparator finds what is wrong: a floor of the mean of the codes instead of that of the
 /// light, and a pixel in eight that shows one square alone.
 #[test]

@@ -34,14 +34,17 @@ impl Coat {
         Microfacets::coat(COAT_F0, self.alpha)
     }
 
-    /// Its unit normal on a side that lies like this.
-    pub fn normal_on(&self, side: Side) -> Vec3 {
-        if self.normal == Vec3::ZERO { side.shading_normal } else { self.normal }
+    /// Its unit normal where that is the shading normal.
+    pub fn normal_or(&self, shading_normal: Vec3) -> Vec3 {
+        if self.normal == Vec3::ZERO { shading_normal } else { self.normal }
     }
 
     /// How its lobe reflects, at full strength.
     pub fn reflection(&self, side: Side) -> Ggx {
-        Ggx::new(self.facets(), Side { shading_normal: self.normal_on(side), ..side })
+        Ggx::new(
+            self.facets(),
+            Side { shading_normal: self.normal_or(side.shading_normal), ..side },
+        )
     }
 
     /// Albedo of its lobe.

@@ -79,7 +79,7 @@ impl World {
         cosine: f32,
     ) -> Rgb {
         let share = self.scene.passed_over(pyramids, &self.scene.triangle(triangle), part);
-        let parameters = self.parameters_over(pyramids, triangle, part);
+        let parameters = self.unlaid_parameters_over(pyramids, triangle, part);
         match parameters.passing(share, Some(cosine)) {
             Parameters::Phong(reflectance) => reflectance.diffuse,
             Parameters::Ggx(facets) => facets.diffuse_albedo(cosine),

@@ -15,8 +15,29 @@ impl World {
         self.scene.texels_along(&self.scene.triangle(triangle), part)
     }
 
-    /// What a part of a triangle reflects.
-    pub fn parameters_over(&self, pyramids: &Pyramids, triangle: u32, part: &Part) -> Parameters {
+    /// What a part of a triangle reflects, with layers as they lie in its middle on the side on
+    /// which `normal` is the geometric one; `side` is −1 for the back.
+    pub fn parameters_over(
+        &self,
+        pyramids: &Pyramids,
+        (triangle, part): (u32, &Part),
+        normal: Vec3,
+        side: f32,
+    ) -> Parameters {
+        let mut parameters = self.unlaid_parameters_over(pyramids, triangle, part);
+        if let Parameters::Layered(layered) = &mut parameters {
+            self.lay(layered, (triangle, part.at), normal, side);
+        }
+        parameters
+    }
+
+    /// The same with layers that lie as on a smooth surface.
+    pub(super) fn unlaid_parameters_over(
+        &self,
+        pyramids: &Pyramids,
+        triangle: u32,
+        part: &Part,
+    ) -> Parameters {
         let finish = self.finish(triangle);
         if !finish.varies {
             return finish.parameters;
@@ -68,10 +89,8 @@ impl World {
     ) -> Surface {
         let mut surface = self.surface_at(triangle, part.at, spot, side);
         if self.finish(triangle).varies && surface.parameters != Parameters::BLACK {
-            surface.parameters = self.parameters_over(pyramids, triangle, part);
-            if let Parameters::Layered(layered) = &mut surface.parameters {
-                self.lay(layered, (triangle, part.at), surface.normal, side);
-            }
+            let normal = surface.normal;
+            surface.parameters = self.parameters_over(pyramids, (triangle, part), normal, side);
         }
         surface
     }

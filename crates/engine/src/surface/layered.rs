@@ -117,11 +117,13 @@ impl Layered {
         self.mean(Self::albedo)
     }
 
-    /// Diffuse albedo and factor of the lobes, towards a viewer at an angle of that cosine, for light
-    /// without directions: see [`split`].
-    pub fn diffuse_and_lobe_factor(&self, cosine: f32) -> [Rgb; 2] {
-        let plain = self.base.plain_diffuse_albedo(cosine) * self.left([cosine; 2]);
-        split([plain, self.diffuse_albedo([cosine; 2])], self.lobe_albedo(cosine))
+    /// Diffuse albedo and factor of the lobes, towards a viewer in a unit direction, for light without
+    /// directions: see [`split`]; `normal` is the shading normal.
+    pub fn diffuse_and_lobe_factor(&self, normal: Vec3, viewer: Vec3) -> [Rgb; 2] {
+        let cosines = [normal, self.coat.normal_or(normal)].map(|normal| normal.dot(viewer));
+        let plain = self.base.plain_diffuse_albedo(cosines[0]) * self.left(cosines);
+        let lobes = self.lobe_albedos(cosines).into_iter().sum();
+        split([plain, self.diffuse_albedo(cosines)], lobes)
     }
 
     /// Exponents of the lobes that there are.
@@ -156,7 +158,7 @@ impl LayeredReflection {
 
     /// To the shading normal and to the coat's.
     fn cosines(&self, direction: Vec3) -> [f32; 2] {
-        [self.side.shading_normal, self.layered.coat.normal_on(self.side)]
+        [self.side.shading_normal, self.layered.coat.normal_or(self.side.shading_normal)]
             .map(|normal| normal.dot(direction))
     }
 
@@ -242,7 +244,7 @@ impl Reflection for LayeredReflection {
         let sheen_pdf = if cosine > 0.0 { Sheen::PDF } else { 0.0 };
         let mut lobe_pdf = base_share * base_pdf + sheen_share * sheen_pdf;
         if coat.strength > 0.0 {
-            let normal = coat.normal_on(self.side);
+            let normal = coat.normal_or(self.side.shading_normal);
             value = value.times(Rgb::splat(coat.left(normal.dot(viewer))));
             let (own, pdf) = coat.reflection(self.side).evaluate_with_pdf(viewer, source, 0.0);
             if cosine > 0.0 {
@@ -431,7 +433,7 @@ mod tests {
             let reflection = LayeredReflection::new(layered, side(Vec3::Z));
             for step in 1..=20 {
                 let cosine = step as f32 / 20.0;
-                let viewer = Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
+                let viewer = Vec3::new(f32::sqrt(1.0 - cosine * cosine), 0.0, cosine);
                 let albedo = reflection.albedo(viewer).x;
                 assert!((0.6..1.005).contains(&albedo), "{sheen_roughness} {cosine}: {albedo}");
             }
@@ -474,7 +476,7 @@ mod tests {
                 let reflection = LayeredReflection::new(layered, side(Vec3::Z));
                 for step in 1..=20 {
                     let cosine = step as f32 / 20.0;
-                    let viewer = Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
+                    let viewer = Vec3::new(f32::sqrt(1.0 - cosine * cosine), 0.0, cosine);
                     let albedo = reflection.albedo(viewer);
                     // What is below is a little brighter by itself at grazing angles.
                     let base = layered.base.facets;
@@ -514,17 +516,22 @@ mod tests {
         }
     }
 
-    /// What the split for light without directions says under light from all around is the albedo, and
-    /// nothing is less than black.
+    /// What the split for light without directions says under light from all around is the albedo, also
+    /// where the coat has a normal of its own, and nothing is less than black.
     #[test]
     fn diffuse_part_and_factor_of_the_lobes_make_the_albedo() {
         for below in bases() {
-            let layered = coated(below, 0.8, 0.3, Rgb::splat(0.7));
-            for cosine in [-0.1, 0.0, 0.02, 0.15, 0.5, 1.0] {
-                let [diffuse, factor] = layered.diffuse_and_lobe_factor(cosine);
+            let smooth = coated(below, 0.8, 0.3, Rgb::splat(0.7));
+            let tilted = smooth.with_coat_normal(Vec3::new(-0.6, 0.0, 0.8));
+            for (layered, cosine) in [smooth, tilted].into_iter().flat_map(|layered| {
+                [-0.1, 0.0, 0.02, 0.15, 0.5, 1.0].map(|cosine| (layered, cosine))
+            }) {
+                let viewer = Vec3::new(f32::sqrt(1.0 - cosine * cosine), 0.0, cosine);
+                let [diffuse, factor] = layered.diffuse_and_lobe_factor(Vec3::Z, viewer);
                 assert!(diffuse.min(factor).min_element() >= 0.0, "{layered:?} {cosine}");
-                let split = diffuse + layered.lobe_albedo(cosine) * factor;
-                let whole = layered.albedo(cosine);
+                let reflection = LayeredReflection::new(layered, side(Vec3::Z));
+                let lobes: Rgb = layered.lobe_albedos(reflection.cosines(viewer)).into_iter().sum();
+                let (split, whole) = (diffuse + lobes * factor, reflection.albedo(viewer));
                 assert!(split.abs_diff_eq(whole, 1e-3), "{layered:?} {cosine}: {split} {whole}");
             }
         }

@@ -81,15 +81,22 @@ impl Parameters {
         }
     }
 
-    /// What radiance of light without directions is multiplied by to be seen by a viewer at an angle
-    /// of that cosine, and what the lobe's is: diffuse albedo and factor. Loss of the diffuse part
-    /// towards grazing angles is in the factor ([`super::ggx::split`]).
-    pub fn diffuse_and_lobe_factor(&self, cosine: f32) -> [Rgb; 2] {
+    /// What radiance of light without directions is multiplied by to be seen by a viewer in a unit
+    /// direction, and what the lobe's is: diffuse albedo and factor; `normal` is the shading normal.
+    /// Loss of the diffuse part towards grazing angles is in the factor ([`super::ggx::split`]).
+    pub fn diffuse_and_lobe_factor(&self, normal: Vec3, viewer: Vec3) -> [Rgb; 2] {
         match self {
             Self::Phong(reflectance) => [reflectance.diffuse, Rgb::ONE],
-            Self::Ggx(facets) => facets.diffuse_and_lobe_factor(cosine),
-            Self::Layered(layered) => layered.diffuse_and_lobe_factor(cosine),
+            Self::Ggx(facets) => facets.diffuse_and_lobe_factor(normal.dot(viewer)),
+            Self::Layered(layered) => layered.diffuse_and_lobe_factor(normal, viewer),
         }
+    }
+
+    /// Albedo of the lobes towards a viewer in a unit direction, where the geometric and the shading
+    /// normal are those.
+    pub fn lobe_albedo(&self, [normal, shading_normal]: [Vec3; 2], viewer: Vec3) -> Rgb {
+        let side = Side { normal, shading_normal, back: false };
+        AnyReflection::new(self.lobe_only(), side).albedo(viewer)
     }
 
     /// Mean albedo of diffuse part and lobe together, over the hemisphere.

@@ -71,6 +71,8 @@ pub struct Fragment {
     pub diffuse: Rgb,
     /// Mean factor of what its lobes reflect to the camera: what the diffuse part loses there.
     pub lobe_factor: Rgb,
+    /// Mean albedo of its lobes towards the camera, where it varies; elsewhere the lobes' rays tell.
+    pub lobe_albedo: Option<Rgb>,
     /// Whether it reflects a lobe.
     pub glossy: bool,
     /// Whether it is the other side of another fragment of the pixel, which lets light through
@@ -149,19 +151,6 @@ fn is_within_dark_body(world: &World, cut: &Cut, frame: &Frame) -> bool {
     // What else is in the body may be in the way of some.
     let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z];
     [x, y, z, -x, -y, -z].iter().any(meets_back)
-}
-
-/// Means over the samples of a pixel on one facet on which something varies.
-#[derive(Default)]
-struct SampleMeans {
-    /// Diffuse albedo.
-    diffuse: Rgb,
-    /// Factor of lobes.
-    lobe_factor: Rgb,
-    /// What they show by themselves.
-    shine: Rgb,
-    /// Shading normal, not normalised.
-    normal: Vec3,
 }
 
 /// What a camera sees: all fragments and lobes of a picture.

@@ -2,7 +2,7 @@
 
 use super::{
     ALIKE_DIFFUSE, BAND, Fragment, Lobe, MOST_SAMPLES, MOST_TEXELS, NO_FRAGMENT, PictureFacet,
-    PixelSquare, SMOOTH_COSINE, STEP_PIXELS, SampleGroup, SampleMeans, VisibleSurfaces,
+    PixelSquare, SMOOTH_COSINE, STEP_PIXELS, SampleGroup, VisibleSurfaces,
 };
 use crate::hemicube::item;
 use crate::measurement::{BoxOffset, View};
@@ -309,14 +309,15 @@ impl VisibleSurfaces {
         let source_at = self.cut.to_source(FacetIndex(facet), at);
         let side = if back { -1.0 } else { 1.0 };
         let normal = world.smooth_normal(source, source_at, flat, side);
+        let mut lobe_albedo = None;
         let (diffuse, lobe_factor, shine, shading_normal) = if varies(world, source) {
             let means = self.means(world, (facet, back, &*placed), pixel, seen);
             let normal = means.normal.normalize_or(normal);
+            lobe_albedo = Some(means.lobe_albedo).filter(|_| !world.is_clear(source));
             (means.diffuse, means.lobe_factor, means.shine, normal)
         } else {
             let viewer = self.frame.towards_eye(point);
-            let [diffuse, lobe_factor] =
-                finish.parameters.diffuse_and_lobe_factor(normal.dot(viewer));
+            let [diffuse, lobe_factor] = finish.parameters.diffuse_and_lobe_factor(normal, viewer);
             (diffuse, lobe_factor, world.shine(source, source_at), normal)
         };
         // What is clear is seen by rays, with all that it reflects.
@@ -335,6 +336,7 @@ impl VisibleSurfaces {
             shading_normal,
             diffuse,
             lobe_factor,
+            lobe_albedo,
             glossy,
             is_beyond: false,
         };
@@ -356,11 +358,12 @@ impl VisibleSurfaces {
             let (point, flat) = placed.spot(back, self.within(placed, pixel, offset));
             let part = self.part((facet, placed), (pixel, offset), width);
             let normal = world.shading_normal_over(&self.pyramids, (source, &part), flat, side);
-            let cosine = normal.dot(self.frame.towards_eye(point));
-            let parameters = world.parameters_over(&self.pyramids, source, &part);
-            let [diffuse, lobe_factor] = parameters.diffuse_and_lobe_factor(cosine);
+            let viewer = self.frame.towards_eye(point);
+            let parameters = world.parameters_over(&self.pyramids, (source, &part), flat, side);
+            let [diffuse, lobe_factor] = parameters.diffuse_and_lobe_factor(normal, viewer);
             means.diffuse += diffuse * weight;
             means.lobe_factor += lobe_factor * weight;
+            means.lobe_albedo += parameters.lobe_albedo([flat, normal], viewer) * weight;
             means.shine += world.shine_over(&self.pyramids, source, &part) * weight;
             means.normal += normal * weight;
         }
@@ -377,7 +380,22 @@ fn shares(seconds: f64, bands: &[Band]) -> [f64; 2] {
 
 /// Whether anything that a fragment shows varies over a triangle.
 pub(super) fn varies(world: &World, source: u32) -> bool {
-    world.varies(source) || world.material(source).normal_map.is_some()
+    world.varies(source) || world.material(source).has_normal_map()
+}
+
+/// Means over the samples of a pixel on one facet on which something varies.
+#[derive(Default)]
+pub(super) struct SampleMeans {
+    /// Diffuse albedo.
+    pub diffuse: Rgb,
+    /// Factor of lobes.
+    pub lobe_factor: Rgb,
+    /// Albedo of lobes.
+    pub lobe_albedo: Rgb,
+    /// What they show by themselves.
+    pub shine: Rgb,
+    /// Shading normal, not normalised.
+    pub normal: Vec3,
 }
 
 /// What is seen of a facet in a pixel.
@@ -419,6 +437,8 @@ impl Fragment {
         self.shading_normal = shading.normalize_or(self.shading_normal);
         self.diffuse = self.diffuse * mine + other.diffuse * theirs;
         self.lobe_factor = self.lobe_factor * mine + other.lobe_factor * theirs;
+        let albedos = self.lobe_albedo.zip(other.lobe_albedo);
+        self.lobe_albedo = albedos.map(|(own, other)| own * mine + other * theirs);
         // Not that of the larger part: light changes by percents within a pixel.
         self.point = self.point * mine + other.point * theirs;
         if other.mask.count_ones() > self.mask.count_ones() {

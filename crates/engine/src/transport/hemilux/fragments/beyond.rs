@@ -52,6 +52,7 @@ impl VisibleSurfaces {
                 shading_normal: -own.shading_normal,
                 diffuse: passed / all,
                 lobe_factor: Rgb::ONE,
+                lobe_albedo: None,
                 glossy: false,
                 is_beyond: true,
                 ..own

@@ -84,6 +84,8 @@ struct Part {
     diffuse: Rgb,
     /// Factor of what its lobes reflect, times share.
     lobe_factor: Rgb,
+    /// Albedo of its lobes, where it varies, times share.
+    lobe_albedo: Rgb,
 }
 
 impl Edges {
@@ -109,6 +111,7 @@ impl Edges {
                 share: fragment.share,
                 diffuse: fragment.diffuse * fragment.share,
                 lobe_factor: fragment.lobe_factor * fragment.share,
+                lobe_albedo: fragment.lobe_albedo.unwrap_or_default() * fragment.share,
             },
             seen: Part::default(),
         };
@@ -203,6 +206,7 @@ impl Edges {
                 // Rasterised by one sample at least, so that its share is more than nothing.
                 fragment.diffuse = all.diffuse / all.share;
                 fragment.lobe_factor = all.lobe_factor / all.share;
+                fragment.lobe_albedo = fragment.lobe_albedo.map(|_| all.lobe_albedo / all.share);
             }
         }
     }
@@ -276,14 +280,16 @@ impl EdgePixel {
         let own = &visible.fragments[visible.of_pixel(self.pixel)];
         match visible.alike(own, &one) {
             Some(index) => {
+                let lobe_albedo = one.lobe_albedo.unwrap_or_default();
                 let (diffuse, lobe_factor) = (one.diffuse, one.lobe_factor);
-                fragments[index].seen += Part { share: 1.0, diffuse, lobe_factor };
+                fragments[index].seen += Part { share: 1.0, diffuse, lobe_factor, lobe_albedo };
                 if let Some(beyond) = visible.beyond_in(own, index) {
                     let seen = SeenPart::at(offset, side);
                     let code = visible.code_of(&hit).unwrap_or(item::EMPTY);
                     let diffuse = visible.passed(world, self.pixel, code, seen);
                     let lobe_factor = own[beyond].lobe_factor;
-                    fragments[beyond].seen += Part { share: 1.0, diffuse, lobe_factor };
+                    let part = Part { share: 1.0, diffuse, lobe_factor, lobe_albedo: Rgb::ZERO };
+                    fragments[beyond].seen += part;
                 }
             }
             None => self.seen.stray += stray(&hit, direction, places.apart()),
@@ -370,7 +376,7 @@ impl Beside {
 
 impl Part {
     fn is_sound(&self) -> bool {
-        let colours = [self.diffuse, self.lobe_factor];
+        let colours = [self.diffuse, self.lobe_factor, self.lobe_albedo];
         let share = self.share >= 0.0 && self.share.is_finite();
         share && colours.iter().all(|own| own.is_finite())
     }
@@ -410,6 +416,7 @@ impl Mul<f32> for Part {
             share: self.share * factor,
             diffuse: self.diffuse * factor,
             lobe_factor: self.lobe_factor * factor,
+            lobe_albedo: self.lobe_albedo * factor,
         }
     }
 }
@@ -422,6 +429,7 @@ impl Add for Part {
             share: self.share + other.share,
             diffuse: self.diffuse + other.diffuse,
             lobe_factor: self.lobe_factor + other.lobe_factor,
+            lobe_albedo: self.lobe_albedo + other.lobe_albedo,
         }
     }
 }

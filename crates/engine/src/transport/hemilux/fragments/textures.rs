@@ -40,7 +40,7 @@ pub struct Ahead {
     pub fragment: usize,
     /// Change of its diffuse albedo.
     pub diffuse: Rgb,
-    /// Change of the factor of its lobes.
+    /// Change of the factor of its lobes times their albedo, over that albedo.
     pub lobe_factor: Rgb,
     /// Change of what comes through from its other side.
     pub passed: Rgb,
@@ -51,6 +51,7 @@ pub struct Ahead {
 struct Reading {
     diffuse: Rgb,
     lobe_factor: Rgb,
+    lobe_albedo: Rgb,
     passed: Rgb,
     shine: Rgb,
 }
@@ -109,16 +110,15 @@ impl Textures {
         let known = &*visible;
         let read = |index: &u32| known.reading(*index as usize, halvings);
         let readings: Vec<Reading> = self.fragments.par_iter().with_min_len(64).map(read).collect();
-        for (index, Reading { diffuse, lobe_factor, passed, shine }) in
-            self.fragments.iter().zip(readings)
-        {
+        for (index, read) in self.fragments.iter().zip(readings) {
             let index = *index as usize;
             let beyond = visible.beyond(index);
             let fragment = &mut visible.fragments[index];
-            (fragment.diffuse, fragment.lobe_factor) = (diffuse, lobe_factor);
-            visible.shine[fragment.pixel as usize] = shine;
+            (fragment.diffuse, fragment.lobe_factor) = (read.diffuse, read.lobe_factor);
+            fragment.lobe_albedo = fragment.lobe_albedo.map(|_| read.lobe_albedo);
+            visible.shine[fragment.pixel as usize] = read.shine;
             if let Some(beyond) = beyond {
-                visible.fragments[beyond].diffuse = passed;
+                visible.fragments[beyond].diffuse = read.passed;
             }
         }
         self.look_ahead(visible);
@@ -132,10 +132,12 @@ impl Textures {
             let read = visible.reading(index, self.halvings + 1);
             let fragment = &visible.fragments[index];
             let beyond = visible.beyond(index).map(|beyond| visible.fragments[beyond].diffuse);
+            let albedo = fragment.lobe_albedo.unwrap_or(read.lobe_albedo);
+            let times = read.lobe_albedo / albedo.max(Rgb::splat(f32::MIN_POSITIVE));
             Ahead {
                 fragment: index,
                 diffuse: read.diffuse - fragment.diffuse,
-                lobe_factor: read.lobe_factor - fragment.lobe_factor,
+                lobe_factor: read.lobe_factor * times - fragment.lobe_factor,
                 passed: beyond.map_or(Rgb::ZERO, |before| read.passed - before),
             }
         };
@@ -180,6 +182,7 @@ impl VisibleSurfaces {
             let means = self.means(world, own, fragment.pixel, seen());
             sum.diffuse += means.diffuse;
             sum.lobe_factor += means.lobe_factor;
+            sum.lobe_albedo += means.lobe_albedo;
             sum.shine += means.shine;
             if is_translucent {
                 sum.passed += self.passed(world, fragment.pixel, *code, seen());
@@ -188,13 +191,15 @@ impl VisibleSurfaces {
         }
         if count == 0.0 {
             let Fragment { diffuse, lobe_factor, pixel, .. } = *fragment;
+            let lobe_albedo = fragment.lobe_albedo.unwrap_or_default();
             let passed = self.beyond(index).map(|beyond| self.fragments[beyond].diffuse);
             let (passed, shine) = (passed.unwrap_or_default(), self.shine[pixel as usize]);
-            return Reading { diffuse, lobe_factor, passed, shine };
+            return Reading { diffuse, lobe_factor, lobe_albedo, passed, shine };
         }
         Reading {
             diffuse: sum.diffuse / count,
             lobe_factor: sum.lobe_factor / count,
+            lobe_albedo: sum.lobe_albedo / count,
             passed: sum.passed / count,
             shine: sum.shine / count,
         }
@@ -210,6 +215,7 @@ mod tests {
     use crate::scene::part::Part;
     use crate::transport::hemilux::fragments::MOST_SAMPLES;
     use crate::transport::hemilux::specimen::Specimen;
+    use glam::Vec3;
 
     /// Places along a pixel at which the texture is read for the exact mean.
     const POINTS: u32 = 256;
@@ -224,8 +230,9 @@ mod tests {
             let (origin, direction) = visible.ray(pixel, offset);
             let hit = world.rays.closest(Eye::Camera, origin, direction).expect("a floor");
             let point = Part { at: Vec2::new(hit.u, hit.v), edges: [Vec2::ZERO; 2] };
-            let parameters = world.parameters_over(&visible.pyramids, hit.triangle, &point);
-            parameters.diffuse_and_lobe_factor(-direction.y)[0]
+            let place = (hit.triangle, &point);
+            let parameters = world.parameters_over(&visible.pyramids, place, Vec3::Y, 1.0);
+            parameters.diffuse_and_lobe_factor(Vec3::Y, -direction)[0]
         };
         points.map(albedo).sum::<Rgb>() / (POINTS * POINTS) as f32
     }

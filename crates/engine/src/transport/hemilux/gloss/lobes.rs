@@ -182,7 +182,7 @@ impl Gloss {
     /// far below that of the rest ([`NEGLIGIBLE_ERROR`]): by what some of them show.
     pub fn may_matter(&self, visible: &VisibleSurfaces, iterations: u64) -> bool {
         let of_lobe = |lobe: usize| {
-            let [_, variance] = self.reflected(lobe);
+            let [_, variance] = self.reflected(visible, lobe);
             let lobe = &visible.lobes[lobe];
             let factor = visible.fragments[lobe.fragment as usize].lobe_factor;
             let share = visible.share(lobe);
@@ -218,14 +218,15 @@ impl Gloss {
                 |work_by_scatter| work_by_scatter[index],
             );
             // Pixels of a tile take the points of a sequence in turn.
-            let pixel = visible.fragments[lobe.fragment as usize].pixel;
+            let fragment = &visible.fragments[lobe.fragment as usize];
+            let (pixel, is_told) = (fragment.pixel, fragment.lobe_albedo.is_some());
             let (x, y) = (pixel % visible.width, pixel / visible.width);
             let tile = u64::from(y / 4) << 32 | u64::from(x / 4);
             let sequence = Shifted::new(seed, Stream::Gloss, tile);
             let place = BAYER[(y % 4 * 4 + x % 4) as usize];
             for ray in sums.rays..sums.rays + work.rays {
                 let at = sequence.of_pixel(place, ray);
-                sums.add(trace(coarse, visible, (lobe, ray), &at));
+                sums.add(trace(coarse, visible, (lobe, ray), &at), is_told);
             }
             if !sums.sees_sky() {
                 return;
@@ -233,8 +234,7 @@ impl Gloss {
             let sequence = Shifted::new(seed, Stream::OpenLobe, u64::from(pixel));
             for batch in sums.batches..sums.batches + work.batches {
                 let lit = (&*coarse.world, &*coarse.lights);
-                let (mean, albedo) = open_sky::batch(lit, visible, (lobe, batch), &sequence);
-                sums.add_batch(mean, albedo);
+                sums.add_batch(open_sky::batch(lit, visible, (lobe, batch), &sequence), is_told);
             }
         });
         self.passes += 1;
@@ -340,7 +340,7 @@ impl Gloss {
     /// Radiance that each fragment's lobes reflect to the camera, with its variance.
     pub fn of_fragments(&self, visible: &VisibleSurfaces) -> Vec<(Rgb, Rgb)> {
         let own = |lobe| {
-            let [mean, variance] = self.reflected(lobe);
+            let [mean, variance] = self.reflected(visible, lobe);
             (mean.max(Rgb::ZERO), variance)
         };
         let lobes: Vec<(Rgb, Rgb)> =
@@ -354,9 +354,10 @@ impl Gloss {
     }
 
     /// Radiance that a lobe reflects to the camera, and its variance.
-    fn reflected(&self, lobe: usize) -> [Rgb; 2] {
+    fn reflected(&self, visible: &VisibleSurfaces, lobe: usize) -> [Rgb; 2] {
         let Shown { mean, variance, .. } = self.shown.get(lobe).copied().unwrap_or_default();
-        self.sums[lobe].reflected(mean, variance)
+        let fragment = &visible.fragments[visible.lobes[lobe].fragment as usize];
+        self.sums[lobe].reflected((mean, variance), fragment.lobe_albedo)
     }
 
     /// Finds what each lobe shows after the passes so far: with what neighbours found, if they share it, and

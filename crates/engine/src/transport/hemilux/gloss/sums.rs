@@ -8,6 +8,9 @@
 //! is seen. The factor comes from the rays of the lobes beside it, so that it knows nothing of the
 //! chance in its own, which would bias the mean. In the open nothing scatters then.
 //!
+//! Where textures vary, the albedo over the pixel is read from these, and what rays are asked for is
+//! radiance over albedo alone: what scatters with the albedo is no noise of theirs.
+//!
 //! [`batch`]: super::open_sky::batch
 
 use crate::radiometry::Rgb;
@@ -41,6 +44,16 @@ pub struct LobeSums {
     open_ray_squares: f32,
     /// Σ squares of the batches' means.
     open_squares: f32,
+    /// Σ radiance · albedo; like the four that follow 0 where the rays' own albedos count.
+    albedo_products: f32,
+    /// Σ radiance of an open sky · albedo.
+    albedo_open_products: f32,
+    /// Σ squares of albedos.
+    albedo_squares: f32,
+    /// Σ over batches: mean · albedo where its directions start.
+    batch_products: f32,
+    /// Σ over batches: squares of these albedos.
+    batch_squares: f32,
     /// Σ 1/distance to what they met.
     nearness: f32,
     /// Rays so far.
@@ -65,8 +78,8 @@ pub struct Found {
 }
 
 impl LobeSums {
-    /// Adds a ray.
-    pub fn add(&mut self, found: Found) {
+    /// Adds a ray; `is_told` where the albedo over the pixel is told by others.
+    pub fn add(&mut self, found: Found, is_told: bool) {
         self.radiance += found.radiance;
         self.open_rays += found.open_sky;
         self.albedo += found.albedo;
@@ -74,15 +87,25 @@ impl LobeSums {
         self.squares += found.radiance.length_squared();
         self.products += found.radiance.dot(found.open_sky);
         self.open_ray_squares += found.open_sky.length_squared();
+        if is_told {
+            self.albedo_products += found.radiance.dot(found.albedo);
+            self.albedo_open_products += found.open_sky.dot(found.albedo);
+            self.albedo_squares += found.albedo.length_squared();
+        }
         self.nearness += found.nearness;
         self.rays += 1;
     }
 
-    /// Adds a batch of directions along which an open sky has that mean, from a place of that albedo.
-    pub fn add_batch(&mut self, mean: Rgb, albedo: Rgb) {
+    /// Adds a batch of directions along which an open sky has that mean, from a place of that albedo;
+    /// `is_told` as with rays.
+    pub fn add_batch(&mut self, (mean, albedo): (Rgb, Rgb), is_told: bool) {
         self.open += mean;
         self.open_albedo += albedo;
         self.open_squares += mean.length_squared();
+        if is_told {
+            self.batch_products += mean.dot(albedo);
+            self.batch_squares += albedo.length_squared();
+        }
         self.batches += 1;
     }
 
@@ -146,9 +169,10 @@ impl LobeSums {
     }
 
     /// What the lobe reflects of radiance over albedo with that mean and variance, the sum of all
-    /// channels': mean and variance, of the channels alike.
-    pub fn reflected(&self, mean: Rgb, variance: f32) -> [Rgb; 2] {
-        let albedo = self.mean_albedo();
+    /// channels': mean and variance, of the channels alike. The albedo is the given one, or else that of
+    /// its rays' places.
+    pub fn reflected(&self, (mean, variance): (Rgb, f32), albedo: Option<Rgb>) -> [Rgb; 2] {
+        let albedo = albedo.unwrap_or_else(|| self.mean_albedo());
         [mean * albedo, Rgb::splat(variance * albedo.length_squared() / 9.0)]
     }
 
@@ -158,16 +182,32 @@ impl LobeSums {
         let mean = (self.radiance - factor * self.open_rays) / count;
         let squares =
             self.squares - factor * (2.0 * self.products - factor * self.open_ray_squares);
-        (squares / count - mean.length_squared()).max(0.0) * (count / (count - 1.0))
+        let products = self.albedo_products - factor * self.albedo_open_products;
+        let with_albedo = [products, self.albedo_squares].map(|sum| sum / count);
+        variance([mean, self.albedo / count], squares / count, with_albedo)
+            * (count / (count - 1.0))
     }
 
     /// Variance of the radiance that a batch brings to the correction.
     pub fn batch_variance(&self, factor: f32) -> f32 {
         let count = self.batches.max(2) as f32;
-        let mean = self.open / count;
-        let own = (self.open_squares / count - mean.length_squared()).max(0.0);
+        let means = [self.open, self.open_albedo].map(|sum| sum / count);
+        let with_albedo = [self.batch_products, self.batch_squares].map(|sum| sum / count);
+        let own = variance(means, self.open_squares / count, with_albedo);
         factor * factor * own * (count / (count - 1.0))
     }
+}
+
+/// Variance of values with that mean and mean square beside a multiple of their albedos, of which the mean
+/// product with the values and the mean square are given, as they are 0 where albedos do not count. The
+/// multiple is one for all channels.
+fn variance([mean, albedo]: [Rgb; 2], squares: f32, [products, albedo_squares]: [f32; 2]) -> f32 {
+    if albedo_squares == 0.0 {
+        return (squares - mean.length_squared()).max(0.0);
+    }
+    let times = mean.element_sum() / albedo.element_sum();
+    let squares = squares - times * (2.0 * products - times * albedo_squares);
+    (squares - (mean - times * albedo).length_squared()).max(0.0)
 }
 
 /// The factor by which rays vary with an open sky, by the covariances of several lobes; 0 where the
@@ -192,16 +232,19 @@ mod tests {
             let open_sky = sky();
             let is_seen = others.uniform() < seen;
             let met = if is_seen { open_sky } else { Rgb::splat(0.3) };
-            sums.add(Found {
+            let found = Found {
                 radiance: met,
                 sky: if is_seen { open_sky } else { Rgb::ZERO },
                 open_sky,
                 albedo: Rgb::ONE,
                 nearness: 0.0,
-            });
+            };
+            sums.add(found, false);
         }
-        (0..batches)
-            .for_each(|_| sums.add_batch((0..8).map(|_| sky()).sum::<Rgb>() / 8.0, Rgb::ONE));
+        for _ in 0..batches {
+            let mean = (0..8).map(|_| sky()).sum::<Rgb>() / 8.0;
+            sums.add_batch((mean, Rgb::ONE), false);
+        }
         sums
     }
 
@@ -231,6 +274,42 @@ mod tests {
             let said = all.iter().zip(&factors).map(|(s, f)| variance(s, *f)).sum::<f32>() / count;
             assert!((said / spread - 1.0).abs() < 0.1, "{seen}: {said} {spread}");
         }
+    }
+
+    /// Where the albedo over the pixel is known, what varies with it is no noise: over seeds, radiance over
+    /// albedo scatters as one lobe says, and less than radiance does.
+    #[test]
+    fn what_varies_with_a_known_albedo_is_no_noise() {
+        const RAYS: u32 = 12;
+        let textured = |seed: u64| {
+            let mut numbers = Numbers::new(seed, Stream::Gloss, 0);
+            let mut sums = LobeSums::default();
+            for _ in 0..RAYS {
+                let albedo =
+                    Rgb::new(0.9, 0.6, 0.3) * if numbers.uniform() < 0.5 { 0.2 } else { 1.0 };
+                let light = 1.0 + 0.2 * (numbers.uniform() - 0.5);
+                let (radiance, dark) = (albedo * light, Rgb::ZERO);
+                let found = Found { radiance, sky: dark, open_sky: dark, albedo, nearness: 0.0 };
+                sums.add(found, true);
+                sums.add_batch((radiance, albedo), true);
+            }
+            sums
+        };
+        let all: Vec<LobeSums> = (0..4000).map(textured).collect();
+        let spread = |values: &[Rgb]| {
+            let mean = values.iter().sum::<Rgb>() / values.len() as f32;
+            let squares = values.iter().map(|own| own.distance_squared(mean)).sum::<f32>();
+            squares / values.len() as f32
+        };
+        for of in [|sums: &LobeSums| sums.rest(0.0), LobeSums::open_sky] {
+            let (values, said): (Vec<Rgb>, Vec<f32>) = all.iter().map(of).unzip();
+            let (spread, said) = (spread(&values), said.iter().sum::<f32>() / all.len() as f32);
+            // By the mean albedo of few rays, squared, what is said is somewhat more.
+            assert!((0.8..1.5).contains(&(said / spread)), "{said} {spread}");
+        }
+        let radiance: Vec<Rgb> = all.iter().map(|sums| sums.radiance / sums.count()).collect();
+        let relative = spread(&radiance) / all[0].mean_albedo().length_squared();
+        assert!(3.0 * relative > 20.0 * all[0].rest(0.0).1, "{relative}");
     }
 
     /// In the open, rays say nothing that is not known: what varies is the batches alone.
