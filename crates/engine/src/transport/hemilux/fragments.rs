@@ -110,7 +110,10 @@ pub struct Lobe {
 /// A facet with its barycentric coordinates as linear functions of the pixel.
 #[derive(Clone)]
 struct PictureFacet {
-    corners: [Vec3; 3],
+    /// The corners of the scene's triangle that it lies in: its own, rounded, are off the plane.
+    whole: [Vec3; 3],
+    /// Where its own lie in that.
+    source: [Vec2; 3],
     planes: [PixelPlane; 3],
     normal: Vec3,
     inset: f32,
@@ -120,7 +123,13 @@ impl PictureFacet {
     /// A place on a side, off the surface by the rounding error, and that side's normal.
     fn spot(&self, back: bool, at: Vec2) -> (Vec3, Vec3) {
         let normal = if back { -self.normal } else { self.normal };
-        (Spot::new(self.corners, self.normal, at.x, at.y).off_surface(normal), normal)
+        (self.spot_on_front(at).off_surface(normal), normal)
+    }
+
+    fn spot_on_front(&self, at: Vec2) -> Spot {
+        let [a, b, c] = self.source;
+        let at = a * (1.0 - at.x - at.y) + b * at.x + c * at.y;
+        Spot::new(self.whole, self.normal, at.x, at.y)
     }
 }
 
@@ -134,9 +143,10 @@ impl Placing {
     fn place(&self, cut: &Cut, facet: FacetIndex) -> PictureFacet {
         let corners = cut.corners(facet);
         let planes = self.grid.edges(corners);
-        let corners = corners.map(|corner| self.world.rays.place(corner));
-        let normal = unit_normal(corners);
-        PictureFacet { corners, planes, normal, inset: inset(corners) }
+        let inset = inset(corners.map(|corner| self.world.rays.place(corner)));
+        let (whole, _) = self.world.rays.corners(&self.world.scene, cut.source(facet));
+        let source = [Vec2::ZERO, Vec2::X, Vec2::Y].map(|at| cut.to_source(facet, at));
+        PictureFacet { whole, source, planes, normal: unit_normal(whole), inset }
     }
 }
 
@@ -387,7 +397,7 @@ impl VisibleSurfaces {
         let pixel = self.of_lobe(lobe).pixel;
         let placed = self.placed(facet);
         let at = self.within(&placed, pixel, offset);
-        let spot = Spot::new(placed.corners, placed.normal, at.x, at.y);
+        let spot = placed.spot_on_front(at);
         let source = self.cut.source(FacetIndex(facet));
         let side = if back { -1.0 } else { 1.0 };
         if !world.varies(source) {

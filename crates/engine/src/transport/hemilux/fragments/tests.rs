@@ -6,6 +6,7 @@ use crate::scene::environment::{Environment, Sky};
 use crate::scene::gltf::{ImportLimits, Resources, import};
 use crate::scene::{Scene, Triangle, made};
 use crate::transport::hemilux::specimen::{EMISSION, Specimen};
+use glam::{EulerRot, Mat4, Quat};
 
 #[test]
 fn the_samples_of_a_pixel_are_shared_out() {
@@ -56,6 +57,47 @@ fn a_fragment_is_sampled_on_all_its_facets() {
             assert!((seen - 1.0).abs() < 1e-3, "pixel {} sees {seen} as far", fragment.pixel);
         }
     }
+}
+
+/// Where a scene lies far from the origin, corners of facets that are cut out of triangles are rounded off
+/// the triangles' planes. Rays start above these all the same, or a surface would lie in its own shadow.
+#[test]
+fn far_from_the_origin_points_lie_above_their_triangles() {
+    let mut scene = import(&made::cornell(), &Resources::new(), &ImportLimits::default()).unwrap();
+    let moved = Mat4::from_rotation_translation(
+        Quat::from_euler(EulerRot::XYZ, 0.4, 1.1, -0.7),
+        Vec3::new(137.3, -61.7, 89.1),
+    );
+    for vertex in &mut scene.vertices {
+        vertex.position = moved.transform_point3(vertex.position);
+        vertex.normal = moved.transform_vector3(vertex.normal);
+    }
+    for camera in &mut scene.cameras {
+        camera.to_world = moved * camera.to_world;
+    }
+    let specimen = Specimen::of(scene, Environment::none(), 500);
+    let (visible, world) = (specimen.visible(), &specimen.world);
+    let (mut points, mut cut, mut below) = (0, 0, 0);
+    for fragment in &visible.fragments {
+        let (facet, _) = item::decode(fragment.code).expect("a facet");
+        let source = visible.cut.source(FacetIndex(facet));
+        let [corner, ..] = world.rays.corners(&world.scene, source).0.map(Vec3::as_dvec3);
+        let normal = visible.flat_normal(fragment).as_dvec3();
+        let whole = [Vec2::ZERO, Vec2::X, Vec2::Y];
+        cut += u32::from(whole.map(|at| visible.cut.to_source(FacetIndex(facet), at)) != whole);
+        // By its own corners.
+        let own = visible.cut.corners(FacetIndex(facet)).map(|corner| world.rays.place(corner));
+        let spot = Spot::new(own, unit_normal(own), 0.3, 0.3);
+        let start = spot.off_surface(visible.flat_normal(fragment)).as_dvec3();
+        below += u32::from(normal.dot(start - corner) <= 0.0);
+        for n in 0..if fragment.has_one_facet() { visible.count(fragment) } else { 0 } {
+            let above = normal.dot(visible.sample_point(fragment, n).as_dvec3() - corner);
+            assert!(above > 0.0, "pixel {} is {above} above", fragment.pixel);
+            points += 1;
+        }
+    }
+    assert!(points > 1000 && cut > 30, "{points} points, {cut} fragments of cut facets");
+    assert!(below > 0, "rounding matters here");
 }
 
 #[test]
