@@ -164,7 +164,7 @@ impl PolygonLights {
     ) -> Option<LightPoint> {
         let (pick, probability) = self.pick_light(unoccluded, point, normal, xi.x)?;
         let light = &self.closed_forms.lights()[pick];
-        let near = self.is_exact() && light.is_near(point);
+        let near = light.is_near(point);
         let (place, solid_angle) = match near {
             true => light.point_by_solid_angle(point, xi.y, xi.z)?,
             false => (light.point_by_area(xi.y, xi.z), 0.0),
@@ -250,7 +250,7 @@ impl PolygonLights {
             self.tree.probability(pick, start, start_normal)
         };
         let light = &self.closed_forms.lights()[pick];
-        if light.is_near(start) && self.is_exact() {
+        if light.is_near(start) {
             return probability / light.solid_angle(start).max(f32::MIN_POSITIVE);
         }
         let cosine = normal.dot(direction).abs().max(f32::MIN_POSITIVE);

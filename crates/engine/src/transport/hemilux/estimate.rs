@@ -192,8 +192,13 @@ pub fn measure(known: &PictureInputs<'_>) -> (Picture, Option<Errors>) {
         .with_min_len(1024)
         .map(|pixel| known.pixel(&gloss, coverage, pixel))
         .collect();
-    let errors =
-        errors(&estimates, &visible.shine, [known.link_variance, known.texture_variance(&gloss)]);
+    let counts: Vec<bool> = estimates
+        .par_iter()
+        .enumerate()
+        .map(|(pixel, estimate)| !visible.shows_lamp(pixel, estimate.radiance))
+        .collect();
+    let by_textures = known.texture_variance(&gloss, &counts);
+    let errors = errors(&estimates, &counts, [known.link_variance, by_textures]);
     let pixels = estimates.iter().map(|estimate| estimate.radiance).collect();
     let alpha = (!visible.coverage.is_empty()).then(|| visible.coverage.clone());
     (Picture { alpha, ..Picture::new(visible.width, visible.height, pixels) }, errors)
@@ -292,8 +297,8 @@ impl PictureInputs<'_> {
 
 impl PictureInputs<'_> {
     /// Variance of radiance by textures that are read too coarsely, the mean over channels and all pixels:
-    /// by what smaller squares change of some.
-    fn texture_variance(&self, gloss: &[(Rgb, Rgb)]) -> f64 {
+    /// by what smaller squares change of some; `counts` says which pixels are no lamps'.
+    fn texture_variance(&self, gloss: &[(Rgb, Rgb)], counts: &[bool]) -> f64 {
         let Some((ahead, each)) = self.textures.map(Textures::ahead) else { return 0.0 };
         let visible = self.visible;
         let change = |own: &Ahead| {
@@ -303,11 +308,9 @@ impl PictureInputs<'_> {
             let passed = beyond.map_or(Rgb::ZERO, |beyond| self.irradiance(beyond).0);
             arriving + lobes * own.lobe_factor + passed * own.passed / PI
         };
-        let counts = |own: &&Ahead| {
-            visible.shine[visible.fragments[own.fragment].pixel as usize] == Rgb::ZERO
-        };
-        let squares = ahead.iter().filter(counts).map(change).map(|own| own.length_squared());
-        let pixels = visible.shine.iter().filter(|shine| **shine == Rgb::ZERO).count().max(1);
+        let is_counted = |own: &&Ahead| counts[visible.fragments[own.fragment].pixel as usize];
+        let squares = ahead.iter().filter(is_counted).map(change).map(|own| own.length_squared());
+        let pixels = counts.iter().filter(|counts| **counts).count().max(1);
         squares.map(f64::from).sum::<f64>() * each / (3.0 * pixels as f64)
     }
 
@@ -330,17 +333,17 @@ impl PictureInputs<'_> {
     }
 }
 
-/// Relative errors over the pixels that see no emitter; `None` where these are black.
+/// Relative errors over the pixels that count, which are no lamps'; `None` where these are black.
 ///
 /// The last two variances are the mean over all pixels and channels of what links and textures add.
 fn errors(
     estimates: &[PixelEstimate],
-    shine: &[Rgb],
+    counts: &[bool],
     [by_links, by_textures]: [f64; 2],
 ) -> Option<Errors> {
     let (mut sum, mut variance, mut pixels) = (0.0, [0.0; 5], 0.0);
-    for (estimate, shine) in estimates.iter().zip(shine) {
-        if *shine == Rgb::ZERO {
+    for (estimate, counts) in estimates.iter().zip(counts) {
+        if *counts {
             sum += f64::from(estimate.radiance.element_sum());
             for (all, own) in variance.iter_mut().zip(estimate.variance) {
                 *all += f64::from(own);

@@ -4,6 +4,7 @@
 mod band;
 mod beyond;
 pub mod edges;
+pub mod lamps;
 pub mod textures;
 
 use super::instance_pixels::InstancePixels;

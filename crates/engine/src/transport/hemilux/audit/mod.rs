@@ -163,7 +163,7 @@ impl Audit {
             let at = place(seed, number);
             let (x, y) = pixel_at(at, visible);
             let pixel = (y * visible.width + x) as usize;
-            if visible.shine[pixel] == Rgb::ZERO {
+            if !visible.shows_lamp(pixel, picture.pixels[pixel]) {
                 grid.add(at, picture.pixels[pixel], *brought);
             }
         }

@@ -165,9 +165,10 @@ impl Lit<'_> {
     fn changes(&self, pixel: usize) -> Option<[Rgb; 2]> {
         let visible = self.visible;
         let size = [visible.width, visible.height];
-        let (mut steps, mut unresolved) = (Rgb::ZERO, Rgb::ZERO);
+        let (mut steps, mut unresolved, mut shown) = (Rgb::ZERO, Rgb::ZERO, visible.shine[pixel]);
         for at in visible.start[pixel] as usize..visible.start[pixel + 1] as usize {
             let (fragment, own) = (&visible.fragments[at], self.arriving[at]);
+            shown += fragment.reflected(&own);
             let alike = |other: &Fragment| self.likeness(other, fragment);
             let going_on = self.between(beside(pixel, size), alike);
             let other = going_on.or_else(|| self.between(beside(pixel, size), |_| 1.0));
@@ -180,7 +181,7 @@ impl Lit<'_> {
             *(if going_on.is_some() { &mut steps } else { &mut unresolved }) += diffuse;
             unresolved += lobes;
         }
-        (visible.shine[pixel] == Rgb::ZERO).then_some([steps, unresolved])
+        (!visible.shows_lamp(pixel, shown)).then_some([steps, unresolved])
     }
 
     /// Light at a fragment of another picture: between that of fragments around it on the same surface or,

@@ -1,6 +1,7 @@
 //! Drafts by their pixels: which size they have, and how they are shown linearly in between in the size
 //! that was asked for.
 
+use super::super::fragments::lamps::is_lamp;
 use crate::image::Picture;
 use crate::measurement::Frame;
 use crate::radiometry::Rgb;
@@ -127,7 +128,7 @@ pub fn loss(picture: &Picture, shine: &[Rgb], mean: f64) -> f64 {
     let smooth = mapping.resampled(&halved, size, from);
     let (mut sum, mut count) = (0.0, 0.0);
     for ((own, smooth), shine) in dim.iter().zip(&smooth).zip(shine) {
-        if *shine == Rgb::ZERO {
+        if !is_lamp(*shine, *own + *shine) {
             sum += f64::from((*own - *smooth).length_squared());
             count += 3.0;
         }
