@@ -34,7 +34,7 @@ impl Coat {
         Microfacets::coat(COAT_F0, self.alpha)
     }
 
-    /// Its unit normal where that is the shading normal.
+    /// Its own unit normal, or the shading normal, which is given.
     pub fn normal_or(&self, shading_normal: Vec3) -> Vec3 {
         if self.normal == Vec3::ZERO { shading_normal } else { self.normal }
     }

@@ -433,7 +433,7 @@ mod tests {
             let reflection = LayeredReflection::new(layered, side(Vec3::Z));
             for step in 1..=20 {
                 let cosine = step as f32 / 20.0;
-                let viewer = Vec3::new(f32::sqrt(1.0 - cosine * cosine), 0.0, cosine);
+                let viewer = Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
                 let albedo = reflection.albedo(viewer).x;
                 assert!((0.6..1.005).contains(&albedo), "{sheen_roughness} {cosine}: {albedo}");
             }
@@ -476,7 +476,7 @@ mod tests {
                 let reflection = LayeredReflection::new(layered, side(Vec3::Z));
                 for step in 1..=20 {
                     let cosine = step as f32 / 20.0;
-                    let viewer = Vec3::new(f32::sqrt(1.0 - cosine * cosine), 0.0, cosine);
+                    let viewer = Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
                     let albedo = reflection.albedo(viewer);
                     // What is below is a little brighter by itself at grazing angles.
                     let base = layered.base.facets;
