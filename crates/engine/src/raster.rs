@@ -5,7 +5,7 @@
 //! so nothing is clipped and there is no near plane. Neighbours compute a shared edge from the
 //! same two corners with opposite sign, bit for bit, so they neither overlap nor leave a crack.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// A linear function of the pixel: per_column·column + at_row(row).
 #[derive(Clone, Copy, Debug)]
@@ -30,6 +30,12 @@ impl PixelPlane {
 /// relative to the eye.
 #[inline(always)]
 pub fn edge_planes([a, b, c]: [Vec3; 3]) -> [Vec3; 3] {
+    [b.cross(c), c.cross(a), a.cross(b)]
+}
+
+/// The same in double precision.
+pub fn exact_edge_planes(corners: [Vec3; 3]) -> [DVec3; 3] {
+    let [a, b, c] = corners.map(Vec3::as_dvec3);
     [b.cross(c), c.cross(a), a.cross(b)]
 }
 

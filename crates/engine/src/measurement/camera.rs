@@ -3,9 +3,9 @@
 use super::pixel_box::PixelBox;
 use crate::hemicube::item;
 use crate::patches::{Cut, Facet, FacetIndex, NO_PATCH, PatchedScene};
-use crate::raster::{PixelPlane, PixelTriangle, centre_range, edge_planes};
+use crate::raster::{PixelPlane, PixelTriangle, centre_range, exact_edge_planes};
 use crate::scene::{Camera, Projection};
-use glam::{Vec2, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Facets that a thread sets up at a time.
@@ -330,16 +330,17 @@ impl View {
 
     /// Edge functions of a facet without the sub-pixel offset.
     pub fn edges(&self, corners: [Vec3; 3]) -> [PixelPlane; 3] {
-        edge_planes(corners.map(|corner| self.frame.project(corner).0))
+        exact_edge_planes(corners.map(|corner| self.frame.project(corner).0))
             .map(|plane| self.pixel_plane(plane))
     }
 
-    fn pixel_plane(&self, plane: Vec3) -> PixelPlane {
-        let step = Vec2::new(2.0 / self.width as f32, 2.0 / self.height as f32);
+    fn pixel_plane(&self, plane: DVec3) -> PixelPlane {
+        let step = 2.0 / DVec2::new(f64::from(self.width), f64::from(self.height));
+        let constant = plane.z + plane.x * (0.5 * step.x - 1.0) + plane.y * (1.0 - 0.5 * step.y);
         PixelPlane {
-            per_column: plane.x * step.x,
-            per_row: -plane.y * step.y,
-            constant: plane.z + plane.x * (0.5 * step.x - 1.0) + plane.y * (1.0 - 0.5 * step.y),
+            per_column: (plane.x * step.x) as f32,
+            per_row: (-plane.y * step.y) as f32,
+            constant: constant as f32,
         }
     }
 
@@ -356,18 +357,21 @@ impl View {
             return None;
         }
         let corners = projected.map(|p| p.0);
-        let edges = edge_planes(corners);
+        // In double precision: the planes of long thin triangles are small differences of large numbers.
+        let edges = exact_edge_planes(corners);
         let sum = edges[0] + edges[1] + edges[2];
         // x right, y up, z forward is left-handed: a front has positive volume.
-        let volume = if self.frame.perspective { corners[0].dot(edges[0]) } else { sum.z };
+        let volume =
+            if self.frame.perspective { corners[0].as_dvec3().dot(edges[0]) } else { sum.z };
         if volume == 0.0 || !volume.is_finite() || (volume < 0.0 && !two_sided) {
             return None;
         }
         let nearness = if self.frame.perspective {
             sum / volume
         } else {
-            let depth = edges[0] * depths[0] + edges[1] * depths[1] + edges[2] * depths[2];
-            Vec3::Z * (1.1 * farthest.max(f32::MIN_POSITIVE)) - depth / sum.z
+            let all = edges.iter().zip(depths);
+            let depth: DVec3 = all.map(|(edge, depth)| *edge * f64::from(depth)).sum();
+            DVec3::Z * f64::from(1.1 * farthest.max(f32::MIN_POSITIVE)) - depth / sum.z
         };
         let edges = if volume < 0.0 { edges.map(|edge| -edge) } else { edges };
         let rows = self.rows(&corners);

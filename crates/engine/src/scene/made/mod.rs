@@ -10,6 +10,8 @@ mod mesh;
 mod office;
 mod patterns;
 pub mod real;
+#[cfg(test)]
+pub mod revolved;
 mod rooms;
 #[cfg(test)]
 mod tests;
