@@ -1,5 +1,5 @@
-//! Patches of instances: the sides of a shape's triangles that lie in one cell of its space, face the
-//! same way and have one material are a cluster, and each cluster of each instance is one patch. Cells
+//! Patches of instances: the sides of a shape's triangles, fronts or backs, that lie in one cell of its
+//! space, face the same way and have one material are a cluster, and each cluster of each instance is one patch. Cells
 //! are halved as often as it takes for them to be about as large in the world as patches are; what is
 //! far smaller than a patch has clusters of its own size, and its element has those of its neighbours,
 //! too.
@@ -64,6 +64,8 @@ pub struct Outline {
     pub center: Vec3,
     /// Along the normal, of any length.
     pub facing: Vec3,
+    /// Whether it is on the back of its surface.
+    pub back: bool,
     /// Index of the material.
     pub material: u32,
     /// Albedo under uniform light.
@@ -146,9 +148,10 @@ impl Clusters {
 
     /// What groups are made by.
     pub fn outline(&self, scene: &Scene, patch: u32) -> Option<Outline> {
-        let (instance, _, cluster) = self.find(scene, patch)?;
+        let (instance, level, cluster) = self.find(scene, patch)?;
         let own = &scene.instances.all()[instance as usize];
         Some(Outline {
+            back: level.members[cluster.first as usize].1,
             area: (cluster.area * own.area_scale()) as f32,
             center: own.point(cluster.center.as_vec3()),
             facing: (own.normal_to_world() * cluster.across).normalize_or(DVec3::Z).as_vec3(),
@@ -236,14 +239,15 @@ impl Level {
         let low = shape.low.as_dvec3();
         let extent = (shape.high - shape.low).max_element();
         let cells = (1 << halvings) as f64 / f64::from(extent.max(f32::MIN_POSITIVE));
-        let mut numbers: HashMap<(IVec3, u8, u32), usize> = HashMap::new();
+        let mut numbers: HashMap<(IVec3, u8, bool, u32), usize> = HashMap::new();
         let mut members: Vec<Vec<usize>> = Vec::new();
         for (index, side) in sides.iter().enumerate() {
             let last = IVec3::splat((1 << halvings) - 1);
             let cell = ((side.center - low) * cells).floor().as_ivec3().clamp(IVec3::ZERO, last);
             let axis = side.across.abs().max_position();
             let facing = (2 * axis) as u8 + u8::from(side.across[axis] < 0.0);
-            let number = *numbers.entry((cell, facing, side.material)).or_insert(members.len());
+            let key = (cell, facing, side.back, side.material);
+            let number = *numbers.entry(key).or_insert(members.len());
             if number == members.len() {
                 members.push(Vec::new());
             }
@@ -338,11 +342,13 @@ mod tests {
             let Some((clusters, number)) = crowd.cluster(index) else { continue };
             patches += 1;
             area += f64::from(clusters.area(&scene, number));
+            let outline = clusters.outline(&scene, number).expect("it is there");
             for x in [0.0, 0.3, 0.99] {
                 let (triangle, back) = clusters.pick(&scene, number, x).expect("it is there");
                 let sides = crowd.sides(FacetIndex(triangle));
                 assert_eq!(sides.first_patch(back), Some(index.0));
                 assert!(triangle >= listed);
+                assert_eq!(back, outline.back, "fronts and backs are apart");
             }
             let (triangle, _) = clusters.pick(&scene, number, 0.5).expect("it is there");
             let found = scene.instance_of(triangle).expect("it is of one");

@@ -274,6 +274,7 @@ impl Crowd {
             area,
             center: (a + b + c) / 3.0,
             facing: if patch.back { -across } else { across },
+            back: patch.back,
             material: self.scene.triangle(patch.triangle).material,
             albedo: self.means(index, &patch).albedo,
         })

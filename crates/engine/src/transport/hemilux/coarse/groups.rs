@@ -20,9 +20,13 @@ const MOST_DOUBLINGS: u32 = 12;
 /// Patches of a parallel task.
 const CHUNK: usize = 1 << 14;
 
-/// What patches of one element have in common: cell of space and its size, as a power of two, one of
-/// six directions, and material.
-type GroupKey = ([i32; 3], u8, u8, u32);
+/// What patches of one element have in common: cell of space and its size, as a power of two, how they
+/// face, and material.
+type GroupKey = ([i32; 3], u8, Facing, u32);
+
+/// Which of six directions a normal is nearest to, and whether the patch is on the back of its surface:
+/// of a thin pipe, the inside of one wall faces as the outside of the other one does.
+type Facing = (u8, bool);
 
 /// The groups of a mesh's patches.
 #[derive(Default)]
@@ -73,9 +77,9 @@ impl Groups {
         let mut this = Self { of_patch: vec![NONE; count], ..Self::default() };
         for patch in 0..count {
             let next = this.sizes.len() as u32;
-            let facet = &scene.facets[patches.facet[patch] as usize];
+            let (facet, back, _) = scene.cell_of(PatchIndex(patch as u32));
             let material = scene.scene.triangle(facet.source).material;
-            let facing = facing(patches.normal[patch]);
+            let facing = facing(patches.normal[patch], back);
             let key = grouping.key(patches.area[patch], patches.centroid[patch], facing, material);
             let group = key.map_or(next, |key| *numbers.entry(key).or_insert(next));
             let counted = weights.as_ref().map(|_| counted_area(patch));
@@ -163,7 +167,7 @@ impl Part {
             let index = PatchIndex((first + offset) as u32);
             let Some(outline) = crowd.outline(index) else { continue };
             let Outline { area, center, material, albedo, .. } = outline;
-            let key = grouping.key(area, center, facing(outline.facing), material);
+            let key = grouping.key(area, center, facing(outline.facing, outline.back), material);
             let next = this.keys.len() as u32;
             let group = key.map_or(next, |key| *numbers.entry(key).or_insert(next));
             if group == next {
@@ -179,7 +183,7 @@ impl Part {
 
 impl Grouping {
     /// What a patch has in common with others of its group; `None` where it is alone.
-    fn key(&self, area: f32, center: Vec3, facing: u8, material: u32) -> Option<GroupKey> {
+    fn key(&self, area: f32, center: Vec3, facing: Facing, material: u32) -> Option<GroupKey> {
         if !self.is_crowded {
             return None;
         }
@@ -191,8 +195,39 @@ impl Grouping {
     }
 }
 
-/// Which of six directions a normal is nearest to; it may have any length.
-fn facing(normal: Vec3) -> u8 {
+/// How a patch faces whose normal, of any length, that is.
+fn facing(normal: Vec3, back: bool) -> Facing {
     let axis = normal.abs().max_position();
-    (2 * axis) as u8 + u8::from(normal[axis] < 0.0)
+    ((2 * axis) as u8 + u8::from(normal[axis] < 0.0), back)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Material;
+    use crate::scene::made::revolved::revolved;
+    use crate::transport::hemilux::coarse::Elements;
+    use std::sync::Arc;
+
+    /// In a thin pipe the inside of one wall and the outside of the other face the same way in one cell of
+    /// space, and what shines on one of them does not on the other.
+    #[test]
+    fn insides_and_outsides_are_not_grouped() {
+        let material = Material { double_sided: true, ..Material::lambertian("both", Rgb::ONE) };
+        let rings: Vec<[f32; 2]> = (0..=200).map(|ring| [0.02, 0.01 * ring as f32]).collect();
+        let scene = Arc::new(revolved(&rings, 12, material));
+        let listed = PatchedScene::new(scene.clone(), 100);
+        for cut in [Cut::Listed(Arc::new(listed)), Cut::new(scene, 100, None)] {
+            let elements = Elements::new(&cut, 100);
+            let mut together = 0;
+            for element in elements.all() {
+                let back = |patch: &PatchIndex| cut.place_in(*patch, 0, 1).expect("it is there").2;
+                let mut members = elements.members(element).iter();
+                let first = back(members.next().expect("there is one"));
+                together += members.len();
+                assert!(members.all(|patch| back(patch) == first), "{element:?}");
+            }
+            assert!(together > 5000, "{together}");
+        }
+    }
 }
