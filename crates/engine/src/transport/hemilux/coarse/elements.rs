@@ -134,8 +134,10 @@ impl Elements {
         let running: Vec<f32> = elements.flat_map_iter(sums_of).collect();
         let last = |element: usize| running[start[element + 1] as usize - 1];
         let area: Vec<f32> = (0..sizes.len()).map(last).collect();
-        let albedo =
-            reflected.iter().zip(&area).map(|(sum, area)| *sum / area.max(1e-30)).collect();
+        // The specification's model reflects up to 1.01 of what arrives where it is white; between such
+        // walls light would never settle.
+        let mean = |(sum, area): (&Rgb, &f32)| (*sum / area.max(1e-30)).min(Rgb::ONE);
+        let albedo = reflected.iter().zip(&area).map(mean).collect();
         let counted = if counted.is_empty() { area.clone() } else { counted };
         let crevices = Crevices::default();
         Self { of_patch, start, members, running, area, counted, albedo, crevices }
@@ -232,7 +234,8 @@ mod tests {
     use super::*;
     use crate::patches::PatchedScene;
     use crate::scene::gltf::{ImportLimits, Resources, import};
-    use crate::scene::made;
+    use crate::scene::made::revolved::hollow_ball;
+    use crate::scene::{Material, made};
     use std::sync::Arc;
 
     #[test]
@@ -270,5 +273,18 @@ mod tests {
         let own = members.iter().map(|patch| cut.area(*patch));
         let expected = own.map(|area| area * area).sum::<f32>() / together.area[element.at()];
         assert!((mean / expected - 1.0).abs() < 0.01, "{mean} {expected}");
+    }
+
+    /// The specification's model may reflect more than arrives; elements do not, for light to settle.
+    #[test]
+    fn no_element_reflects_more_than_arrives() {
+        let white = Material { roughness: 0.3, ..Material::lambertian("white", Rgb::ONE) };
+        let white = Material { specular_factor: 1.0, ..white };
+        let scene = Arc::new(hollow_ball(12, white));
+        let cut = Cut::new(scene, 100, None);
+        let (_, whole) = cut.reflectance(PatchIndex(0));
+        assert!(whole.max_element() > 1.0, "{whole}");
+        let elements = Elements::new(&cut, 100);
+        assert!(elements.albedo.iter().all(|own| *own == Rgb::ONE), "{:?}", elements.albedo);
     }
 }

@@ -35,7 +35,8 @@ const MOST_LINKS: usize = 48 << 20;
 const MOST_AT_ONCE: usize = 4 << 20;
 /// Most sweeps of a solution.
 const MOST_SWEEPS: u32 = 400;
-/// Sum of all changes in a sweep, relative to the sum of all values, at which sweeps end.
+/// Sum of all changes in a sweep, relative to the sum of all values, at which sweeps end; or mean of each
+/// element's change relative to its own value.
 const SETTLED_CHANGE: f32 = 2e-4;
 /// How often the equation is solved over the same links: each time with the slopes of the solution
 /// before.
@@ -343,11 +344,9 @@ impl Links {
                     found.max(Rgb::ZERO)
                 })
                 .collect();
-            let change = next.iter().zip(&self.bounced).map(|(a, b)| (*a - *b).abs().element_sum());
-            let change: f32 = change.sum();
-            let sum: f32 = next.iter().map(|e| e.element_sum()).sum();
+            let is_settled = is_settled(&self.bounced, &next);
             self.bounced = next;
-            if change <= SETTLED_CHANGE * sum {
+            if is_settled {
                 break;
             }
         }
@@ -565,6 +564,24 @@ fn link_rays(
         (Ray { origin: lit.start, direction }, lit.normal)
     };
     (0..count).map(ray).unzip()
+}
+
+/// Whether a sweep has changed so little that no more are needed: by all light together, or by that of most
+/// elements. In a narrow gap between white walls light is reflected hundreds of times; when it has
+/// settled everywhere else, nobody sees what it still does there.
+fn is_settled(before: &[Rgb], after: &[Rgb]) -> bool {
+    let (mut change, mut sum, mut relative, mut lit) = (0.0, 0.0, 0.0, 0.0);
+    for (before, after) in before.iter().zip(after) {
+        let own = (*after - *before).abs().element_sum();
+        let value = after.element_sum();
+        change += own;
+        sum += value;
+        if value > 0.0 {
+            relative += own / value;
+            lit += 1.0;
+        }
+    }
+    change <= SETTLED_CHANGE * sum || relative <= SETTLED_CHANGE * lit
 }
 
 /// Whether two bytes a link suffice for the elements' numbers and the two marks.

@@ -98,3 +98,19 @@ fn links_come_back_and_damage_is_found() {
         assert!(Links::restore(elements - 1, &mut Reader::new(&bytes)).is_err());
     }
 }
+
+/// Where one element in a hundred, of most of the light, has not settled, the sweep is the last; where many
+/// change it is not, nor where all light does.
+#[test]
+fn sweeps_end_when_most_elements_have_settled() {
+    let before: Vec<Rgb> = (0..100).map(|_| Rgb::ONE).collect();
+    let mut after = before.clone();
+    assert!(is_settled(&before, &after));
+    after[7] = Rgb::splat(1.01);
+    let bright = |of: &[Rgb]| -> Vec<Rgb> {
+        of.iter().enumerate().map(|(n, own)| if n == 7 { *own * 1e4 } else { *own }).collect()
+    };
+    assert!(is_settled(&bright(&before), &bright(&after)));
+    after[8..40].fill(Rgb::splat(1.01));
+    assert!(!is_settled(&before, &after));
+}
