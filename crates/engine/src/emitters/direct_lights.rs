@@ -2,6 +2,7 @@
 //! closed form, the sky, the sun, and lights without extent. A shadow ray goes to one of these
 //! groups, picked in proportion to what each shines on the surface.
 
+use super::glow::{FEW_LIGHTS, Glow};
 use super::openings::{Lookout, Openings, sample_sky, sky_pdf};
 use super::polygons::{LightPoint, PolygonLights, ShadowSample};
 use super::punctual::PunctualLights;
@@ -10,8 +11,9 @@ use super::sun::SunLight;
 use super::unoccluded::{LobeAxis, Unoccluded};
 use crate::radiometry::{Rgb, importance};
 use crate::rays::Hit;
-use crate::surface::World;
+use crate::surface::{Surface, World};
 use glam::Vec3;
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 /// Number of groups: polygons, sky, sun, and lights without extent.
@@ -33,6 +35,8 @@ const SKY_SOLID_ANGLE: f32 = 20.0;
 /// The lights of a scene and its surroundings.
 pub struct DirectLights {
     polygons: Option<PolygonLights>,
+    /// What shines and is none of the lights, if anything is.
+    glow: Option<Glow>,
     sky: Option<SkyLight>,
     sun: Option<SunLight>,
     punctual: Option<PunctualLights>,
@@ -124,28 +128,69 @@ impl AllUnoccluded {
 impl DirectLights {
     /// All lights of a world; `None` where nothing shines, and nothing shows itself without light.
     pub fn new(world: &World) -> Option<Self> {
-        Self::with(world, PolygonLights::new(&world.scene, &world.rays))
+        let (scene, rays) = (&world.scene, &world.rays);
+        let cells = PolygonLights::cells(scene, rays);
+        let polygons = PolygonLights::new(scene, rays, cells.clone(), None);
+        let mut this = Self::beside(world, polygons);
+        if this.polygons.as_ref().is_some_and(|lights| lights.count() > FEW_LIGHTS) {
+            this.glow = Glow::find(world, &cells, this.surroundings());
+            if let Some(glow) = &this.glow {
+                this.polygons = PolygonLights::new(scene, rays, cells, Some(glow));
+            }
+        }
+        this.unless_dark(world)
     }
 
     /// The lights of a world that no surface of it emits: the sky, the sun, and lights without
     /// extent; `None` where there are none.
     pub fn without_surfaces(world: &World) -> Option<Self> {
-        Self::with(world, None)
+        Self::beside(world, None).unless_dark(world)
     }
 
-    fn with(world: &World, polygons: Option<PolygonLights>) -> Option<Self> {
+    /// Those polygons, and all that shines beside surfaces.
+    fn beside(world: &World, polygons: Option<PolygonLights>) -> Self {
         let (scene, rays) = (&world.scene, &world.rays);
         let sky = SkyLight::new(&world.environment);
-        let this = Self {
+        Self {
             polygons,
+            glow: None,
             openings: sky.as_ref().and_then(|_| Openings::find(world)).map(Arc::new),
             sky,
             sun: SunLight::new(&world.environment),
             punctual: PunctualLights::new(scene, &world.environment, rays),
             beyond: rays.beyond(),
+        }
+    }
+
+    fn unless_dark(self, world: &World) -> Option<Self> {
+        let any = self.polygons.is_some() || self.glow.is_some();
+        let any = any || self.surrounds() || self.punctual.is_some();
+        (any || world.scene.has_unlit()).then_some(self)
+    }
+
+    /// Mean radiance that arrives from sky and sun where nothing is in between; none where it comes
+    /// through openings, since little of it does.
+    fn surroundings(&self) -> f64 {
+        if self.openings.is_some() {
+            return 0.0;
+        }
+        let irradiance = |normal: Vec3| {
+            let sky = self.sky.as_ref().map_or(Rgb::ZERO, |sky| sky.unoccluded(normal));
+            sky + self.sun.as_ref().map_or(Rgb::ZERO, |sun| sun.unoccluded(normal))
         };
-        let any = this.polygons.is_some() || this.surrounds() || this.punctual.is_some();
-        (any || scene.has_unlit()).then_some(this)
+        let sides = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| irradiance(axis) + irradiance(-axis));
+        f64::from(importance(sides.iter().sum::<Rgb>())) / (6.0 * PI)
+    }
+
+    /// Whether anything shines that is none of the lights.
+    pub fn has_glow(&self) -> bool {
+        self.glow.is_some()
+    }
+
+    /// Radiance that a surface emits without being one of the lights: what finds reflected light
+    /// finds it, too.
+    pub fn glow(&self, world: &World, surface: &Surface) -> Rgb {
+        self.glow.as_ref().map_or(Rgb::ZERO, |glow| glow.of(&world.scene, surface))
     }
 
     /// The same, to whom no opening is known.

@@ -5,7 +5,7 @@ use super::merging::{self, FlatEmitter};
 use super::polygon::PolygonLight;
 use crate::radiometry::Rgb;
 use crate::rays::{Eye, Rays};
-use crate::scene::Scene;
+use crate::scene::{Material, Scene};
 use glam::Vec3;
 use std::collections::HashMap;
 
@@ -41,6 +41,18 @@ impl UntexturedEmitter {
         let [a, b, c] = self.corners.map(key);
         [(a, b), (b, c), (c, a)]
     }
+}
+
+/// The triangles of a scene that emit and have no emissive texture.
+pub fn untextured(scene: &Scene, rays: &Rays) -> impl Iterator<Item = UntexturedEmitter> {
+    let is_untextured =
+        |material: &Material| material.emits() && material.emission_texture.is_none();
+    scene.triangles_of(is_untextured).filter_map(|triangle| {
+        let material = scene.material_of(triangle);
+        let (corners, area) = rays.corners(scene, triangle);
+        let (radiance, two_sided) = (material.emission, material.double_sided);
+        (area > 0.0).then_some(UntexturedEmitter { triangle, corners, radiance, two_sided })
+    })
 }
 
 /// Makes the triangles of closed two-sided bodies one-sided, shining outwards, unless something is

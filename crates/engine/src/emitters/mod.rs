@@ -6,6 +6,7 @@ mod cells;
 mod direct_lights;
 mod disks;
 mod from_triangles;
+mod glow;
 mod light_tree;
 mod lit_texels;
 mod means;

@@ -2,15 +2,19 @@
 //! rays and lobes.
 
 use super::cells::{CellLimits, EmissionCell, EmissionCells};
-use super::from_triangles::{UntexturedEmitter, merge_into_polygons, shine_outwards_only};
+use super::from_triangles::{
+    UntexturedEmitter, merge_into_polygons, shine_outwards_only, untextured,
+};
+use super::glow::Glow;
 use super::light_tree::LightTree;
 use super::polygon::PolygonLight;
 use super::unoccluded::{ClosedForms, LobeAxis, MOST_LIGHTS, Unoccluded};
 use crate::radiometry::Rgb;
 use crate::rays::{Hit, Rays};
-use crate::scene::{Material, Scene};
+use crate::scene::Scene;
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Points of a light that are tried to find one above the horizon of a surface.
 pub const TRIES: u32 = 4;
@@ -27,7 +31,7 @@ pub struct PolygonLights {
     /// Light of each emissive triangle that is one as a whole.
     of_triangle: HashMap<u32, u32>,
     /// Parts of textured triangles.
-    cells: EmissionCells,
+    cells: Arc<EmissionCells>,
     /// Light of each cell, unless it is that of its triangle.
     of_cell: Vec<Option<u32>>,
 }
@@ -80,25 +84,29 @@ impl ShadowSample {
 }
 
 impl PolygonLights {
-    /// The lights of a scene; `None` without any.
-    pub fn new(scene: &Scene, rays: &Rays) -> Option<Self> {
-        let cells = EmissionCells::new(scene, rays, CELLS);
-        let mut untextured: Vec<UntexturedEmitter> = Vec::new();
-        let is_untextured =
-            |material: &Material| material.emits() && material.emission_texture.is_none();
-        for triangle in scene.triangles_of(is_untextured) {
-            let material = scene.material_of(triangle);
-            let (corners, area) = rays.corners(scene, triangle);
-            if area > 0.0 {
-                let radiance = material.emission;
-                let two_sided = material.double_sided;
-                untextured.push(UntexturedEmitter { triangle, corners, radiance, two_sided });
-            }
-        }
+    /// The parts of the triangles of a scene that have an emissive texture.
+    pub fn cells(scene: &Scene, rays: &Rays) -> Arc<EmissionCells> {
+        Arc::new(EmissionCells::new(scene, rays, CELLS))
+    }
+
+    /// The lights of a scene with those cells, but for what glows; `None` without any.
+    pub fn new(
+        scene: &Scene,
+        rays: &Rays,
+        cells: Arc<EmissionCells>,
+        glow: Option<&Glow>,
+    ) -> Option<Self> {
+        let glows = |triangle: u32| glow.is_some_and(|glow| glow.covers(scene, triangle));
+        let mut untextured: Vec<UntexturedEmitter> = untextured(scene, rays).collect();
+        untextured.retain(|emitter| !glows(emitter.triangle));
         let (mut lights, mut of_cell) = (Vec::new(), Vec::new());
         for EmissionCell { triangle, corners, radiance, is_even, .. } in &cells.cells {
             let material = scene.triangle(*triangle).material;
             let (triangle, radiance) = (*triangle, *radiance);
+            if glows(triangle) {
+                of_cell.push(None);
+                continue;
+            }
             let two_sided = scene.materials[material as usize].double_sided;
             let whole = rays.corners(scene, triangle).0;
             if *is_even {

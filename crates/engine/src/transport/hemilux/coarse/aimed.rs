@@ -4,8 +4,8 @@
 //! reflect to each other element, beside the links: each pair of elements is shared between the two by
 //! the balance heuristic (Veach 1997), so that neither's rare rays count for much.
 
-use super::direct::DirectLight;
 use super::elements::ElementIndex;
+use super::glow::Sources;
 use super::guide::{Guide, Met};
 use super::links::{LEAST_TINT, Links};
 use super::mesh::CoarseMesh;
@@ -200,12 +200,16 @@ impl Aimed {
         (weight.is_finite() && weight > 0.0).then_some(Found { element: to.0, weight })
     }
 
-    /// By how much what aimed rays find of their share of the emitters' light that bright elements reflect
-    /// is more than what `links` say of it, by element; links that
+    /// By how much what aimed rays find of their share of the emitters' light that bright elements reflect,
+    /// and of their glow, is more than what `links` say of it, by element; links that
     /// glass or mirrors bent or coloured on their way say of something else.
-    pub fn beyond(&self, links: &Links, albedo: &[Rgb], direct: &[DirectLight]) -> Vec<Rgb> {
-        let reflected =
-            |element: u32| albedo[element as usize] * direct[element as usize].reflected_as;
+    pub fn beyond(&self, links: &Links, albedo: &[Rgb], sources: Sources<'_>) -> Vec<Rgb> {
+        let Sources { direct, glow, .. } = sources;
+        let sent = |element: u32| {
+            let element = element as usize;
+            let glow = glow.get(element).copied().unwrap_or_default();
+            albedo[element] * direct[element].reflected_as + glow
+        };
         let rays = (self.rounds.len() * RAYS).max(1) as f32;
         let of_element = |element: usize| {
             let (mut by_links, mut count, mut rows) = (Rgb::ZERO, 0.0f32, 0.0f32);
@@ -214,13 +218,13 @@ impl Aimed {
                 rows += if Links::counts(link) { 1.0 } else { 0.0 };
                 let is_bright = is_straight && self.targets.is_bright(link);
                 if is_bright {
-                    by_links += reflected(link.0) * self.targets.share(element, link.0);
+                    by_links += sent(link.0) * self.targets.share(element, link.0);
                 }
             }
             let own = element * RAYS..(element + 1) * RAYS;
             let found = self.rounds.iter().flat_map(|round| &round[own.clone()]);
             let met = found.filter(|found| found.weight > 0.0);
-            let by_aim: Rgb = met.map(|found| reflected(found.element) * found.weight).sum();
+            let by_aim: Rgb = met.map(|found| sent(found.element) * found.weight).sum();
             // Rays from inside a body do not count, among either.
             (by_aim / rays * count - by_links) / rows.max(1.0)
         };
@@ -295,15 +299,15 @@ mod tests {
             let guide = coarse.guide.clone().expect("the patch of sun is bright");
             let mut aimed = Aimed::new(world, &coarse.mesh, guide);
             aimed.trace(world, &coarse.mesh, SEED, 16);
-            let (links, albedo, direct) = coarse.parts();
+            let (links, albedo, sources) = coarse.parts();
             let elements = &coarse.mesh.elements;
             let power = |of: &[Rgb]| -> f32 {
                 of.iter().zip(&elements.area).map(|(own, area)| own.element_sum() * area).sum()
             };
-            let beyond = aimed.beyond(links, albedo, direct);
+            let beyond = aimed.beyond(links, albedo, sources);
             let all = power(&links.bounced);
             let none = Aimed::new(world, &coarse.mesh, aimed.targets.guide.clone());
-            let by_links = -power(&none.beyond(links, albedo, direct));
+            let by_links = -power(&none.beyond(links, albedo, sources));
             let name = house.name;
             assert!(by_links > 0.1 * all, "{name}: the patch of sun sends {by_links} of {all}");
             let more = power(&beyond);
@@ -313,7 +317,7 @@ mod tests {
             let bytes = to.finish().expect("there is room");
             let again =
                 Aimed::restore(world, &coarse.mesh, &mut Reader::new(&bytes)).expect("sound");
-            assert_eq!(again.beyond(links, albedo, direct), beyond);
+            assert_eq!(again.beyond(links, albedo, sources), beyond);
         }
     }
 

@@ -185,11 +185,11 @@ mod tests {
 
     /// Σ (1 − a) E A of all surfaces, what ends in them, over the power of the lamps.
     fn what_ends(coarse: &CoarseSolution, lamps: &made::CeilingLamps) -> f32 {
-        let (links, albedo, direct) = coarse.parts();
+        let (links, albedo, sources) = coarse.parts();
         let elements = &coarse.mesh.elements;
         let ends = |element: ElementIndex| {
             let element = element.at();
-            let arriving = direct[element].irradiance + links.bounced[element];
+            let arriving = sources.direct[element].irradiance + links.bounced[element];
             ((Rgb::ONE - albedo[element]) * arriving).x * elements.counted[element]
         };
         elements.all().map(ends).sum::<f32>() / (PI * lamps.emission * lamps.area)

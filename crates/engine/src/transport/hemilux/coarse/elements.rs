@@ -215,17 +215,28 @@ impl Elements {
         &self.members[first as usize..end as usize]
     }
 
+    /// The patch of an element that the uniform number `x` picks by area.
+    pub fn member(&self, element: ElementIndex, x: f32) -> PatchIndex {
+        self.picked(element, x).0
+    }
+
     /// Points of one of an element's patches, which the uniform number `x` picks by area.
     pub fn points(&self, world: &World, cut: &Cut, element: ElementIndex, x: f32) -> PatchPoints {
+        let (member, within) = self.picked(element, x);
+        PatchPoints::in_cut(world, cut, member, within)
+    }
+
+    /// The patch that a uniform number picks, and where in its share of them the number lies, which
+    /// picks among several triangles of a patch.
+    fn picked(&self, element: ElementIndex, x: f32) -> (PatchIndex, f32) {
         let members = self.members(element);
         let element = self.crevices.whole(element);
         let running = &self.running[self.start[element.at()] as usize..][..members.len()];
         let pick = running.partition_point(|area| *area <= x * self.area[element.at()]);
         let pick = pick.min(members.len() - 1);
-        // Where between its running sums the number lies picks among several triangles of a patch.
         let before = if pick > 0 { running[pick - 1] } else { 0.0 };
         let within = (x * self.area[element.at()] - before) / (running[pick] - before);
-        PatchPoints::in_cut(world, cut, members[pick], within)
+        (members[pick], within)
     }
 }
 

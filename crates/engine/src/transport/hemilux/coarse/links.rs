@@ -7,12 +7,12 @@
 //! averages their noise: on the Cornell box this is 100 times cheaper than shots for the same error
 //! of the picture.
 
-use super::direct::DirectLight;
 use super::elements::ElementIndex;
-use super::far_sides::FarSides;
+use super::glow::Sources;
 use super::inside::{Place, is_inside};
 use super::mesh::{CellSpot, CoarseMesh};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
+use crate::emitters::DirectLights;
 use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
 use crate::rays::{Eye, Hit, Ray};
@@ -115,6 +115,8 @@ struct OnTheWay {
 pub struct Linking<'a> {
     /// The scene as rays meet it.
     pub world: &'a World,
+    /// Its emitters.
+    pub lights: &'a DirectLights,
     /// The coarse mesh.
     pub mesh: &'a CoarseMesh,
     /// Whether a map has what emitters bring by way of what bends light.
@@ -233,8 +235,8 @@ impl Links {
     }
 
     /// Solves the radiosity equation E_bounced = Σ ρ_link (E_direct + E_bounced)_link / N over the
-    /// links so far, beginning with the solution before; what `far` sides let through is added to what
-    /// a link's end reflects.
+    /// links so far, beginning with the solution before; what far sides let through, and what glows, is
+    /// added to what a link's end reflects.
     ///
     /// A link takes its element's mean, wherever in the element the ray ended, and so light moves by
     /// parts of an element at random at every bounce, which makes it spread too far in a long white
@@ -243,13 +245,8 @@ impl Links {
     ///
     /// `beyond` is added to what the links of each element bring, where there is such: what aimed rays
     /// find beyond what links say.
-    pub fn solve(
-        &mut self,
-        mesh: &CoarseMesh,
-        direct: &[DirectLight],
-        far: Option<&FarSides>,
-        beyond: Option<&[Rgb]>,
-    ) {
+    pub fn solve(&mut self, mesh: &CoarseMesh, sources: Sources<'_>, beyond: Option<&[Rgb]>) {
+        let direct = sources.direct;
         let albedo = &mesh.elements.albedo;
         for number in 0..SOLUTIONS {
             let mut slopes = Vec::new();
@@ -265,7 +262,7 @@ impl Links {
                 correction.resize(beyond.len(), Rgb::ZERO);
                 correction.iter_mut().zip(beyond).for_each(|(sum, beyond)| *sum += *beyond);
             }
-            self.balance(albedo, direct, far, &correction);
+            self.balance(albedo, sources, &correction);
         }
     }
 
@@ -300,13 +297,8 @@ impl Links {
 
     /// Solves the equation by sweeps, where `correction` (or nothing, if that is empty) is added to
     /// what the links of each element bring.
-    fn balance(
-        &mut self,
-        albedo: &[Rgb],
-        direct: &[DirectLight],
-        far: Option<&FarSides>,
-        correction: &[Rgb],
-    ) {
+    fn balance(&mut self, albedo: &[Rgb], sources: Sources<'_>, correction: &[Rgb]) {
+        let Sources { direct, far, glow } = sources;
         let elements = direct.len() as u32;
         self.bounced.resize(direct.len(), Rgb::ZERO);
         let rows: Vec<u32> = (0..elements)
@@ -321,6 +313,9 @@ impl Links {
             let all = direct.par_iter().zip(bounced).zip(albedo).with_min_len(CHUNK);
             let own =
                 all.map(|((direct, bounced), albedo)| *albedo * (direct.reflected_as + *bounced));
+            let own = own
+                .enumerate()
+                .map(|(element, own)| own + glow.get(element).copied().unwrap_or_default());
             let Some(far) = far else { return own.collect() };
             let arriving =
                 |element: ElementIndex| direct[element.at()].irradiance + bounced[element.at()];
@@ -507,6 +502,12 @@ impl Linking<'_> {
         let mut light = Rgb::ZERO;
         if passage.is_bent {
             light = PI * passage.bent_light(world, !self.is_mapped);
+            // What it ends at sends its glow, too.
+            if let Some(end) = passage.met().filter(|_| self.lights.has_glow())
+                && let Some(surface) = world.surface(&end)
+            {
+                light -= PI * passage.left * self.lights.glow(world, &surface);
+            }
             way.bent += light;
         }
         // What glass takes ends some of them, and colours others.

@@ -7,6 +7,7 @@ mod crevices;
 mod direct;
 mod elements;
 mod far_sides;
+mod glow;
 mod groups;
 mod guide;
 mod inside;

@@ -29,15 +29,10 @@ pub struct FoundAfresh {
 }
 
 impl CoarseSolution {
-    /// Radiance that a hit reflects, as if all of it were reflected diffusely. With random numbers
-    /// the light there is found out afresh: the emitters' by a shadow ray and, where the patch is
-    /// so near that its mean will not do, what has bounced by one more.
-    pub fn reflected_as_diffuse(&self, hit: &Hit, afresh: Option<Afresh>) -> Rgb {
-        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
-        self.by_albedo(&surface, surface.reflection().mean_albedo(), hit, afresh)
-    }
-
-    /// The same of a surface with that albedo, and what comes through it diffusely from its other side.
+    /// Radiance that a hit on a surface reflects, as if all of it were reflected diffusely by that albedo,
+    /// and what comes through it diffusely from its other side. With random numbers the light there is
+    /// found out afresh: the emitters' by a shadow ray and, where the patch is so near that its mean
+    /// will not do, what has bounced by one more.
     pub fn by_albedo(
         &self,
         surface: &Surface,
@@ -167,7 +162,10 @@ impl CoarseSolution {
     fn arriving_as_diffuse(&self, hit: Hit, mut passage: Passage, next: Next) -> Rgb {
         let is_mirror = self.follows_mirrors && self.world.may_mirror(hit.triangle);
         if !self.world.is_clear(hit.triangle) && !is_mirror {
-            return self.reflected_as_diffuse(&hit, Some(next.afresh()));
+            let Some(surface) = self.world.surface(&hit) else { return Rgb::ZERO };
+            let albedo = surface.reflection().mean_albedo();
+            let reflected = self.by_albedo(&surface, albedo, &hit, Some(next.afresh()));
+            return reflected + self.glow(&surface);
         }
         if self.follows_mirrors {
             passage = self.world.follow_mirrors(passage);

@@ -8,6 +8,7 @@ use super::caustic_light::{self, CausticLight};
 use super::direct::{DirectLight, Lighting, SampledLight};
 use super::elements::ElementIndex;
 use super::far_sides::FarSides;
+use super::glow::{self, Sources};
 use super::guide::Guide;
 use super::links::{Linking, Links};
 use super::mesh::{CoarseMesh, MeshValues};
@@ -55,6 +56,8 @@ pub struct CoarseSolution {
     direct: Vec<DirectLight>,
     /// What elements let through diffusely, if any do.
     far_sides: Option<Arc<FarSides>>,
+    /// π × radiance that elements emit without being lights; empty where none does.
+    glow: Arc<Vec<Rgb>>,
     links: Links,
     /// Rays at bright elements, where there are such.
     aimed: Option<Aimed>,
@@ -85,6 +88,7 @@ impl CoarseSolution {
         let Drawing { seed, hasty } = drawing;
         let count = mesh.elements.len();
         let far_sides = FarSides::new(&world, &mesh).map(Arc::new);
+        let glow = Arc::new(glow::of_elements(&world, &lights, &mesh));
         let caustics = CausticLight::new(&world, count, seed.number, hasty);
         // What lamps send by way of mirrors is too noisy to be found by chance.
         let follows_mirrors = (caustics.is_some() || !caustic_light::is_cast(&world))
@@ -100,6 +104,7 @@ impl CoarseSolution {
             sampled: sampled.unwrap_or_default(),
             direct: Vec::new(),
             far_sides,
+            glow,
             links: Links::default(),
             aimed: None,
             caustics,
@@ -136,6 +141,7 @@ impl CoarseSolution {
             sampled: self.sampled.clone(),
             direct: self.direct.clone(),
             far_sides: self.far_sides.clone(),
+            glow: self.glow.clone(),
             links: self.links.clone(),
             aimed: self.aimed.clone(),
             caustics: None,
@@ -150,7 +156,8 @@ impl CoarseSolution {
     /// Bytes that it takes, about, without scene, lights, cut and what rays are aimed at.
     pub fn held_bytes(&self) -> u64 {
         let values = [&self.total, &self.indirect].map(MeshValues::held_bytes);
-        let lists = size_of_val(&*self.sampled) + size_of_val(&*self.direct);
+        let lists =
+            size_of_val(&*self.sampled) + size_of_val(&*self.direct) + size_of_val(&**self.glow);
         let far_sides = self.far_sides.as_ref().map_or(0, |far| far.held_bytes());
         let aimed = self.aimed.as_ref().map_or(0, Aimed::held_bytes);
         let shared =
@@ -211,6 +218,7 @@ impl CoarseSolution {
         }
         let linking = Linking {
             world: &self.world,
+            lights: &self.lights,
             mesh: &self.mesh,
             is_mapped: self.is_mapped(),
             follows_mirrors: self.follows_mirrors,
@@ -234,7 +242,6 @@ impl CoarseSolution {
 
     /// Solves over all links and updates the irradiance.
     fn solve(&mut self) {
-        let far = self.far_sides.as_deref();
         let mut lit = Cow::Borrowed(&*self.direct);
         if let Some(caustics) = &self.caustics {
             for (element, direct) in self.mesh.elements.all().zip(lit.to_mut()) {
@@ -245,12 +252,14 @@ impl CoarseSolution {
         }
         let albedo = &self.mesh.elements.albedo;
         let aimed = self.aimed.as_ref();
-        let mut beyond = aimed.map(|aimed| aimed.beyond(&self.links, albedo, &lit));
+        let far = self.far_sides.as_deref();
+        let sources = Sources { direct: &lit, far, glow: &self.glow };
+        let mut beyond = aimed.map(|aimed| aimed.beyond(&self.links, albedo, sources));
         if let Some(by_lobes) = self.by_lobes.beyond() {
             let all = beyond.get_or_insert_with(|| vec![Rgb::ZERO; by_lobes.len()]);
             all.iter_mut().zip(&by_lobes).for_each(|(sum, more)| *sum += *more);
         }
-        self.links.solve(&self.mesh, &lit, far, beyond.as_deref());
+        self.links.solve(&self.mesh, sources, beyond.as_deref());
         self.update_irradiance();
     }
 
@@ -333,10 +342,12 @@ impl CoarseSolution {
         self.caustics.is_some()
     }
 
-    /// Links, albedos and direct light.
+    /// Links, albedos, and what elements send beside.
     #[cfg(test)]
-    pub fn parts(&self) -> (&Links, &[Rgb], &[DirectLight]) {
-        (&self.links, &self.mesh.elements.albedo, &self.direct)
+    pub fn parts(&self) -> (&Links, &[Rgb], Sources<'_>) {
+        let far = self.far_sides.as_deref();
+        let sources = Sources { direct: &self.direct, far, glow: &self.glow };
+        (&self.links, &self.mesh.elements.albedo, sources)
     }
 
     /// Links so far.
@@ -370,6 +381,9 @@ impl CoarseSolution {
         });
         let mut radiosity: Vec<f32> = radiosity.collect();
         self.by_lobes.share_out(&self.mesh, &self.links, &radiosity);
+        for (sent, glow) in radiosity.iter_mut().zip(&*self.glow) {
+            *sent += importance(*glow);
+        }
         if self.aimed.is_some() {
             self.leave_out_outliers(&mut radiosity);
         }
@@ -384,7 +398,8 @@ impl CoarseSolution {
             let albedo = self.mesh.elements.albedo[element];
             let bounced = self.links.mean(own, radiosity);
             let lit = importance(albedo * self.direct[element].irradiance);
-            radiosity[element].min(lit + albedo.max_element() * bounced)
+            let glow = self.glow.get(element).map_or(0.0, |glow| importance(*glow));
+            radiosity[element].min(glow + lit + albedo.max_element() * bounced)
         };
         let lowered: Vec<f32> =
             (0..radiosity.len()).into_par_iter().with_min_len(256).map(by_links).collect();
@@ -410,7 +425,12 @@ impl CoarseSolution {
         self.mesh.element_on(place).map_or(0.0, |element| self.by_lobes.share(element))
     }
 
-    /// Radiance that links take a hit to send to all sides.
+    /// Radiance that a surface emits without being a light.
+    pub fn glow(&self, surface: &Surface) -> Rgb {
+        self.lights.glow(&self.world, surface)
+    }
+
+    /// Radiance that links take a hit to send to all sides, without its glow.
     pub fn sent_by_links(&self, surface: &Surface, hit: &Hit) -> Rgb {
         let Some(place) = self.mesh.place_of(hit) else { return Rgb::ZERO };
         let arriving = self.mesh.value(&self.total, place);

@@ -296,8 +296,16 @@ pub struct AtTheEnd {
 /// direct light; if asked to, the light at its end is found out afresh.
 pub fn arriving(coarse: &CoarseSolution, passage: &Passage, afresh: Option<AtTheEnd>) -> Arriving {
     let is_mapped = coarse.is_mapped();
-    let reflected = passage.met().map_or(Arriving::default(), |met| {
-        reflected_at(coarse, &met, (passage.direction, is_mapped), afresh)
+    let reflected = passage.met().and_then(|met| Some((met, coarse.world.surface(&met)?)));
+    let reflected = reflected.map_or(Arriving::default(), |(met, surface)| {
+        let way = (passage.direction, is_mapped);
+        let mut found = reflected_at(coarse, (&surface, &met), way, afresh);
+        // What bent rays bring of emission comes below.
+        if !passage.is_bent {
+            let glow = coarse.glow(&surface);
+            (found.radiance, found.by_mesh) = (found.radiance + glow, found.by_mesh + glow);
+        }
+        found
     });
     let bent = match passage.is_bent {
         true => passage.bent_light(&coarse.world, !is_mapped),
@@ -315,17 +323,16 @@ pub fn arriving(coarse: &CoarseSolution, passage: &Passage, afresh: Option<AtThe
 /// emitters bring there by sharp lobes.
 fn reflected_at(
     coarse: &CoarseSolution,
-    hit: &Hit,
+    (surface, hit): (&Surface, &Hit),
     (direction, is_mapped): (Vec3, bool),
     afresh: Option<AtTheEnd>,
 ) -> Arriving {
-    let Some(surface) = coarse.world.surface(hit) else { return Arriving::default() };
     let reflection = surface.reflection();
     let Some(AtTheEnd { numbers, asks_mesh }) = afresh else {
-        let radiance = coarse.by_albedo(&surface, reflection.mean_albedo(), hit, None);
+        let radiance = coarse.by_albedo(surface, reflection.mean_albedo(), hit, None);
         return Arriving { radiance, by_mesh: radiance };
     };
-    let found = reflected_afresh(coarse, (&surface, hit), (direction, is_mapped), numbers);
+    let found = reflected_afresh(coarse, (surface, hit), (direction, is_mapped), numbers);
     let radiance = found.radiance;
     // What a mirror shows the mesh does not know.
     if !asks_mesh || reflection.is_sharp() {

@@ -1,8 +1,14 @@
 use super::*;
+use crate::transport::hemilux::coarse::direct::DirectLight;
 
 fn direct(irradiance: f32) -> DirectLight {
     let irradiance = Rgb::splat(irradiance);
     DirectLight { irradiance, reflected_as: irradiance, share: 1.0, open: 1.0 }
+}
+
+/// Elements with that direct light that send nothing else.
+fn sources(direct: &[DirectLight]) -> Sources<'_> {
+    Sources { direct, far: None, glow: &[] }
 }
 
 /// Element 0 sees element 1 by half of its rays and nothing else, element 1 sees only element
@@ -27,7 +33,8 @@ fn only_round(links: &mut Links) -> &mut Round {
 fn sweeps_solve_the_balance() {
     let (albedo, lit) = ([0.8, 0.5], [3.0, 1.0]);
     let mut links = two_elements();
-    links.balance(&albedo.map(Rgb::splat), &lit.map(direct), None, &[]);
+    let direct = lit.map(direct);
+    links.balance(&albedo.map(Rgb::splat), sources(&direct), &[]);
     // Both equations, solved by hand.
     let own = 0.5 * albedo[1] * (lit[1] + albedo[0] * lit[0]);
     let first = own / (1.0 - 0.5 * albedo[0] * albedo[1]);
@@ -44,7 +51,7 @@ fn coloured_links_bring_coloured_light() {
     let mut links = two_elements();
     let lack = Rgb::new(0.0, 1.0, 0.25);
     only_round(&mut links).tints.push(Tint { from: 0, to: 1, lack });
-    links.balance(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct), None, &[]);
+    links.balance(&[Rgb::ZERO, Rgb::ONE], sources(&[1.0, 1.0].map(direct)), &[]);
     let expected = 0.5 * (Rgb::ONE - lack);
     assert!(links.bounced[0].abs_diff_eq(expected, 1e-5), "{}", links.bounced[0]);
     assert_eq!(links.bounced[1], Rgb::ZERO);
@@ -68,7 +75,7 @@ fn links_bring_no_more_than_is_sent() {
 fn rays_from_inside_a_body_do_not_count() {
     let mut links = two_elements();
     only_round(&mut links).links[1] = COVERED;
-    links.balance(&[Rgb::ZERO, Rgb::ONE], &[1.0, 1.0].map(direct), None, &[]);
+    links.balance(&[Rgb::ZERO, Rgb::ONE], sources(&[1.0, 1.0].map(direct)), &[]);
     // Half of the rays of element 0 start inside: the other half is all that it sees.
     assert!((links.bounced[0].x - 1.0).abs() < 1e-3, "{}", links.bounced[0]);
 }

@@ -1,0 +1,127 @@
+//! Glow: what many faint surfaces emit. Real files let whole objects shine a little, by textures over
+//! thousands of triangles. As lights these are many, each of little worth, and most of them shine on their
+//! own neighbours; a ray over the hemisphere meets them as often as it meets what reflects light, and
+//! they are as bright as that. So they are no lights: rays that look for reflected light find theirs, too
+//! (docs/decisions/0096).
+
+use super::cells::EmissionCells;
+use super::from_triangles::untextured;
+use crate::radiometry::{Rgb, importance};
+use crate::scene::Scene;
+use crate::surface::{Surface, World};
+use rayon::prelude::*;
+
+/// With no more lights than this nothing glows: each of them is known in closed form at little cost.
+pub const FEW_LIGHTS: usize = 128;
+/// A material glows where the mean square of what it sends to all of the scene is at most so many times
+/// the square of the mean of all light: what covers a quarter of what is seen, and is the only light, does.
+const MOST_SCATTER: f64 = 4.0;
+/// Triangles that a thread adds up together.
+const CHUNK: usize = 4096;
+
+/// The materials that glow.
+pub struct Glow {
+    /// Of each material, whether it does.
+    of_material: Vec<bool>,
+}
+
+/// Sums over all that a material emits.
+#[derive(Clone, Copy, Default)]
+struct Emitted {
+    /// Σ radiance × area.
+    sum: f64,
+    /// Σ radiance² × area.
+    squares: f64,
+}
+
+impl Emitted {
+    fn add(&mut self, radiance: Rgb, area: f32, two_sided: bool) {
+        let radiance = f64::from(importance(radiance));
+        let area = f64::from(area) * if two_sided { 2.0 } else { 1.0 };
+        self.sum += radiance * area;
+        self.squares += radiance * radiance * area;
+    }
+}
+
+impl Glow {
+    /// What glows in a world whose emissive textures have those cells, where `surroundings` is the mean
+    /// radiance that arrives from outside; `None` where nothing does.
+    pub fn find(world: &World, cells: &EmissionCells, surroundings: f64) -> Option<Self> {
+        let (scene, rays) = (&*world.scene, &world.rays);
+        let mut of_material = vec![Emitted::default(); scene.materials.len()];
+        for emitter in untextured(scene, rays) {
+            let [a, b, c] = emitter.corners;
+            let area = 0.5 * (b - a).cross(c - a).length();
+            let own = &mut of_material[scene.triangle(emitter.triangle).material as usize];
+            own.add(emitter.radiance, area, emitter.two_sided);
+        }
+        for cell in &cells.cells {
+            let area = cell.share * rays.corners(scene, cell.triangle).1;
+            let material = scene.triangle(cell.triangle).material as usize;
+            let two_sided = scene.materials[material].double_sided;
+            of_material[material].add(cell.radiance, area, two_sided);
+        }
+        let area = shown_area(world);
+        let mean = surroundings + of_material.iter().map(|own| own.sum).sum::<f64>() / area;
+        let glows =
+            |own: &Emitted| own.squares > 0.0 && own.squares / area <= MOST_SCATTER * mean * mean;
+        let of_material: Vec<bool> = of_material.iter().map(glows).collect();
+        of_material.contains(&true).then_some(Self { of_material })
+    }
+
+    /// Whether a triangle glows.
+    pub fn covers(&self, scene: &Scene, triangle: u32) -> bool {
+        self.of_material[scene.triangle(triangle).material as usize]
+    }
+
+    /// Radiance of a surface's glow.
+    pub fn of(&self, scene: &Scene, surface: &Surface) -> Rgb {
+        let shines = surface.emission != Rgb::ZERO && self.covers(scene, surface.triangle);
+        if shines { surface.emission } else { Rgb::ZERO }
+    }
+}
+
+/// Area of all sides of a scene's surfaces that are seen, square ray units.
+fn shown_area(world: &World) -> f64 {
+    let scene = &*world.scene;
+    let of = |triangle: usize| {
+        let triangle = triangle as u32;
+        let sides = if scene.material_of(triangle).double_sided { 2.0 } else { 1.0 };
+        f64::from(world.rays.corners(scene, triangle).1) * sides
+    };
+    (0..scene.triangle_count()).into_par_iter().with_min_len(CHUNK).map(of).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::emitters::DirectLights;
+    use crate::scene::Material;
+    use crate::scene::environment::Environment;
+    use crate::scene::made::revolved::revolved;
+    use std::sync::Arc;
+
+    /// A vase, seen from outside, of which every eighth triangle shines so much.
+    fn lights(radiance: f32, environment: Environment) -> DirectLights {
+        let profile = |ring: u32| [1.0 + 0.1 * (0.5 * ring as f32).sin(), 0.1 * ring as f32];
+        let profile: Vec<[f32; 2]> = (0..16).map(profile).collect();
+        let mut scene = revolved(&profile, 40, Material::lambertian("dull", Rgb::splat(0.5)));
+        let lamp = Material { emission: Rgb::splat(radiance), ..scene.materials[0].clone() };
+        scene.materials.push(lamp);
+        for triangle in scene.triangles.iter_mut().step_by(8) {
+            triangle.material = 1;
+        }
+        let world = World::surrounded(Arc::new(scene), Arc::new(environment));
+        DirectLights::new(&world).expect("it shines")
+    }
+
+    /// What is far brighter than the rest are lights, however many; what is faint beside the light from
+    /// outside is none.
+    #[test]
+    fn what_is_faint_glows() {
+        assert!(!lights(0.5, Environment::none()).has_glow());
+        assert!(!lights(500.0, Environment::studio()).has_glow());
+        let faint = lights(0.1, Environment::studio());
+        assert!(faint.has_glow() && faint.count() == 1, "the sky alone: {}", faint.count());
+    }
+}
