@@ -34,11 +34,13 @@ const REFILLED_FROM: f64 = 0.25;
 const NOISE_OF_NEW: f64 = 0.3;
 /// Fewest rays of a new record.
 const LEAST_NEW_RAYS: f64 = 32.0;
-/// Error by records and links, over that by lobes, below which links are not doubled: 1 % of the square.
+/// Error by records and links, over that by lobes and edges, below which links are not doubled: 1 % of the square.
 const LINKS_ASIDE: f64 = 0.1;
+/// Iterations after which links that make no error are known to make none: they have been doubled twice.
+const LINKS_KNOWN: u64 = 4;
 /// How many times its usual share of the rays the audit gets where it has a suspicion: then more paths
 /// either find what is wrong, and take it off, or find nothing.
-const AUDIT_TIMES: u32 = 5;
+const AUDIT_TIMES: u32 = 3;
 
 /// What an iteration does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
@@ -142,8 +144,8 @@ impl Balance {
     /// rays, shadow rays and lobe rays get what brings the time t of each nearest to being in proportion
     /// to e√t, e the error that it leaves: where errors fall with the root of the time, that makes the
     /// sum of their squares least, with those of records counted more than once. Rays at edges are cheap: there
-    /// are as many as make edges a small part of the error, in a small part of the time;
-    /// more rays for records where noise counts, and more records where interpolation does.
+    /// are as many as make edges a small part of the error, in a small part of the time, or in theirs by the
+    /// same rule; more rays for records where noise counts, and more records where interpolation does.
     pub fn of(errors: &Errors, done: WorkDone) -> Self {
         let [noise, bent, shadows, lobes, edges] = errors.by_cause;
         let [noise, bent] = [noise, bent].map(|smooth| SMOOTH_COUNTS * smooth);
@@ -163,7 +165,11 @@ impl Balance {
         };
         let squares = |causes: &[f64]| causes.iter().map(|cause| cause * cause).sum::<f64>();
         let time = (gather + shadow_time + lobe_time) / done.iterations as f64;
-        let affordable = EDGE_TIME * time / (EDGE_COST * done.edges.pixels.max(1) as f64);
+        let edge_cost = EDGE_COST * done.edges.pixels.max(1) as f64;
+        let edge_time = edge_cost * f64::from(done.edges.samples + done.edges.rays);
+        let edge_worth = worth(edges, edge_time);
+        let theirs = time_then * edge_worth / (all_worth + edge_worth).max(least) - edge_time;
+        let affordable = (EDGE_TIME * time).max(theirs / more) / edge_cost;
         let edge_rays = (done.edges.wanted(errors) / more).min(affordable);
         let but_noise = squares(&[bent, shadows, lobes, edges]);
         let refine_every = but_noise / (4.0 * noise * noise).max(least);
@@ -171,7 +177,9 @@ impl Balance {
         let enough = done.rays_per_record * (noise / bent.max(least)).powi(2) / NOISE_OF_NEW;
         let links = errors.by_links;
         let by_links = [errors.by_cause[0], errors.by_cause[1], links];
-        let links_wait = links > 0.0 && squares(&by_links) < (LINKS_ASIDE * lobes).powi(2);
+        let are_known = links > 0.0 || done.iterations >= LINKS_KNOWN;
+        let links_wait =
+            are_known && squares(&by_links) < (LINKS_ASIDE * lobes.hypot(edges)).powi(2);
         let refills = bent * bent > REFILLED_FROM * all;
         Self {
             shadow_passes: passes(shadows, shadow_passes, shadow_time).clamp(1, MOST_SHADOW_PASSES),
@@ -234,12 +242,12 @@ mod tests {
         assert_eq!(balance([0.02, 0.02, 0.0, 0.0, 0.0]).new_rays, 667);
         // What is smooth counts twice.
         // Half of the squared error at edges: 44 times as much weight there as by the samples alone, in two
-        // iterations; and no more than a twentieth of the time.
+        // iterations; and where a twentieth of the time is not enough, no more than by their worth.
         let edges = balance([0.01, 0.0, 0.0, 0.0, 0.01]);
         assert_eq!((edges.edge_rays, edges.new_rays), (99, 0));
         let many = EdgeWork { pixels: 10_000, ..DONE.edges };
         let errors = Errors { by_cause: [0.01, 0.0, 0.0, 0.0, 0.01], ..Errors::default() };
-        assert_eq!(Balance::of(&errors, WorkDone { edges: many, ..DONE }).edge_rays, 13);
+        assert_eq!(Balance::of(&errors, WorkDone { edges: many, ..DONE }).edge_rays, 68);
         // Lobes have a third of the time and are worth three quarters: all of what two iterations take.
         let lobes = balance([0.005, 0.0, 0.0, 0.03, 0.0]);
         assert_eq!((lobes.lobe_passes, lobes.shadow_passes, lobes.edge_rays), (5, 1, 0));
@@ -257,8 +265,11 @@ mod tests {
             Balance::of(&Errors { by_cause, by_links, ..Errors::default() }, DONE).links_wait
         };
         assert_eq!(of([0.005, 0.005, 0.01, 0.2, 0.01], 0.001), 1);
+        assert_eq!(of([0.005, 0.005, 0.01, 0.01, 0.2], 0.001), 1);
         // Before links have doubled once nobody knows how far they are off.
-        assert_eq!(of([0.005, 0.005, 0.01, 0.2, 0.01], 0.0), 0);
+        let lobes = Errors { by_cause: [0.005, 0.005, 0.01, 0.2, 0.01], ..Errors::default() };
+        let early = WorkDone { iterations: 2, ..DONE };
+        assert_eq!([early, DONE].map(|done| Balance::of(&lobes, done).links_wait), [0, 1]);
         assert_eq!(of([0.005, 0.005, 0.01, 0.2, 0.01], 0.02), 0);
         assert_eq!(of([0.005, 0.02, 0.01, 0.2, 0.01], 0.001), 0);
         assert_eq!(of([0.005, 0.005, 0.2, 0.01, 0.01], 0.001), 0);
@@ -285,7 +296,7 @@ mod tests {
             edge_rays: 128,
             refine_every: 1,
             new_rays: 7,
-            audit_times: 5,
+            audit_times: 3,
             links_wait: 1,
         };
         assert_eq!(wild.bounded(), bounded);

@@ -25,7 +25,7 @@ use grid::Grid;
 use rayon::prelude::*;
 
 /// Rays of the audit, as a share of all other rays.
-const SHARE: f64 = 0.03;
+const SHARE: f64 = 0.05;
 /// Paths that are traced at once: the audit has a multiple of it.
 const BATCH: usize = 1024;
 /// Most paths of a job, 12 bytes each; a multiple of [`BATCH`].

@@ -305,7 +305,8 @@ impl Tiers {
         self.clock.lap("seconds_edges");
         let by_light = self.coarse.caustics().map_or(0, |caustics| caustics.rays());
         let rays = self.coarse.links() as u64 + self.cache.rays() + self.direct.rays + by_light;
-        self.hold_paths_against(rays);
+        let of_pixels = self.gloss.rays() + self.edges.as_ref().map_or(0, Edges::rays);
+        self.hold_paths_against(rays + of_pixels);
         self.clock.lap("seconds_audit");
         let tally = &mut run.standing.tally;
         tally.iterations += 1;
