@@ -13,9 +13,9 @@ use rayon::prelude::*;
 
 /// With no more lights than this nothing glows: each of them is known in closed form at little cost.
 pub const FEW_LIGHTS: usize = 128;
-/// A material glows where the mean square of what it sends to all of the scene is at most so many times
-/// the square of the mean of all light: what covers a quarter of what is seen, and is the only light, does.
-const MOST_SCATTER: f64 = 4.0;
+/// A material glows that is at most so many times as bright as all light is in the mean: what covers a
+/// quarter of what is seen, and is the only light, does.
+const MOST_BRIGHTNESS: f64 = 4.0;
 /// Triangles that a thread adds up together.
 const CHUNK: usize = 4096;
 
@@ -41,6 +41,12 @@ impl Emitted {
         self.sum += radiance * area;
         self.squares += radiance * radiance * area;
     }
+
+    /// Mean radiance, by what it sends: a few bright spots on a faint surface make it bright, since rays
+    /// that meet them by chance scatter.
+    fn brightness(&self) -> f64 {
+        self.squares / self.sum
+    }
 }
 
 impl Glow {
@@ -63,8 +69,7 @@ impl Glow {
         }
         let area = shown_area(world);
         let mean = surroundings + of_material.iter().map(|own| own.sum).sum::<f64>() / area;
-        let glows =
-            |own: &Emitted| own.squares > 0.0 && own.squares / area <= MOST_SCATTER * mean * mean;
+        let glows = |own: &Emitted| own.sum > 0.0 && own.brightness() <= MOST_BRIGHTNESS * mean;
         let of_material: Vec<bool> = of_material.iter().map(glows).collect();
         of_material.contains(&true).then_some(Self { of_material })
     }
@@ -101,15 +106,15 @@ mod tests {
     use crate::scene::made::revolved::revolved;
     use std::sync::Arc;
 
-    /// A vase, seen from outside, of which every eighth triangle shines so much.
+    /// A vase, seen from outside, of which every eighth triangle shines so much, in turn of two materials.
     fn lights(radiance: f32, environment: Environment) -> DirectLights {
         let profile = |ring: u32| [1.0 + 0.1 * (0.5 * ring as f32).sin(), 0.1 * ring as f32];
         let profile: Vec<[f32; 2]> = (0..16).map(profile).collect();
         let mut scene = revolved(&profile, 40, Material::lambertian("dull", Rgb::splat(0.5)));
         let lamp = Material { emission: Rgb::splat(radiance), ..scene.materials[0].clone() };
-        scene.materials.push(lamp);
-        for triangle in scene.triangles.iter_mut().step_by(8) {
-            triangle.material = 1;
+        scene.materials.extend([lamp.clone(), lamp]);
+        for (number, triangle) in scene.triangles.iter_mut().step_by(8).enumerate() {
+            triangle.material = 1 + number as u32 % 2;
         }
         let world = World::surrounded(Arc::new(scene), Arc::new(environment));
         DirectLights::new(&world).expect("it shines")

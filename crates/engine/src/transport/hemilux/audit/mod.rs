@@ -231,7 +231,7 @@ mod tests {
     use super::*;
     use crate::transport::hemilux::specimen::{ALBEDO, EMISSION, SEED, Specimen};
 
-    /// An audit of so many rays in a furnace, and a picture of its one radiance times a factor for each
+    /// An audit by so many rays of its own in a furnace, and a picture of its one radiance times a factor for each
     /// half.
     fn furnace(rays: u64, [left, right]: [f32; 2]) -> (Audit, VisibleSurfaces, Picture) {
         let specimen = Specimen::furnace();
@@ -246,7 +246,7 @@ mod tests {
             seed: SEED,
         };
         let mut audit = Audit::default();
-        audit.follow(&audited, (rays, 1));
+        audit.follow(&audited, ((rays as f64 / SHARE) as u64, 1));
         let radiance = EMISSION / (1.0 - ALBEDO);
         let (width, height) = (visible.width, visible.height);
         let pixel = |at: u32| if at % width < width / 2 { left } else { right };
@@ -257,9 +257,9 @@ mod tests {
 
     #[test]
     fn paths_get_their_share_of_rays() {
-        let (audit, ..) = furnace(10_000_000, [1.0; 2]);
-        let share = audit.rays as f64 / 10_000_000.0;
-        assert!((share / SHARE - 1.0).abs() < 0.2, "{share}");
+        let (audit, ..) = furnace(300_000, [1.0; 2]);
+        let share = audit.rays as f64 / 300_000.0;
+        assert!((share - 1.0).abs() < 0.2, "{share}");
         assert_eq!(audit.paths() % BATCH, 0);
     }
 
@@ -272,14 +272,14 @@ mod tests {
             let (audit, visible, picture) = furnace(rays, halves);
             audit.judge(&visible, SEED, &picture)
         };
-        let (few, many) = (judged(1_000_000, [1.0; 2]), judged(20_000_000, [1.0; 2]));
+        let (few, many) = (judged(30_000, [1.0; 2]), judged(600_000, [1.0; 2]));
         assert_eq!((few.found, many.found), (0.0, 0.0));
         let hidden = [few, many].map(|verdict| verdict.hidden.unwrap().sqrt() / radiance);
         assert!(hidden[1] < 0.7 * hidden[0] && hidden[1] < 0.03, "{hidden:?}");
         for halves in [[1.1, 1.1], [1.1, 0.9], [0.8, 1.0]] {
             let expected =
                 (0.5 * halves.map(|f: f32| f64::from(f - 1.0).powi(2)).iter().sum::<f64>()).sqrt();
-            let found = judged(20_000_000, halves).found.sqrt() / radiance;
+            let found = judged(600_000, halves).found.sqrt() / radiance;
             assert!((found / expected - 1.0).abs() < 0.2, "{found} {expected}");
         }
     }
@@ -288,7 +288,7 @@ mod tests {
     #[test]
     fn a_planted_error_is_taken_off() {
         for halves in [[1.0, 1.0], [1.06, 1.06], [1.05, 0.97], [0.95, 1.0]] {
-            let (audit, visible, mut picture) = furnace(20_000_000, halves);
+            let (audit, visible, mut picture) = furnace(600_000, halves);
             let corrected = audit.correct(&visible, SEED, &mut picture);
             assert_eq!(corrected.left > 0.0, halves != [1.0; 2], "{halves:?}");
             assert!(corrected.is_suspect || halves == [1.0; 2], "{halves:?}");
@@ -344,7 +344,7 @@ mod tests {
 
     #[test]
     fn the_background_stays_as_it_is() {
-        let (audit, mut visible, mut picture) = furnace(20_000_000, [1.1; 2]);
+        let (audit, mut visible, mut picture) = furnace(600_000, [1.1; 2]);
         visible.background = vec![Rgb::ZERO; picture.pixels.len()];
         let before = picture.pixels[0];
         visible.background[0] = before;
@@ -355,7 +355,7 @@ mod tests {
 
     #[test]
     fn it_is_kept_in_checkpoints() {
-        let (audit, visible, picture) = furnace(2_000_000, [1.1; 2]);
+        let (audit, visible, picture) = furnace(60_000, [1.1; 2]);
         let mut writer = Writer::new(u64::MAX);
         audit.save(&mut writer);
         let bytes = writer.finish().unwrap();
