@@ -32,6 +32,8 @@ struct Emitted {
     sum: f64,
     /// Σ radiance² × area.
     squares: f64,
+    /// Whether light passes some of it: rays go on behind that, and leave what it emits to lights.
+    is_clear: bool,
 }
 
 impl Emitted {
@@ -60,16 +62,19 @@ impl Glow {
             let area = 0.5 * (b - a).cross(c - a).length();
             let own = &mut of_material[scene.triangle(emitter.triangle).material as usize];
             own.add(emitter.radiance, area, emitter.two_sided);
+            own.is_clear |= world.is_clear(emitter.triangle);
         }
         for cell in &cells.cells {
             let area = cell.share * rays.corners(scene, cell.triangle).1;
             let material = scene.triangle(cell.triangle).material as usize;
             let two_sided = scene.materials[material].double_sided;
             of_material[material].add(cell.radiance, area, two_sided);
+            of_material[material].is_clear |= world.is_clear(cell.triangle);
         }
         let area = shown_area(world);
         let mean = surroundings + of_material.iter().map(|own| own.sum).sum::<f64>() / area;
-        let glows = |own: &Emitted| own.sum > 0.0 && own.brightness() <= MOST_BRIGHTNESS * mean;
+        let is_faint = |own: &Emitted| own.brightness() <= MOST_BRIGHTNESS * mean;
+        let glows = |own: &Emitted| own.sum > 0.0 && !own.is_clear && is_faint(own);
         let of_material: Vec<bool> = of_material.iter().map(glows).collect();
         of_material.contains(&true).then_some(Self { of_material })
     }
@@ -107,11 +112,12 @@ mod tests {
     use std::sync::Arc;
 
     /// A vase, seen from outside, of which every eighth triangle shines so much, in turn of two materials.
-    fn lights(radiance: f32, environment: Environment) -> DirectLights {
+    fn lights(radiance: f32, transmission: f32, environment: Environment) -> DirectLights {
         let profile = |ring: u32| [1.0 + 0.1 * (0.5 * ring as f32).sin(), 0.1 * ring as f32];
         let profile: Vec<[f32; 2]> = (0..16).map(profile).collect();
         let mut scene = revolved(&profile, 40, Material::lambertian("dull", Rgb::splat(0.5)));
-        let lamp = Material { emission: Rgb::splat(radiance), ..scene.materials[0].clone() };
+        let emission = Rgb::splat(radiance);
+        let lamp = Material { emission, transmission, ..scene.materials[0].clone() };
         scene.materials.extend([lamp.clone(), lamp]);
         for (number, triangle) in scene.triangles.iter_mut().step_by(8).enumerate() {
             triangle.material = 1 + number as u32 % 2;
@@ -124,9 +130,10 @@ mod tests {
     /// outside is none.
     #[test]
     fn what_is_faint_glows() {
-        assert!(!lights(0.5, Environment::none()).has_glow());
-        assert!(!lights(500.0, Environment::studio()).has_glow());
-        let faint = lights(0.1, Environment::studio());
+        assert!(!lights(0.5, 0.0, Environment::none()).has_glow());
+        assert!(!lights(500.0, 0.0, Environment::studio()).has_glow());
+        assert!(!lights(0.1, 0.9, Environment::studio()).has_glow(), "rays go on behind it");
+        let faint = lights(0.1, 0.0, Environment::studio());
         assert!(faint.has_glow() && faint.count() == 1, "the sky alone: {}", faint.count());
     }
 }

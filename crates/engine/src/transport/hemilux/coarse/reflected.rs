@@ -145,16 +145,20 @@ impl CoarseSolution {
         weight * PI * self.arriving_as_diffuse(hit, passage, next)
     }
 
-    /// Radiance that a hit reflects, as if all of it were reflected diffusely, but for what is followed
+    /// Radiance that a surface reflects, as if all of it were reflected diffusely, but for what is followed
     /// where it mirrors sharply.
-    fn reflected_beside_mirrors(&self, hit: &Hit, direction: Vec3, next: Next) -> Rgb {
-        let Some(surface) = self.world.surface(hit) else { return Rgb::ZERO };
+    fn reflected_beside_mirrors(
+        &self,
+        (surface, hit): (&Surface, &Hit),
+        direction: Vec3,
+        next: Next,
+    ) -> Rgb {
         let reflection = surface.reflection();
         let mut albedo = reflection.mean_albedo();
         if self.follows_mirrors && reflection.is_sharp() {
-            albedo = reflection.diffuse(-direction) / (1.0 - mirrored_share(&surface, -direction));
+            albedo = reflection.diffuse(-direction) / (1.0 - mirrored_share(surface, -direction));
         }
-        self.by_albedo(&surface, albedo, hit, Some(next.afresh()))
+        self.by_albedo(surface, albedo, hit, Some(next.afresh()))
     }
 
     /// Radiance that arrives along a ray that met this at first and came to that, if need be by way of
@@ -170,8 +174,13 @@ impl CoarseSolution {
         if self.follows_mirrors {
             passage = self.world.follow_mirrors(passage);
         }
-        let reflected = passage.met().map_or(Rgb::ZERO, |met| {
-            passage.left * self.reflected_beside_mirrors(&met, passage.direction, next)
+        let met = passage.met().and_then(|met| Some((met, self.world.surface(&met)?)));
+        let reflected = met.map_or(Rgb::ZERO, |(met, surface)| {
+            let reflected =
+                self.reflected_beside_mirrors((&surface, &met), passage.direction, next);
+            // What bent rays bring of emission comes below.
+            let glow = if passage.is_bent { Rgb::ZERO } else { self.glow(&surface) };
+            passage.left * (reflected + glow)
         });
         match passage.is_bent {
             true => reflected + passage.bent_light(&self.world, !self.is_mapped()),
