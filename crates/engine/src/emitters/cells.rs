@@ -2,13 +2,10 @@
 //! divided where its emission varies, as far as that matters to the whole scene, and is left whole
 //! where it is alike; black parts have no cell.
 
-use super::lit_texels::LitTexels;
-use super::means::{EmissionMeans, MeanBounds, part_of};
 use crate::radiometry::{Rgb, importance};
-use crate::rays::Rays;
-use crate::scene::{Material, Scene};
+use crate::scene::emission_means::{EmissionMeans, part_of};
+use crate::surface::World;
 use glam::Vec2;
-use rayon::prelude::*;
 use std::collections::{BinaryHeap, HashMap};
 
 /// How finely emissive textures are divided.
@@ -106,16 +103,16 @@ type Textured = (u32, f64);
 
 impl EmissionCells {
     /// Divides the emissive triangles of a scene that have a texture.
-    pub fn new(scene: &Scene, rays: &Rays, limits: CellLimits) -> Self {
-        let textured = textured(scene, rays);
-        let lit = LitTexels::new(scene);
-        let bounds = MeanBounds::new(scene, textured.iter().map(|(triangle, _)| *triangle));
-        let trees: Vec<EmissionMeans> = textured
-            .par_iter()
-            .map(|(triangle, _)| EmissionMeans::new(scene, &lit, *triangle, bounds))
-            .collect();
+    pub fn new(world: &World, limits: CellLimits) -> Self {
+        let emission = world.textured_emission();
+        let trees = emission.means();
+        let with_area = |triangle: &u32| {
+            let sides = if world.scene.material_of(*triangle).double_sided { 2.0 } else { 1.0 };
+            (*triangle, f64::from(world.rays.corners(&world.scene, *triangle).1) * sides)
+        };
+        let textured: Vec<Textured> = emission.triangles().iter().map(with_area).collect();
         let mut building = Building {
-            trees: &trees,
+            trees,
             textured: &textured,
             fine: limits.fine,
             nodes: Vec::new(),
@@ -130,7 +127,7 @@ impl EmissionCells {
         building.divide(limits);
         let Building { nodes, info, .. } = building;
         let mut this = Self { nodes, root, cells: Vec::new() };
-        this.number(&trees, &textured, &info);
+        this.number(trees, &textured, &info);
         this.leave_out(limits.dim, &textured);
         this
     }
@@ -263,21 +260,6 @@ impl Building<'_> {
             cells -= 1;
         }
     }
-}
-
-/// The triangles of a scene that a texture lets emit and that have an area.
-fn textured(scene: &Scene, rays: &Rays) -> Vec<Textured> {
-    let mut all = Vec::new();
-    let is_textured = |material: &Material| material.emits() && material.emission_texture.is_some();
-    for index in scene.triangles_of(is_textured) {
-        let material = scene.material_of(index);
-        let (_, area) = rays.corners(scene, index);
-        let sides = if material.double_sided { 2.0 } else { 1.0 };
-        if area > 0.0 && area.is_finite() {
-            all.push((index, f64::from(area) * sides));
-        }
-    }
-    all
 }
 
 /// Barycentric corners of a part.

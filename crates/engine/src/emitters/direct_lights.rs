@@ -129,7 +129,7 @@ impl DirectLights {
     /// All lights of a world; `None` where nothing shines, and nothing shows itself without light.
     pub fn new(world: &World) -> Option<Self> {
         let (scene, rays) = (&world.scene, &world.rays);
-        let cells = PolygonLights::cells(scene, rays);
+        let cells = PolygonLights::cells(world);
         let polygons = PolygonLights::new(scene, rays, cells.clone(), None);
         let mut this = Self::beside(world, polygons);
         if this.polygons.as_ref().is_some_and(|lights| lights.count() > FEW_LIGHTS) {

@@ -8,8 +8,6 @@ mod disks;
 mod from_triangles;
 mod glow;
 mod light_tree;
-mod lit_texels;
-mod means;
 mod merging;
 mod of_triangles;
 mod openings;

@@ -12,6 +12,7 @@ use super::unoccluded::{ClosedForms, LobeAxis, MOST_LIGHTS, Unoccluded};
 use crate::radiometry::Rgb;
 use crate::rays::{Hit, Rays};
 use crate::scene::Scene;
+use crate::surface::World;
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -85,8 +86,8 @@ impl ShadowSample {
 
 impl PolygonLights {
     /// The parts of the triangles of a scene that have an emissive texture.
-    pub fn cells(scene: &Scene, rays: &Rays) -> Arc<EmissionCells> {
-        Arc::new(EmissionCells::new(scene, rays, CELLS))
+    pub fn cells(world: &World) -> Arc<EmissionCells> {
+        Arc::new(EmissionCells::new(world, CELLS))
     }
 
     /// The lights of a scene with those cells, but for what glows; `None` without any.

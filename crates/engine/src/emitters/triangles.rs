@@ -82,7 +82,7 @@ impl TriangleLights {
     /// The lights of a scene; `None` without any.
     pub fn new(world: &World) -> Option<Self> {
         let scene = &world.scene;
-        let cells = EmissionCells::new(scene, &world.rays, CELLS);
+        let cells = EmissionCells::new(world, CELLS);
         let mut parts =
             Parts { world, emitters: Vec::new(), parts: Vec::new(), weights: Vec::new() };
         let mut textured: HashMap<u32, u32> = HashMap::new();

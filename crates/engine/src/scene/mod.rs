@@ -5,10 +5,12 @@
 mod background;
 mod camera;
 pub mod daylight;
+pub mod emission_means;
 pub mod environment;
 pub mod gltf;
 pub mod instances;
 mod layers;
+mod lit_texels;
 pub mod made;
 mod material;
 mod message;

@@ -7,6 +7,7 @@ use super::model::Parameters;
 use super::point::Surface;
 use crate::radiometry::Rgb;
 use crate::rays::{Eye, Hit, Rays, Segment, Spot, unit_normal};
+use crate::scene::emission_means::TexturedEmission;
 use crate::scene::pyramid::Pyramids;
 use crate::scene::{Background, Environment, Material, Scene};
 use glam::{Vec2, Vec3};
@@ -35,6 +36,8 @@ pub struct World {
     mirrors: Arc<[bool]>,
     /// Averages of its textures, once they have been asked for.
     pyramids: Arc<OnceLock<Arc<Pyramids>>>,
+    /// Means of what its textures emit, once they have been asked for.
+    textured_emission: Arc<OnceLock<Arc<TexturedEmission>>>,
 }
 
 impl World {
@@ -61,6 +64,7 @@ impl World {
             has_normal_maps: false,
             mirrors,
             pyramids: Arc::default(),
+            textured_emission: Arc::default(),
         };
         this.has_clear = this.finishes.all().iter().any(|finish| finish.clear.is_some());
         let materials = this.scene.materials.iter().zip(this.scene.used_materials());
@@ -97,10 +101,26 @@ impl World {
         self.pyramids.get_or_init(|| Arc::new(Pyramids::new(&self.scene))).clone()
     }
 
+    /// Means of what triangles emit that have an emissive texture and an area.
+    pub fn textured_emission(&self) -> Arc<TexturedEmission> {
+        let is_textured =
+            |material: &Material| material.emits() && material.emission_texture.is_some();
+        let has_area = |triangle: &u32| {
+            let (_, area) = self.rays.corners(&self.scene, *triangle);
+            area > 0.0 && area.is_finite()
+        };
+        let find = || {
+            let textured = self.scene.triangles_of(is_textured).filter(has_area).collect();
+            Arc::new(TexturedEmission::new(&self.scene, textured))
+        };
+        self.textured_emission.get_or_init(find).clone()
+    }
+
     /// Bytes that hierarchy, finishes and averages take.
     pub fn held_bytes(&self) -> u64 {
         let pyramids = self.pyramids.get().map_or(0, |_| Pyramids::needed_bytes(&self.scene));
-        self.rays.held_bytes() + self.finishes.held_bytes() + pyramids
+        let emission = self.textured_emission.get().map_or(0, |all| all.held_bytes());
+        self.rays.held_bytes() + self.finishes.held_bytes() + pyramids + emission
     }
 
     /// Bytes that [`Self::surrounded`] and the scene's lights take at their peak for so many triangles.

@@ -2,10 +2,15 @@
 
 use super::*;
 use crate::random::{Stream, bits};
-use crate::scene::{Encoding, Material, Texture, TextureSlot, Triangle, Vertex, Wrap};
+use crate::scene::{Encoding, Material, Scene, Texture, TextureSlot, Triangle, Vertex, Wrap};
 use glam::{DVec3, Vec3};
+use std::sync::Arc;
 
 const LIMITS: CellLimits = CellLimits { most: 256, least_difference: 1e-3, fine: 0.5, dim: 1e-4 };
+
+fn cells_of(scene: &Scene, limits: CellLimits) -> EmissionCells {
+    EmissionCells::new(&World::new(Arc::new(scene.clone())), limits)
+}
 
 /// Rectangles of two triangles in a row, each showing all of the texture, of one side.
 fn screens(count: u32, texture: Texture, slot: TextureSlot) -> Scene {
@@ -82,11 +87,10 @@ fn cells_emit_what_their_texels_emit() {
     ] {
         let slot = TextureSlot { nearest, wrap: [Wrap::Repeat; 2], ..TextureSlot::plain(0) };
         let scene = screens(9, pattern(side, sparse), slot);
-        let rays = Rays::new(&scene);
         let expected = exact(&scene);
         for most in [18, 256, 20_000] {
             let limits = CellLimits { most, least_difference: 1e-6, dim: 0.0, ..LIMITS };
-            let cells = EmissionCells::new(&scene, &rays, limits);
+            let cells = cells_of(&scene, limits);
             let found = power(&scene, &cells);
             let error = off(found, expected);
             println!("{side} {sparse} {nearest}, {} cells: {error:.5}", cells.cells.len());
@@ -103,9 +107,8 @@ fn cells_emit_what_their_texels_emit() {
 #[test]
 fn places_are_found_in_their_cells() {
     let scene = screens(1, pattern(16, false), TextureSlot::plain(0));
-    let rays = Rays::new(&scene);
     let limits = CellLimits { most: 2000, least_difference: 0.0, fine: 1.0, dim: 0.0 };
-    let cells = EmissionCells::new(&scene, &rays, limits);
+    let cells = cells_of(&scene, limits);
     assert!(cells.cells.len() > 500);
     let mut sums = vec![(Rgb::ZERO, 0.0); cells.cells.len()];
     const SIDE: u32 = 256;
@@ -142,8 +145,7 @@ fn black_is_free_and_evenness_is_one_cell() {
     let corner = Texture { width: 128, height: 128, texels };
     let slot = TextureSlot { wrap: [Wrap::ClampToEdge; 2], ..TextureSlot::plain(0) };
     let scene = screens(1, corner, slot);
-    let rays = Rays::new(&scene);
-    let cells = EmissionCells::new(&scene, &rays, LIMITS);
+    let cells = cells_of(&scene, LIMITS);
     println!("{} cells", cells.cells.len());
     assert!(cells.cells.len() < 100 && off(power(&scene, &cells), exact(&scene)) < 1e-3);
     let inside = |corner: &Vec2, cell: &EmissionCell| {
@@ -153,10 +155,10 @@ fn black_is_free_and_evenness_is_one_cell() {
     };
     assert!(cells.cells.iter().all(|cell| cell.corners.iter().all(|at| inside(at, cell))));
     let even = screens(9, Texture { width: 4, height: 4, texels: vec![[200; 4]; 16] }, slot);
-    let cells = EmissionCells::new(&even, &rays, LIMITS);
+    let cells = cells_of(&even, LIMITS);
     assert!(cells.cells.len() == 18 && cells.cells.iter().all(|cell| cell.is_even));
     let black = screens(9, Texture { width: 4, height: 4, texels: vec![[0; 4]; 16] }, slot);
-    assert!(EmissionCells::new(&black, &rays, LIMITS).cells.is_empty());
+    assert!(cells_of(&black, LIMITS).cells.is_empty());
 }
 
 /// Triangles that hardly shine are no lights where others do.
@@ -166,10 +168,9 @@ fn the_dimmest_are_left_out() {
     let dim = Material { emission: Rgb::splat(1e-5), ..scene.materials[0].clone() };
     scene.materials.push(dim);
     scene.triangles[2].material = 1;
-    let rays = Rays::new(&scene);
-    let cells = EmissionCells::new(&scene, &rays, LIMITS);
+    let cells = cells_of(&scene, LIMITS);
     assert!(cells.find(2, [0.3, 0.3]).is_none());
     assert!(cells.cells.iter().all(|cell| cell.triangle != 2));
-    let kept = EmissionCells::new(&scene, &rays, CellLimits { dim: 0.0, ..LIMITS });
+    let kept = cells_of(&scene, CellLimits { dim: 0.0, ..LIMITS });
     assert!(kept.cells.iter().any(|cell| cell.triangle == 2));
 }

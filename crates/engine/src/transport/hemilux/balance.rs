@@ -158,17 +158,21 @@ impl Balance {
             + worth(lobes, lobe_time);
         let until = (done.iterations + 1..).find(|next| Self::is_due(*next)).unwrap_or(u64::MAX);
         let more = (until - done.iterations) as f64;
-        let time_then = (gather + shadow_time + lobe_time) * until as f64 / done.iterations as f64;
+        let edge_cost = EDGE_COST * done.edges.pixels.max(1) as f64;
+        let edge_time = edge_cost * f64::from(done.edges.samples + done.edges.rays);
+        let edge_worth = worth(edges, edge_time);
+        let by_rest = gather + shadow_time + lobe_time;
+        let of_all = |time: f64| time * until as f64 / done.iterations as f64;
+        let time_then = of_all(by_rest);
         let passes = |error: f64, passes: u32, time: f64| {
             let wanted = time_then * worth(error, time) / all_worth.max(least);
             ((wanted - time).max(0.0) / more * f64::from(passes) / time.max(least)).round() as u32
         };
         let squares = |causes: &[f64]| causes.iter().map(|cause| cause * cause).sum::<f64>();
-        let time = (gather + shadow_time + lobe_time) / done.iterations as f64;
-        let edge_cost = EDGE_COST * done.edges.pixels.max(1) as f64;
-        let edge_time = edge_cost * f64::from(done.edges.samples + done.edges.rays);
-        let edge_worth = worth(edges, edge_time);
-        let theirs = time_then * edge_worth / (all_worth + edge_worth).max(least) - edge_time;
+        let time = by_rest / done.iterations as f64;
+        let edge_share = edge_worth / (all_worth + edge_worth).max(least);
+        // Where all light is emitted there is nothing else to take time from.
+        let theirs = of_all(by_rest + edge_time) * edge_share - edge_time;
         let affordable = (EDGE_TIME * time).max(theirs / more) / edge_cost;
         let edge_rays = (done.edges.wanted(errors) / more).min(affordable);
         let but_noise = squares(&[bent, shadows, lobes, edges]);
@@ -240,14 +244,17 @@ mod tests {
         let bent = balance([0.002, 0.02, 0.0, 0.0, 0.0]);
         assert_eq!((bent.refine_every, bent.new_rays), (25, 32));
         assert_eq!(balance([0.02, 0.02, 0.0, 0.0, 0.0]).new_rays, 667);
-        // What is smooth counts twice.
         // Half of the squared error at edges: 44 times as much weight there as by the samples alone, in two
         // iterations; and where a twentieth of the time is not enough, no more than by their worth.
         let edges = balance([0.01, 0.0, 0.0, 0.0, 0.01]);
         assert_eq!((edges.edge_rays, edges.new_rays), (99, 0));
         let many = EdgeWork { pixels: 10_000, ..DONE.edges };
         let errors = Errors { by_cause: [0.01, 0.0, 0.0, 0.0, 0.01], ..Errors::default() };
-        assert_eq!(Balance::of(&errors, WorkDone { edges: many, ..DONE }).edge_rays, 68);
+        assert_eq!(Balance::of(&errors, WorkDone { edges: many, ..DONE }).edge_rays, 69);
+        // Where nothing but edges takes time, as many again as there were samples, in two iterations.
+        let nothing = WorkDone { gather_rays: 0, shadows: (4, 0), lobes: (0, 0.0), ..DONE };
+        let errors = Errors { by_cause: [0.0, 0.0, 0.0, 0.0, 0.01], ..Errors::default() };
+        assert_eq!(Balance::of(&errors, nothing).edge_rays, 4);
         // Lobes have a third of the time and are worth three quarters: all of what two iterations take.
         let lobes = balance([0.005, 0.0, 0.0, 0.03, 0.0]);
         assert_eq!((lobes.lobe_passes, lobes.shadow_passes, lobes.edge_rays), (5, 1, 0));

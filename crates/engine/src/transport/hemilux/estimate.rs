@@ -3,6 +3,7 @@
 use super::audit::{Corrected, Verdict};
 use super::coarse::CoarseSolution;
 use super::direct::DirectLighting;
+use super::fragments::lamps::ShineRange;
 use super::fragments::textures::{Ahead, Textures};
 use super::fragments::{Fragment, VisibleSurfaces};
 use super::gather::IndirectLight;
@@ -192,14 +193,10 @@ pub fn measure(known: &PictureInputs<'_>) -> (Picture, Option<Errors>) {
         .with_min_len(1024)
         .map(|pixel| known.pixel(&gloss, coverage, pixel))
         .collect();
-    let counts: Vec<bool> = estimates
-        .par_iter()
-        .enumerate()
-        .map(|(pixel, estimate)| !visible.shows_lamp(pixel, estimate.radiance))
-        .collect();
+    let pixels: Vec<Rgb> = estimates.iter().map(|estimate| estimate.radiance).collect();
+    let counts = visible.counted(&pixels);
     let by_textures = known.texture_variance(&gloss, &counts);
     let errors = errors(&estimates, &counts, [known.link_variance, by_textures]);
-    let pixels = estimates.iter().map(|estimate| estimate.radiance).collect();
     let alpha = (!visible.coverage.is_empty()).then(|| visible.coverage.clone());
     (Picture { alpha, ..Picture::new(visible.width, visible.height, pixels) }, errors)
 }
@@ -234,14 +231,16 @@ impl PictureInputs<'_> {
             (least, most) = (least.min(own), most.max(own));
             all += share;
         }
+        let mut range = visible.shines.get(pixel).map_or(Rgb::ZERO, ShineRange::span);
         if all > 0.0 {
             // Beside what the camera sees may be nothing but the background.
             if all < 0.99 {
                 let beside = background / (1.0 - all);
                 (least, most) = (least.min(beside), most.max(beside));
             }
-            variance[4] = ((most - least) * (most - least) * coverage).element_sum();
+            range += most - least;
         }
+        variance[4] = (range * range * coverage).element_sum();
         PixelEstimate { radiance, variance }
     }
 
@@ -306,7 +305,7 @@ impl PictureInputs<'_> {
             let lobes = gloss.get(own.fragment).map_or(Rgb::ZERO, |(mean, _)| *mean);
             let beyond = visible.beyond(own.fragment);
             let passed = beyond.map_or(Rgb::ZERO, |beyond| self.irradiance(beyond).0);
-            arriving + lobes * own.lobe_factor + passed * own.passed / PI
+            own.shine + arriving + lobes * own.lobe_factor + passed * own.passed / PI
         };
         let is_counted = |own: &&Ahead| counts[visible.fragments[own.fragment].pixel as usize];
         let squares = ahead.iter().filter(is_counted).map(change).map(|own| own.length_squared());

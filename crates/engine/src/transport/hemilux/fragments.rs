@@ -7,6 +7,8 @@ pub mod edges;
 pub mod lamps;
 pub mod textures;
 
+use self::band::{PixelSquare, squares};
+use self::lamps::ShineRange;
 use super::instance_pixels::InstancePixels;
 use super::places::FragmentPlaces;
 use crate::hemicube::item;
@@ -194,6 +196,8 @@ pub struct VisibleSurfaces {
     pub start: Vec<u32>,
     /// Emitted radiance that each pixel sees.
     pub shine: Vec<Rgb>,
+    /// How much what it sees of that differs; empty where nothing is emitted.
+    pub shines: Vec<ShineRange>,
     /// Radiance that each pixel sees beside the surfaces; empty where that is black.
     pub background: Vec<Rgb>,
     /// Share of each pixel that surfaces cover; empty where the picture shows no alpha.
@@ -245,6 +249,7 @@ impl VisibleSurfaces {
             places: FragmentPlaces::default(),
             start: vec![0],
             shine: Vec::with_capacity((width * height) as usize),
+            shines: Vec::new(),
             background: Vec::new(),
             coverage: Vec::new(),
             strays: Vec::new(),
@@ -562,30 +567,6 @@ fn nth_bit(mut bits: u64, n: u32) -> u32 {
         bits &= bits - 1;
     }
     bits.trailing_zeros()
-}
-
-/// A square of those that a pixel is cut into.
-struct PixelSquare {
-    /// Its middle, from the pixel's.
-    middle: Vec2,
-    /// The samples in it, a bit each.
-    samples: u64,
-}
-
-/// So many squares along and across a pixel.
-fn squares(count: u32, samples: &[Vec2]) -> Vec<PixelSquare> {
-    let at = |index: u32| (index as f32 + 0.5) / count as f32 - 0.5;
-    let along = |place: f32| (((place + 0.5) * count as f32) as u32).min(count - 1);
-    let square = |index: u32| {
-        let is_in = |sample: Vec2| along(sample.y) * count + along(sample.x) == index;
-        let numbered = samples.iter().enumerate();
-        let own = numbered.filter(|(_, sample)| is_in(**sample));
-        PixelSquare {
-            middle: Vec2::new(at(index % count), at(index / count)),
-            samples: own.fold(0, |all, (number, _)| all | 1 << number),
-        }
-    };
-    (0..count * count).map(square).collect()
 }
 
 /// Samples of a pixel that see the same side of the same facet.

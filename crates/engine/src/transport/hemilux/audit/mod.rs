@@ -159,11 +159,12 @@ impl Audit {
     /// Differences of a picture from the paths.
     fn grid(&self, visible: &VisibleSurfaces, seed: Seed, picture: &Picture) -> Grid {
         let mut grid = Grid::new(FINEST);
+        let counted = visible.counted(&picture.pixels);
         for (number, brought) in self.brought.iter().enumerate() {
             let at = place(seed, number);
             let (x, y) = pixel_at(at, visible);
             let pixel = (y * visible.width + x) as usize;
-            if !visible.shows_lamp(pixel, picture.pixels[pixel]) {
+            if counted[pixel] {
                 grid.add(at, picture.pixels[pixel], *brought);
             }
         }

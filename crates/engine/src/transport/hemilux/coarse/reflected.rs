@@ -195,3 +195,44 @@ fn behind(hit: &Hit) -> Hit {
     behind.back = !hit.back;
     behind
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Stream;
+    use crate::sampling::Shifted;
+    use crate::scene::made::revolved::hollow_ball;
+    use crate::scene::{Environment, Material, Triangle, Vertex};
+    use crate::transport::hemilux::specimen::{ALBEDO, EMISSION, SEED, Specimen, is_near};
+
+    /// A ray of the near field that goes through a pane finds what glows behind it, too: in a ball whose
+    /// wall glows, what is left of L^e/(1 − a).
+    #[test]
+    fn what_glows_behind_a_pane_is_found() {
+        let wall = Material::lambertian("wall", Rgb::splat(ALBEDO));
+        let mut ball = hollow_ball(24, Material { emission: Rgb::splat(EMISSION), ..wall });
+        let pane = Material { roughness: 0.0, ..Material::lambertian("pane", Rgb::splat(0.5)) };
+        ball.materials.push(Material { transmission: 1.0, double_sided: true, ..pane });
+        let first = ball.vertices.len() as u32;
+        for at in [[-0.1, 0.3, -0.1], [0.2, 0.3, -0.1], [-0.1, 0.3, 0.2]] {
+            ball.vertices.push(Vertex::new(Vec3::from(at), Vec3::Y));
+        }
+        ball.triangles.push(Triangle { vertices: [first, first + 1, first + 2], material: 1 });
+        let Specimen { world, lights, coarse, .. } = &Specimen::of(ball, Environment::none(), 1000);
+        assert!(lights.has_glow() && lights.count() == 0);
+        let middle = world.rays.place(Vec3::ZERO);
+        let mut sequence = Shifted::new(SEED, Stream::Gather, 0);
+        for _ in 0..16 {
+            let [u, v] = sequence.next_pair();
+            let direction = Vec3::new(0.1 * u - 0.05, 0.3, 0.1 * v - 0.05).normalize();
+            let hit = world.rays.closest(Eye::Light, middle, direction).expect("it is closed");
+            assert!(world.is_clear(hit.triangle), "the pane is before the wall");
+            let passage = world.reach(hit, direction, true).expect("the wall is behind it");
+            let left = passage.left.x;
+            assert!((0.4..0.6).contains(&left), "{left}");
+            let next = sequence.afresh().next.expect("there is one");
+            let found = coarse.arriving_as_diffuse(hit, passage, next);
+            assert!(is_near(found, left * EMISSION / (1.0 - ALBEDO), 0.05), "{found} of {left}");
+        }
+    }
+}

@@ -105,14 +105,15 @@ impl Full {
 }
 
 /// Relative error that a draft's light makes, about, where it is brought to smaller pixels: by what each of
-/// its pixels would show in the light of those beside it, noise and all. `mean` is the draft's.
-pub fn loss_of_light(draft: &Lit<'_>, mean: f64) -> f64 {
-    let count = draft.visible.shine.len();
-    let all = (0..count).into_par_iter().with_min_len(1024).map(|pixel| draft.changes(pixel));
-    let all: Vec<Option<[Rgb; 2]>> = all.collect();
+/// its pixels would show in the light of those beside it, noise and all. `mean` is the draft's, of the
+/// pixels that are `counted`.
+pub fn loss_of_light(draft: &Lit<'_>, counted: &[bool], mean: f64) -> f64 {
+    let counted = counted.par_iter().enumerate().with_min_len(1024);
+    let counted = counted.filter(|(_, counts)| **counts);
+    let all: Vec<[Rgb; 2]> = counted.map(|(pixel, _)| draft.changes(pixel)).collect();
     let square = |of: &dyn Fn(&[Rgb; 2]) -> Rgb| {
-        let squares = all.iter().flatten().map(|own| f64::from(of(own).length_squared()));
-        let counted = 3.0 * all.iter().flatten().count().max(1) as f64;
+        let squares = all.iter().map(|own| f64::from(of(own).length_squared()));
+        let counted = 3.0 * all.len().max(1) as f64;
         squares.sum::<f64>() / counted / (mean * mean).max(f64::MIN_POSITIVE)
     };
     let [steps, unresolved] = [square(&|own| own[0]), square(&|own| own[1])];
@@ -160,15 +161,13 @@ impl Lit<'_> {
     }
 
     /// By how much a pixel's radiance would be off in the light of those beside it, as far as surfaces go on
-    /// there, and as far as they do not, or their lobes may show what is smaller than a pixel; `None` where
-    /// an emitter is seen.
-    fn changes(&self, pixel: usize) -> Option<[Rgb; 2]> {
+    /// there, and as far as they do not, or their lobes may show what is smaller than a pixel.
+    fn changes(&self, pixel: usize) -> [Rgb; 2] {
         let visible = self.visible;
         let size = [visible.width, visible.height];
-        let (mut steps, mut unresolved, mut shown) = (Rgb::ZERO, Rgb::ZERO, visible.shine[pixel]);
+        let (mut steps, mut unresolved) = (Rgb::ZERO, Rgb::ZERO);
         for at in visible.start[pixel] as usize..visible.start[pixel + 1] as usize {
             let (fragment, own) = (&visible.fragments[at], self.arriving[at]);
-            shown += fragment.reflected(&own);
             let alike = |other: &Fragment| self.likeness(other, fragment);
             let going_on = self.between(beside(pixel, size), alike);
             let other = going_on.or_else(|| self.between(beside(pixel, size), |_| 1.0));
@@ -181,7 +180,7 @@ impl Lit<'_> {
             *(if going_on.is_some() { &mut steps } else { &mut unresolved }) += diffuse;
             unresolved += lobes;
         }
-        (!visible.shows_lamp(pixel, shown)).then_some([steps, unresolved])
+        [steps, unresolved]
     }
 
     /// Light at a fragment of another picture: between that of fragments around it on the same surface or,
@@ -315,7 +314,8 @@ mod tests {
                 count += 3.0;
             }
             let (error, mean) = ((off / count).sqrt() / (sum / count), sum / count);
-            let predicted = loss_of_light(&draft, mean);
+            let counted: Vec<bool> = visible.shine.iter().map(|own| *own == Rgb::ZERO).collect();
+            let predicted = loss_of_light(&draft, &counted, mean);
             assert!((low..high).contains(&error), "{error}");
             assert!((0.4..4.0).contains(&(predicted / error)), "{predicted} beside {error}");
         }

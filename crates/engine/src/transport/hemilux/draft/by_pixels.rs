@@ -1,7 +1,6 @@
 //! Drafts by their pixels: which size they have, and how they are shown linearly in between in the size
 //! that was asked for.
 
-use super::super::fragments::lamps::is_lamp;
 use crate::image::Picture;
 use crate::measurement::Frame;
 use crate::radiometry::Rgb;
@@ -118,8 +117,8 @@ impl Draft {
 
 /// Relative error that larger pixels make, about, noise and all: that between a draft and the same in
 /// pixels twice as large, brought back to its size. Edges have it grow by as much from this draft to the
-/// picture. `shine` and `mean` are of the draft.
-pub fn loss(picture: &Picture, shine: &[Rgb], mean: f64) -> f64 {
+/// picture. `shine`, and `mean` of the pixels that are `counted`, are of the draft.
+pub fn loss(picture: &Picture, shine: &[Rgb], counted: &[bool], mean: f64) -> f64 {
     let from = [picture.width, picture.height];
     let dim: Vec<Rgb> =
         picture.pixels.iter().zip(shine).map(|(all, shine)| *all - *shine).collect();
@@ -127,8 +126,8 @@ pub fn loss(picture: &Picture, shine: &[Rgb], mean: f64) -> f64 {
     let mapping = Mapping { step: Vec2::splat(0.5), first: Vec2::ZERO };
     let smooth = mapping.resampled(&halved, size, from);
     let (mut sum, mut count) = (0.0, 0.0);
-    for ((own, smooth), shine) in dim.iter().zip(&smooth).zip(shine) {
-        if !is_lamp(*shine, *own + *shine) {
+    for ((own, smooth), counts) in dim.iter().zip(&smooth).zip(counted) {
+        if *counts {
             sum += f64::from((*own - *smooth).length_squared());
             count += 3.0;
         }
@@ -239,14 +238,14 @@ mod tests {
             let pixels = (0..1600).map(|i| Rgb::splat(value(i % 40, i / 40))).collect();
             Picture::new(size[0], size[1], pixels)
         };
-        let shine = vec![Rgb::ZERO; 1600];
-        assert_eq!(loss(&of(&|_, _| 1.0), &shine, mean), 0.0);
+        let (shine, counted) = (vec![Rgb::ZERO; 1600], [true; 1600]);
+        assert_eq!(loss(&of(&|_, _| 1.0), &shine, &counted, mean), 0.0);
         let stripes = of(&|x, _| if x % 2 == 0 { 0.5 } else { 1.5 });
-        let all = loss(&stripes, &shine, mean);
+        let all = loss(&stripes, &shine, &counted, mean);
         assert!((all - 0.5).abs() < 0.01, "{all}");
         let noisy =
             of(&|x, y| 1.0 + 0.1 * (crate::random::pcg(x + 40 * y) as f32 / 2f32.powi(31) - 1.0));
-        let left = without_noise(loss(&noisy, &shine, mean), 0.1 / 3f64.sqrt());
+        let left = without_noise(loss(&noisy, &shine, &counted, mean), 0.1 / 3f64.sqrt());
         assert!(left < 0.02, "{left}");
     }
 

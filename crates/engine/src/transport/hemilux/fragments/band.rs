@@ -1,8 +1,9 @@
 //! How bands of rows are rasterised and their samples grouped into fragments.
 
+use super::lamps::ShineRange;
 use super::{
     ALIKE_DIFFUSE, BAND, Fragment, Lobe, MOST_SAMPLES, MOST_TEXELS, NO_FRAGMENT, PictureFacet,
-    PixelSquare, SMOOTH_COSINE, STEP_PIXELS, SampleGroup, VisibleSurfaces,
+    SMOOTH_COSINE, STEP_PIXELS, SampleGroup, VisibleSurfaces,
 };
 use crate::hemicube::item;
 use crate::measurement::{BoxOffset, View};
@@ -46,12 +47,14 @@ impl VisibleSurfaces {
             groups: Vec::new(),
             ends: Vec::with_capacity(pixels),
             shine: Vec::with_capacity(pixels),
+            shines: Vec::new(),
             background: Vec::new(),
             coverage: Vec::new(),
             seconds: [(rasterised - began).as_secs_f64(), 0.0],
         };
         let shows_background = !world.background.is_black(&world.environment);
         let shows_alpha = world.background.is_transparent();
+        let emits = world.scene.emissive_triangles() > 0 || world.scene.has_unlit();
         let mut groups: Vec<SampleGroup> = Vec::new();
         for pixel in 0..pixels {
             groups.clear();
@@ -76,8 +79,14 @@ impl VisibleSurfaces {
             if shows_alpha {
                 band.coverage.push(1.0 - empty.count_ones() as f32 / count as f32);
             }
-            let shine = self.collect(world, pixel, &groups, &mut band);
+            let (shine, mut shines) = self.collect(world, pixel, &groups, &mut band);
             band.shine.push(shine);
+            if emits {
+                if empty != 0 {
+                    shines.add(Rgb::ZERO);
+                }
+                band.shines.push(shines);
+            }
             band.ends.push(band.fragments.len() as u32);
         }
         band.seconds[1] = rasterised.elapsed().as_secs_f64();
@@ -92,6 +101,7 @@ impl VisibleSurfaces {
             let [first, _] = firsts[firsts.len() - 1];
             self.start.extend(band.ends.iter().map(|end| end + first as u32));
             self.shine.extend(&band.shine);
+            self.shines.extend(&band.shines);
             self.background.extend(&band.background);
             self.coverage.extend(&band.coverage);
             self.lobes.extend(
@@ -176,11 +186,18 @@ impl VisibleSurfaces {
         self.offsets(samples).map(of).sum::<Rgb>() / self.samples.len() as f32
     }
 
-    /// Appends the fragments and lobes of a pixel; returns the emitted radiance that it sees.
-    fn collect(&self, world: &World, pixel: u32, groups: &[SampleGroup], band: &mut Band) -> Rgb {
+    /// Appends the fragments and lobes of a pixel; returns the emitted radiance that it sees, and how
+    /// much that differs.
+    fn collect(
+        &self,
+        world: &World,
+        pixel: u32,
+        groups: &[SampleGroup],
+        band: &mut Band,
+    ) -> (Rgb, ShineRange) {
         let Band { fragments, lobes, groups: of_several, .. } = band;
         let mut fragment_of_group = [NO_FRAGMENT; MOST_SAMPLES as usize];
-        let mut shine = Rgb::ZERO;
+        let (mut shine, mut shines) = (Rgb::ZERO, ShineRange::default());
         let first = fragments.len();
         for (number, group) in groups.iter().enumerate() {
             let seen = self.part_of(world, pixel, group);
@@ -189,6 +206,7 @@ impl VisibleSurfaces {
             };
             let one = Fragment { mask: group.mask, ..one };
             shine += own * one.share;
+            shines.add(own);
             if !one.reflects() && !self.is_translucent(world, group.code) {
                 continue;
             }
@@ -223,7 +241,7 @@ impl VisibleSurfaces {
         if world.has_translucent() {
             self.look_beyond(world, groups, &fragment_of_group, (fragments, first));
         }
-        shine
+        (shine, shines)
     }
 
     /// Whether two fragments that are near each other in the picture lie on one smooth surface, by
@@ -427,6 +445,30 @@ pub(super) struct SeenPlace {
     pub weight: f32,
 }
 
+/// A square of those that a pixel is cut into.
+pub(super) struct PixelSquare {
+    /// Its middle, from the pixel's.
+    pub middle: Vec2,
+    /// The samples in it, a bit each.
+    pub samples: u64,
+}
+
+/// So many squares along and across a pixel.
+pub(super) fn squares(count: u32, samples: &[Vec2]) -> Vec<PixelSquare> {
+    let at = |index: u32| (index as f32 + 0.5) / count as f32 - 0.5;
+    let along = |place: f32| (((place + 0.5) * count as f32) as u32).min(count - 1);
+    let square = |index: u32| {
+        let is_in = |sample: Vec2| along(sample.y) * count + along(sample.x) == index;
+        let numbered = samples.iter().enumerate();
+        let own = numbered.filter(|(_, sample)| is_in(**sample));
+        PixelSquare {
+            middle: Vec2::new(at(index % count), at(index / count)),
+            samples: own.fold(0, |all, (number, _)| all | 1 << number),
+        }
+    };
+    (0..count * count).map(square).collect()
+}
+
 impl Fragment {
     /// Takes in another facet of the same surface in the same pixel.
     fn merge(&mut self, other: &Fragment) {
@@ -455,6 +497,8 @@ pub(super) struct Band {
     pub groups: Vec<SampleGroup>,
     pub ends: Vec<u32>,
     pub shine: Vec<Rgb>,
+    /// Empty where nothing is emitted.
+    pub shines: Vec<ShineRange>,
     /// Empty where the background is black.
     pub background: Vec<Rgb>,
     /// Empty where the picture shows no alpha.

@@ -6,6 +6,7 @@
 //! surface is that of its fragment.
 
 use super::band::SeenPart;
+use super::lamps::ShineRange;
 use super::{Fragment, MOST_SAMPLES, VisibleSurfaces};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::hemicube::item;
@@ -330,11 +331,14 @@ impl VisibleSurfaces {
             (row + 1 < self.height).then(|| pixel + self.width),
         ];
         let Some(own) = self.filling(pixel) else { return true };
+        // What reflects nothing may shine differently in one pixel.
+        if own.is_none() && self.shines.get(pixel as usize).is_some_and(ShineRange::is_wide) {
+            return true;
+        }
         let differs = |other: u32| match (own, self.filling(other)) {
             (Some(one), Some(Some(other))) => !self.is_alike(one, other),
             (None, Some(None)) => {
-                let [one, other] = [pixel, other].map(|at| self.shine[at as usize]);
-                (one == Rgb::ZERO) != (other == Rgb::ZERO)
+                ShineRange::of([pixel, other].map(|at| self.shine[at as usize])).is_wide()
             }
             _ => true,
         };
@@ -443,7 +447,7 @@ impl AddAssign for Part {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::made;
+    use crate::scene::{Environment, made};
     use crate::transport::hemilux::specimen::{EMISSION, SEED, Specimen};
 
     const NO_STRAYS: StrayLight<'static> = &|_, _, _| Rgb::ZERO;
@@ -502,6 +506,28 @@ mod tests {
         let (second, by_raster) = (apart(&many[1], &others[1]), apart(&rastered, &many[1]));
         assert!(first < by_raster, "{first} {by_raster}");
         assert!(second < 0.35 * first, "{second} {first}");
+    }
+
+    /// What only shows itself has edges, too, where its colours differ.
+    #[test]
+    fn what_reflects_nothing_has_edges() {
+        let mut scene = specimen().world.scene.as_ref().clone();
+        scene.materials.iter_mut().for_each(|material| material.unlit = true);
+        let specimen = Specimen::of(scene, Environment::none(), 200);
+        let [rastered, one, other] =
+            [None, Some(SEED), Some(Seed { number: 8, ..SEED })].map(|seed| {
+                let mut visible = specimen.visible();
+                assert!(visible.fragments.is_empty());
+                let mut edges = Edges::new(&visible);
+                let (count, all) = (edges.pixels.len(), visible.shine.len());
+                assert!(count > 20 && count < all * 3 / 4, "{count} of {all}");
+                if let Some(seed) = seed {
+                    edges.pass(&mut visible, seed, 256, NO_STRAYS);
+                }
+                visible.shine.iter().map(|shine| shine.x).collect::<Vec<_>>()
+            });
+        let (by_raster, by_rays) = (apart(&rastered, &one), apart(&one, &other));
+        assert!(by_rays < 0.3 * by_raster, "{by_rays} {by_raster}");
     }
 
     /// In a closed scene all of a pixel is fragments or strays, and here all of it shines.

@@ -1,25 +1,97 @@
 //! Pixels that show lamps. Light that surfaces send of their own is known without a ray, and lamps are
 //! so bright that beside them no error of the rest would count. So errors are told without these
-//! pixels. But real files let whole objects glow faintly: what shines less than it reflects is no
-//! lamp.
+//! pixels. But real files let whole objects glow faintly, and what shines no more than the rest is no
+//! lamp (docs/decisions/0093, 0098).
 
 use super::VisibleSurfaces;
-use crate::radiometry::Rgb;
+use crate::radiometry::{Rgb, importance};
 
-/// Share of what a pixel shows from which on light of its own makes it a lamp's.
+/// Share of what a pixel shows up to which light of its own does not make it a lamp's, however bright.
 const LAMP_SHARE: f32 = 0.8;
+/// A lamp is so many times as bright as all that counts is in the mean.
+const LAMP_BRIGHTNESS: f32 = 4.0;
 
-/// Whether what shines so much of what it shows is a lamp.
-pub fn is_lamp(shine: Rgb, shown: Rgb) -> bool {
-    shine != Rgb::ZERO && shine.element_sum() > LAMP_SHARE * shown.element_sum()
+/// Share of the most radiance by which what is emitted differs between surfaces that are not one.
+const WIDE_RANGE: f32 = 0.1;
+
+/// Least and most radiance that surfaces in a pixel emit, where the background emits none.
+#[derive(Clone, Copy, Debug)]
+pub struct ShineRange {
+    least: Rgb,
+    most: Rgb,
+}
+
+impl Default for ShineRange {
+    /// Of nothing yet.
+    fn default() -> Self {
+        Self { least: Rgb::INFINITY, most: Rgb::ZERO }
+    }
+}
+
+impl ShineRange {
+    /// Takes in what something emits that is seen.
+    pub fn add(&mut self, shine: Rgb) {
+        (self.least, self.most) = (self.least.min(shine), self.most.max(shine));
+    }
+
+    /// Of all of these.
+    pub fn of(shines: impl IntoIterator<Item = Rgb>) -> Self {
+        let mut own = Self::default();
+        shines.into_iter().for_each(|shine| own.add(shine));
+        own
+    }
+
+    /// Whether it is so wide that different things shine.
+    pub fn is_wide(&self) -> bool {
+        importance(self.span()) > WIDE_RANGE * importance(self.most)
+    }
+
+    /// By how much radiance that surfaces emit differs within the pixel.
+    pub fn span(&self) -> Rgb {
+        (self.most - self.least).max(Rgb::ZERO)
+    }
 }
 
 impl VisibleSurfaces {
-    /// Whether a pixel that shows so much is a lamp's, or shares its place with something that shines.
-    pub fn shows_lamp(&self, pixel: usize, shown: Rgb) -> bool {
-        let shine = self.shine[pixel];
-        shine != Rgb::ZERO && (self.filling(pixel as u32).is_none() || is_lamp(shine, shown))
+    /// Which pixels count, of a picture that shows this: all that show no lamp.
+    pub fn counted(&self, shown: &[Rgb]) -> Vec<bool> {
+        let is_dim = |pixel: usize| !self.may_show_lamp(pixel, shown[pixel]);
+        let mut counted: Vec<bool> = (0..shown.len()).map(is_dim).collect();
+        if counted.iter().all(|counts| *counts) {
+            return counted;
+        }
+        let mut mean = mean_of(shown, &counted);
+        if mean <= 0.0 {
+            mean = mean_of(shown, &vec![true; shown.len()]);
+        }
+        // Rays at edges may have found what no sample did.
+        let is_lamp = |shines: &ShineRange| {
+            shines.most == Rgb::ZERO || importance(shines.most) > LAMP_BRIGHTNESS * mean
+        };
+        for (counts, shines) in counted.iter_mut().zip(&self.shines) {
+            *counts |= !is_lamp(shines);
+        }
+        counted
     }
+
+    /// Whether a pixel that shows so much shines for the most part, or shares its place with something
+    /// that shines.
+    fn may_show_lamp(&self, pixel: usize, shown: Rgb) -> bool {
+        let shine = self.shine[pixel];
+        let is_most = || shine.element_sum() > LAMP_SHARE * shown.element_sum();
+        shine != Rgb::ZERO && (self.filling(pixel as u32).is_none() || is_most())
+    }
+}
+
+/// Mean radiance of those pixels of a picture that count.
+fn mean_of(shown: &[Rgb], counted: &[bool]) -> f32 {
+    let counts = shown.iter().zip(counted).filter(|(_, counts)| **counts);
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (own, _) in counts {
+        sum += f64::from(importance(*own));
+        count += 1.0;
+    }
+    (sum / f64::max(count, 1.0)) as f32
 }
 
 #[cfg(test)]
@@ -29,29 +101,44 @@ mod tests {
     use crate::transport::hemilux::specimen::Specimen;
 
     #[test]
-    fn what_reflects_as_much_as_it_shines_is_no_lamp() {
-        assert!(is_lamp(Rgb::splat(5.0), Rgb::splat(5.3)));
-        assert!(!is_lamp(Rgb::splat(0.2), Rgb::splat(0.6)) && !is_lamp(Rgb::ZERO, Rgb::ZERO));
+    fn a_range_holds_all_that_is_seen() {
+        let mut range = ShineRange::default();
+        assert!(range.span() == Rgb::ZERO && !range.is_wide(), "nothing is");
+        range.add(Rgb::splat(2.0));
+        assert!(range.span() == Rgb::ZERO && !range.is_wide());
+        range.add(Rgb::new(0.5, 3.0, 2.0));
+        assert!(range.span() == Rgb::new(1.5, 1.0, 0.0) && range.is_wide());
+        assert!(!ShineRange::of([Rgb::splat(2.0), Rgb::splat(1.9)]).is_wide());
     }
 
-    /// In a room with a lamp that reflects nothing, all that shines is the lamp's; where all walls
-    /// shine, they count by how much they reflect.
+    /// In a room with a lamp that is much brighter than the rest, all pixels count that do not show it.
     #[test]
     fn pixels_of_a_lamp_are_left_out() {
         let visible = Specimen::new(&made::cornell(), 200).visible();
-        let shine: Vec<usize> =
-            (0..visible.shine.len()).filter(|pixel| visible.shine[*pixel] != Rgb::ZERO).collect();
-        assert!(shine.len() > 3);
-        for pixel in 0..visible.shine.len() {
-            let shown = visible.shine[pixel] + Rgb::splat(0.1);
-            assert_eq!(visible.shows_lamp(pixel, shown), shine.contains(&pixel), "{pixel}");
+        let shown: Vec<Rgb> = visible.shine.iter().map(|own| *own + Rgb::splat(0.1)).collect();
+        let counted = visible.counted(&shown);
+        let lamps = counted.iter().filter(|counts| !**counts).count();
+        assert!(lamps > 3, "{lamps}");
+        for (pixel, shine) in visible.shine.iter().enumerate() {
+            assert_eq!(counted[pixel], *shine == Rgb::ZERO, "{pixel}");
         }
-        let furnace = Specimen::furnace().visible();
-        let inside = (0..furnace.shine.len()).filter(|at| furnace.filling(*at as u32).is_some());
-        for pixel in inside {
-            let shine = furnace.shine[pixel];
-            let found = [1.1, 2.0].map(|times| furnace.shows_lamp(pixel, times * shine));
-            assert_eq!(found, [true, false], "{pixel}");
+    }
+
+    /// Where all walls shine they count, however little they reflect, but not what is far brighter; how
+    /// much they differ within a pixel is known.
+    #[test]
+    fn what_shines_no_more_than_the_rest_counts() {
+        let mut visible = Specimen::furnace().visible();
+        assert!(visible.shines.iter().all(|own| own.span() == Rgb::ZERO));
+        for times in [1.1, 2.0] {
+            let shown: Vec<Rgb> = visible.shine.iter().map(|own| *own * times).collect();
+            assert!(visible.counted(&shown).iter().all(|counts| *counts));
         }
+        let mut shown = visible.shine.clone();
+        for own in [&mut visible.shine[7], &mut shown[7], &mut visible.shines[7].most] {
+            *own *= 20.0;
+        }
+        let expected: Vec<bool> = (0..shown.len()).map(|pixel| pixel != 7).collect();
+        assert_eq!(visible.counted(&shown), expected);
     }
 }

@@ -44,6 +44,8 @@ pub struct Ahead {
     pub lobe_factor: Rgb,
     /// Change of what comes through from its other side.
     pub passed: Rgb,
+    /// Change of the radiance that it emits.
+    pub shine: Rgb,
 }
 
 /// What is read over a pixel.
@@ -139,6 +141,7 @@ impl Textures {
                 diffuse: read.diffuse - fragment.diffuse,
                 lobe_factor: read.lobe_factor * times - fragment.lobe_factor,
                 passed: beyond.map_or(Rgb::ZERO, |before| read.passed - before),
+                shine: read.shine - visible.shine[fragment.pixel as usize],
             }
         };
         let some: Vec<u32> = self.fragments.iter().step_by(step).copied().collect();

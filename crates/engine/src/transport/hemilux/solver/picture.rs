@@ -89,8 +89,11 @@ impl Tiers {
         let Some(errors) = &mut drawn.errors else { return };
         let visible = &self.visible;
         let lit = Lit { visible, arriving: &drawn.arriving, coarse: &self.coarse };
-        drawn.losses =
-            [loss(&drawn.picture, &visible.shine, errors.mean), loss_of_light(&lit, errors.mean)];
+        let counted = visible.counted(&drawn.picture.pixels);
+        drawn.losses = [
+            loss(&drawn.picture, &visible.shine, &counted, errors.mean),
+            loss_of_light(&lit, &counted, errors.mean),
+        ];
         let [by_pixels, by_light] = drawn.losses;
         match &self.full {
             Some(full) => {

@@ -1,9 +1,10 @@
 //! Mean emission of a triangle whose texture varies it, of its four parts, of theirs, and so on.
 
 use super::lit_texels::LitTexels;
+use super::{Scene, Triangle};
 use crate::radiometry::{Rgb, importance};
-use crate::scene::{Scene, Triangle};
 use glam::{DVec3, Vec2};
+use rayon::prelude::*;
 
 /// Samples along a texel, unless there would be too many.
 const SAMPLES_PER_TEXEL: f32 = 2.0;
@@ -19,19 +20,51 @@ const LEAST_SAMPLE_LEVELS: u32 = 3;
 /// Parts of all triangles together for which means are kept, at most unless it is one a triangle.
 const MOST_PARTS: u64 = 1 << 19;
 /// Samples of all triangles together, at most unless it is the fewest of each.
-const MOST_SAMPLES: u64 = 1 << 24;
+const MOST_SAMPLES: u64 = 1 << 23;
+
+/// The means of all triangles of a scene that a texture lets emit.
+pub struct TexturedEmission {
+    triangles: Vec<u32>,
+    means: Vec<EmissionMeans>,
+}
+
+impl TexturedEmission {
+    /// Averages what these triangles of a scene emit.
+    pub fn new(scene: &Scene, triangles: Vec<u32>) -> Self {
+        let lit = LitTexels::new(scene);
+        let bounds = MeanBounds::new(scene, &triangles);
+        let of = |triangle: &u32| EmissionMeans::new(scene, &lit, *triangle, bounds);
+        Self { means: triangles.par_iter().map(of).collect(), triangles }
+    }
+
+    /// The triangles, in the scene's order.
+    pub fn triangles(&self) -> &[u32] {
+        &self.triangles
+    }
+
+    /// The means of each of them.
+    pub fn means(&self) -> &[EmissionMeans] {
+        &self.means
+    }
+
+    /// Bytes that they take.
+    pub fn held_bytes(&self) -> u64 {
+        self.means.iter().map(EmissionMeans::held_bytes).sum()
+    }
+}
 
 /// How many levels the triangles of a scene have.
 #[derive(Clone, Copy)]
-pub struct MeanBounds {
+struct MeanBounds {
     levels: u32,
     sample_levels: u32,
 }
 
 impl MeanBounds {
     /// For the given emissive triangles of a scene, so that all together have not too many.
-    pub fn new(scene: &Scene, triangles: impl Iterator<Item = u32>) -> Self {
-        let wanted: Vec<u32> = triangles.map(|triangle| wanted_levels(scene, triangle)).collect();
+    fn new(scene: &Scene, triangles: &[u32]) -> Self {
+        let wanted: Vec<u32> =
+            triangles.iter().map(|triangle| wanted_levels(scene, *triangle)).collect();
         let all = |levels: u32| wanted.iter().map(|own| 4u64.pow(levels.min(*own))).sum::<u64>();
         let deepest = |most: u32, least: u32, bound: u64| {
             (least..=most).rev().find(|levels| all(*levels) <= bound).unwrap_or(least)
@@ -83,7 +116,7 @@ struct Sampling<'a> {
 
 impl EmissionMeans {
     /// Averages the emission of a triangle.
-    pub fn new(scene: &Scene, lit: &LitTexels, triangle: u32, bounds: MeanBounds) -> Self {
+    fn new(scene: &Scene, lit: &LitTexels, triangle: u32, bounds: MeanBounds) -> Self {
         let wanted = wanted_levels(scene, triangle);
         let (levels, sample_levels) = (bounds.levels.min(wanted), bounds.sample_levels.min(wanted));
         let apart = longest_side(scene, triangle) / 2f32.powi(sample_levels as i32);
@@ -100,6 +133,11 @@ impl EmissionMeans {
         let whole = [Vec2::ZERO, Vec2::X, Vec2::Y];
         sampling.mean(whole, [0, sample_levels], 0, &mut means);
         Self { levels: means, range: sampling.range }
+    }
+
+    fn held_bytes(&self) -> u64 {
+        let of = |level: &Vec<Rgb>| size_of_val(&**level) + size_of::<Vec<Rgb>>();
+        (self.levels.iter().map(of).sum::<usize>() + size_of::<Self>()) as u64
     }
 
     /// Mean of a part.

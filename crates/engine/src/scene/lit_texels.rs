@@ -1,6 +1,6 @@
 //! Where emissive textures are black, by blocks of texels, so that no sample is taken there.
 
-use crate::scene::{Scene, Texture, TextureSlot};
+use super::{Scene, Texture, TextureSlot};
 use glam::Vec2;
 use std::collections::HashMap;
 
