@@ -109,7 +109,7 @@ pub struct Averages {
 }
 
 impl Averages {
-    /// 40 batches of 60 iterations.
+    /// 24 batches of 60 iterations.
     pub fn new(
         device: &mut dyn Device,
         scene: &Arc<PatchedScene>,
@@ -121,7 +121,7 @@ impl Averages {
         shooting.iterate(60).expect("iterates");
         shooting.drain().expect("drains");
         let (mut shots, mut light_shots) = (0, 0);
-        for _ in 0..40 {
+        for _ in 0..24 {
             let tally = shooting.iterate(60).expect("iterates");
             (shots, light_shots) = (shots + tally.shots, light_shots + tally.light_shots);
             let sums = shooting.drain().expect("drains");

@@ -56,7 +56,7 @@ fn a_draft_is_in_place_and_says_how_far_it_is_off() {
         for size in [[160, 160], [213, 131]] {
             let (draft, _) = done(&request(&glb, size, by_time(0.001)));
             assert_eq!(shrink(&draft), 4.0, "{name}");
-            let (reference, _) = done(&request(&glb, size, by_iterations(8)));
+            let (reference, _) = done(&request(&glb, size, by_iterations(5)));
             assert_eq!(shrink(&reference), 1.0, "{name}");
             let counted = away_from_light(&reference.picture, 5.0);
             let actual = relative_rmse(&draft.picture, &reference.picture, counted);
@@ -74,7 +74,7 @@ fn a_draft_is_in_place_and_says_how_far_it_is_off() {
 fn whatever_fits_says_how_far_it_is_off() {
     let glb = made::cornell();
     let size = [420, 420];
-    let (reference, _) = done(&request(&glb, size, by_iterations(8)));
+    let (reference, _) = done(&request(&glb, size, by_iterations(5)));
     let counted = away_from_light(&reference.picture, 5.0);
     for seconds in [0.1, 0.2, 0.4, 0.8] {
         let (rendered, _) = done(&request(&glb, size, by_time(seconds)));

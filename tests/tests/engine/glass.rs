@@ -228,7 +228,7 @@ fn a_room_with_glass_is_that_of_path_tracing() {
         side: 48,
         seed: 5,
     };
-    let reference = block_means(&shot.by("ray-traced", 600), 8);
+    let reference = block_means(&shot.by("ray-traced", 300), 8);
     let ours = shot.by("hemilux", 12);
     let deviation = largest_deviation(&block_means(&ours, 8), &reference);
     println!("largest deviation of a block: {deviation:.4}");
@@ -250,7 +250,7 @@ fn a_room_with_dispersion_is_that_of_path_tracing() {
         side: 48,
         seed: 6,
     };
-    let reference = block_means(&shot(4.0).by("ray-traced", 800), 8);
+    let reference = block_means(&shot(4.0).by("ray-traced", 400), 8);
     let ours = block_means(&shot(4.0).by("hemilux", 24), 8);
     let deviation = largest_deviation(&ours, &reference);
     println!("largest deviation of a block: {deviation:.4}");
@@ -288,7 +288,7 @@ fn a_box_of_coloured_panes_is_lit_inside() {
     let red = |picture: &Picture| -> Vec<Rgb> {
         block_means(picture, 8).into_iter().map(|block| Rgb::splat(block.x)).collect()
     };
-    let reference = red(&shot(tint).by("ray-traced", 1000));
+    let reference = red(&shot(tint).by("ray-traced", 500));
     let [ours, planted] = [tint, Rgb::new(0.88, 0.2, 0.1)]
         .map(|tint| largest_deviation(&red(&shot(tint).by("hemilux", 12)), &reference));
     println!("a box of panes: largest deviation {ours:.4}, planted {planted:.4}");
@@ -338,7 +338,7 @@ fn assert_plate(plate: Material, expected: f32) {
     };
     // Few light rays land on what is so small: the map's noise after 24 iterations is a good
     // part of what is allowed.
-    for (method, iterations) in [("hemilux", 24), ("ray-traced", 400)] {
+    for (method, iterations) in [("hemilux", 12), ("ray-traced", 200)] {
         let found = mean(&shot.by(method, iterations)).y;
         println!("{method}: {found} of {expected}");
         assert!((found / expected - 1.0).abs() < 0.04, "{method}: {found} {expected}");
@@ -370,7 +370,7 @@ fn a_lamp_inside_glass_is_that_of_path_tracing() {
         side: 32,
         seed: 8,
     };
-    let reference = block_means(&shot.by("ray-traced", 6000), 8);
+    let reference = block_means(&shot.by("ray-traced", 3000), 8);
     let deviation = largest_deviation(&block_means(&shot.by("hemilux", 16), 8), &reference);
     println!("largest deviation of a block: {deviation:.4}");
     assert!(deviation < 0.05, "{deviation}");
@@ -410,7 +410,7 @@ fn a_screen_before_glass_is_seen_once() {
         seed: 2,
     };
     let alone = mean(&shot(false).by("hemilux", 12)).y;
-    let [ours, traced] = [("hemilux", 12), ("ray-traced", 800)]
+    let [ours, traced] = [("hemilux", 12), ("ray-traced", 400)]
         .map(|(method, iterations)| mean(&shot(true).by(method, iterations)).y);
     println!("{ours}, traced {traced}, without glass {alone}");
     assert!((ours / traced - 1.0).abs() < 0.03, "{ours} {traced}");
@@ -520,7 +520,7 @@ fn a_table_under_glass_is_seen_and_lit_through_it() {
     };
     let mut parted = scene(0.0);
     parted.part_touching();
-    for (method, iterations) in [("hemilux", 12), ("ray-traced", 400)] {
+    for (method, iterations) in [("hemilux", 12), ("ray-traced", 200)] {
         let lifted = shown(scene(1e-3), method, iterations);
         let stands = shown(parted.clone(), method, iterations) / lifted;
         let through = shown(scene(0.0), method, iterations) / lifted;

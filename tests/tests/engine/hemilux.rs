@@ -120,7 +120,7 @@ fn against_paths(name: &str, glb: &[u8]) -> (f64, f64) {
         let request = request(&scene, method, iterations);
         RenderRequest { width: 64, height: 64, ..request }
     };
-    let halves = Halves::traced(&sized("ray-traced", 400), 5.0);
+    let halves = Halves::traced(&sized("ray-traced", 200), 5.0);
     let picture = rendered(&sized("hemilux", 4)).picture;
     let (error, mean) = (halves.error(&picture), halves.mean_ratio(&picture));
     println!("{name}: mean ratio {mean:.4}, rRMSE {error:.4}");
@@ -225,7 +225,7 @@ fn nothing_passes_a_wall_that_ends_inside_others() {
             let request = request(&scene, method, iterations);
             RenderRequest { width: 48, height: 48, ..request }
         };
-        let paths = rendered(&sized("ray-traced", 1500)).picture.mean();
+        let paths = rendered(&sized("ray-traced", 800)).picture.mean();
         let found = rendered(&sized("hemilux", 8)).picture.mean();
         println!("{thickness} m, gap of 2 cm: {found:.3e}, by paths {paths:.3e}");
         assert!((found / paths - 1.0).abs() < 0.25, "{found} {paths}");
@@ -277,10 +277,10 @@ fn a_long_white_room_keeps_its_light() {
         rendered(&small).picture.mean()
     };
     let paths = mean("ray-traced", 400, 9);
-    let found: Vec<f64> = (1..=12).map(|seed| mean("hemilux", 5, seed) / paths).collect();
-    let mean = found.iter().sum::<f64>() / 12.0;
+    let found: Vec<f64> = (1..=8).map(|seed| mean("hemilux", 5, seed) / paths).collect();
+    let mean = found.iter().sum::<f64>() / 8.0;
     println!("{mean:.4} of {paths:.4}: {found:.3?}");
-    // By the means of patches alone it is 1.2. One picture scatters by .1, so the mean by .03.
+    // By the means of patches alone it is 1.2. One picture scatters by .1, so the mean by .035.
     assert!((mean - 1.0).abs() < 0.12, "{mean}");
 }
 

@@ -110,7 +110,7 @@ fn a_plane_mirror_shows_the_floor_an_image_of_the_light() {
     const SIZE: u32 = 16;
     let (scene, irradiance) = mirrored_light();
     let (height, yfov) = (4.0f64, 22.0f64);
-    for (method, iterations, allowed) in [(MAP, 60, 0.03), ("ray-traced", 20_000, 0.3)] {
+    for (method, iterations, allowed) in [(MAP, 60, 0.03), ("ray-traced", 8_000, 0.3)] {
         let mut request = request(&scene, method, SIZE, iterations);
         request.camera =
             look([-0.8, height as f32, 0.0], [-0.8, 0.0, 0.0], [0.0, 0.0, -1.0], yfov as f32);

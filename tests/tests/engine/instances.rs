@@ -192,7 +192,7 @@ fn mean(picture: &Picture) -> f32 {
 fn pictures_are_those_of_copies() {
     let shared = room(0.0);
     let flat = shared.flattened();
-    for (method, iterations, most) in [("ray-traced", 64, 0.01), ("hemilux", 12, 0.02)] {
+    for (method, iterations, most) in [("ray-traced", 32, 0.01), ("hemilux", 6, 0.02)] {
         let [of_shared, of_flat, of_other] = [shared.clone(), flat.clone(), room(0.3)]
             .map(|scene| picture(scene, method, iterations));
         let ratio = mean(&of_shared) / mean(&of_flat);

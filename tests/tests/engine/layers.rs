@@ -57,7 +57,7 @@ fn room(floor: Material, [left, right]: [Material; 2]) -> Arc<Scene> {
 /// The largest deviation of a block of pixels of `hemilux` from path tracing; `without` is the same
 /// room without what is tested, which has to differ by more.
 fn agrees(name: &str, scene: &Arc<Scene>, without: &Arc<Scene>, [most, least]: [f64; 2]) {
-    let reference = block_means(&rendered(scene, "ray-traced", 500), 8);
+    let reference = block_means(&rendered(scene, "ray-traced", 250), 8);
     // What differs by far needs few iterations to show it.
     let [ours, plain] = [(scene, 8), (without, 2)].map(|(scene, iterations)| {
         largest_deviation(&block_means(&rendered(scene, "hemilux", iterations), 8), &reference)

@@ -149,7 +149,7 @@ fn assert_as_traced(
     patches: u32,
 ) {
     let asked = |run| request(scene, Some(environment.clone()), camera, run);
-    let expected = mean(&rendered(&asked(("ray-traced", 500))).picture);
+    let expected = mean(&rendered(&asked(("ray-traced", 250))).picture);
     for run in METHODS {
         let mut asked = asked(run);
         asked.options.insert("patches".into(), patches.to_string());

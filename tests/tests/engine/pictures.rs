@@ -62,7 +62,7 @@ fn pictures_are_the_right_way_round() {
 fn a_furnace_looks_flat() {
     let scene = imported(&made::furnace(Rgb::splat(0.5), Rgb::ONE));
     let camera = from([0.3, 0.4, 0.2], [0.9, 0.1, 0.95], 80.0);
-    let mut request = RenderRequest { camera, ..request(scene, 64, 1500) };
+    let mut request = RenderRequest { camera, ..request(scene, 64, 800) };
     request.options.insert("patches".into(), "300".into());
     request.options.insert("hemicube_resolution".into(), "64".into());
     request.options.insert("shots_per_iteration".into(), "64".into());
@@ -86,7 +86,7 @@ fn a_phong_surface_in_a_furnace_shows_its_albedo() {
         let angle = degrees.to_radians();
         let eye = Vec3::splat(0.5) + 0.3 * Vec3::new(angle.sin(), angle.cos(), 0.0);
         let camera = from(eye.to_array(), [0.5; 3], 0.2);
-        let mut request = RenderRequest { camera, ..request(builder.build(), 2, 1200) };
+        let mut request = RenderRequest { camera, ..request(builder.build(), 2, 800) };
         for (name, value) in
             [("patches", "100"), ("hemicube_resolution", "64"), ("shots_per_iteration", "64")]
         {

@@ -127,7 +127,7 @@ const KINDS: [LightKind; 2] =
 fn penumbrae_are_those_of_path_tracing() {
     for kind in KINDS {
         let scene = with_lamp(kind);
-        let traced = picture(&scene, RADIUS, ("ray-traced", 1024));
+        let traced = picture(&scene, RADIUS, ("ray-traced", 512));
         for method in [("hemilux", 12), ("illumination-map", 512)] {
             let found = off(&picture(&scene, RADIUS, method), &traced);
             println!("{kind:?}, {}: off by {found}", method.0);

@@ -150,7 +150,7 @@ fn the_same_random_numbers_give_the_same_light_with_every_switch() {
     for (index, name) in names.into_iter().enumerate() {
         let mut same = SameNumbers::default();
         let mut changed = 0;
-        for seed in 0..12 {
+        for seed in 0..8 {
             let (_, settings) = switches(&known, seed).swap_remove(index);
             let on_cpu = Run::new(&mut cpu, &scene, &settings, ITERATIONS);
             let on_gpu = Run::new(&mut gpu, &scene, &settings, ITERATIONS);
@@ -161,9 +161,9 @@ fn the_same_random_numbers_give_the_same_light_with_every_switch() {
             let by = distance(areas, &on_cpu.sums.irradiance, &plain.sums.irradiance);
             changed += usize::from(by > 0.02);
         }
-        println!("{name}: {changed} of 12 changed, {same:.5?}");
+        println!("{name}: {changed} of 8 changed, {same:.5?}");
         assert!(same.agree(), "{name}: {same:?}");
-        assert!(changed >= 6, "{name}: only {changed} changed");
+        assert!(changed >= 4, "{name}: only {changed} changed");
     }
 }
 

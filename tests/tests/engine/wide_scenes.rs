@@ -50,7 +50,7 @@ fn request(method: &str, iterations: u64) -> RenderRequest {
 
 #[test]
 fn a_pavilion_on_a_square_kilometre_is_as_path_tracing_shows_it() {
-    let reference = Halves::traced(&request("ray-traced", 1000), f32::INFINITY);
+    let reference = Halves::traced(&request("ray-traced", 500), f32::INFINITY);
     let mut device = CpuDevice::new(Some(2)).expect("threads");
     let request = request("hemilux", 12);
     let ours = render(&mut device, &request, &mut Unobserved).expect("it renders");
