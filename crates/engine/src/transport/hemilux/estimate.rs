@@ -240,7 +240,7 @@ impl PictureInputs<'_> {
             }
             range += most - least;
         }
-        variance[4] = (range * range * coverage).element_sum();
+        variance[4] = (range * range * coverage).element_sum() * visible.border_length(pixel);
         PixelEstimate { radiance, variance }
     }
 

@@ -3,11 +3,13 @@
 
 mod band;
 mod beyond;
+mod borders;
 pub mod edges;
 pub mod lamps;
 pub mod textures;
 
 use self::band::{PixelSquare, squares};
+use self::borders::Borders;
 use self::lamps::ShineRange;
 use super::instance_pixels::InstancePixels;
 use super::places::FragmentPlaces;
@@ -200,6 +202,9 @@ pub struct VisibleSurfaces {
     pub shines: Vec<ShineRange>,
     /// Radiance that each pixel sees beside the surfaces; empty where that is black.
     pub background: Vec<Rgb>,
+    /// Pairs of samples next to each other in each pixel that see different things, and which pairs there are.
+    crossed: Vec<u8>,
+    borders: Borders,
     /// Share of each pixel that surfaces cover; empty where the picture shows no alpha.
     pub coverage: Vec<f32>,
     /// Radiance that each pixel sees on surfaces that are none of its fragments, as [`edges::Edges`] find
@@ -240,6 +245,8 @@ impl VisibleSurfaces {
             placing,
             instance_pixels: InstancePixels::new(world, camera, [width, height]),
             squares: SQUARES.map(|count| squares(count, &samples)),
+            borders: Borders::new(&samples),
+            crossed: Vec::with_capacity((width * height) as usize),
             samples,
             pyramids: world.pyramids(),
             cut,
@@ -349,6 +356,11 @@ impl VisibleSurfaces {
         let Some((facet, back)) = item::decode(fragment.code) else { return fragment.normal };
         let normal = self.placed(facet).normal;
         if back { -normal } else { normal }
+    }
+
+    /// How long the borders between surfaces in a pixel are, in those of straight lines.
+    pub fn border_length(&self, pixel: usize) -> f32 {
+        self.borders.length(self.crossed[pixel])
     }
 
     /// Sub-pixel samples of each pixel.

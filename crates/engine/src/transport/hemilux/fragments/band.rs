@@ -1,5 +1,6 @@
 //! How bands of rows are rasterised and their samples grouped into fragments.
 
+use super::borders::BESIDE;
 use super::lamps::ShineRange;
 use super::{
     ALIKE_DIFFUSE, BAND, Fragment, Lobe, MOST_SAMPLES, MOST_TEXELS, NO_FRAGMENT, PictureFacet,
@@ -48,6 +49,7 @@ impl VisibleSurfaces {
             ends: Vec::with_capacity(pixels),
             shine: Vec::with_capacity(pixels),
             shines: Vec::new(),
+            crossed: Vec::with_capacity(pixels),
             background: Vec::new(),
             coverage: Vec::new(),
             seconds: [(rasterised - began).as_secs_f64(), 0.0],
@@ -102,6 +104,7 @@ impl VisibleSurfaces {
             self.start.extend(band.ends.iter().map(|end| end + first as u32));
             self.shine.extend(&band.shine);
             self.shines.extend(&band.shines);
+            self.crossed.extend(&band.crossed);
             self.background.extend(&band.background);
             self.coverage.extend(&band.coverage);
             self.lobes.extend(
@@ -241,7 +244,29 @@ impl VisibleSurfaces {
         if world.has_translucent() {
             self.look_beyond(world, groups, &fragment_of_group, (fragments, first));
         }
+        band.crossed.push(self.borders_between(groups, &fragment_of_group));
         (shine, shines)
+    }
+
+    /// Pairs of samples next to each other that see different things: fragments, or what has none.
+    fn borders_between(&self, groups: &[SampleGroup], fragment_of_group: &[usize]) -> u8 {
+        let is_one = |group: &SampleGroup| group.mask.count_ones() as usize == self.samples.len();
+        if groups.is_empty() || groups.iter().any(is_one) {
+            return 0;
+        }
+        let mut things = [BESIDE; MOST_SAMPLES as usize];
+        for (number, group) in groups.iter().enumerate() {
+            // The first group of the same fragment stands for all of them.
+            let is_same = |other: &usize| *other == fragment_of_group[number];
+            let first = fragment_of_group.iter().position(is_same).unwrap_or(number);
+            let thing = if fragment_of_group[number] == NO_FRAGMENT { number } else { first };
+            let mut rest = group.mask;
+            while rest != 0 {
+                things[rest.trailing_zeros() as usize] = thing as u8;
+                rest &= rest - 1;
+            }
+        }
+        self.borders.crossed(&things)
     }
 
     /// Whether two fragments that are near each other in the picture lie on one smooth surface, by
@@ -499,6 +524,7 @@ pub(super) struct Band {
     pub shine: Vec<Rgb>,
     /// Empty where nothing is emitted.
     pub shines: Vec<ShineRange>,
+    pub crossed: Vec<u8>,
     /// Empty where the background is black.
     pub background: Vec<Rgb>,
     /// Empty where the picture shows no alpha.
