@@ -3,7 +3,7 @@
 use super::audit::{Corrected, Verdict};
 use super::coarse::CoarseSolution;
 use super::direct::DirectLighting;
-use super::fragments::lamps::ShineRange;
+use super::fragments::shine::ShineRange;
 use super::fragments::textures::{Ahead, Textures};
 use super::fragments::{Fragment, VisibleSurfaces};
 use super::gather::IndirectLight;

@@ -5,12 +5,15 @@ mod band;
 mod beyond;
 mod borders;
 pub mod edges;
-pub mod lamps;
+mod lamps;
+mod samples;
+pub mod shine;
 pub mod textures;
 
-use self::band::{PixelSquare, squares};
 use self::borders::Borders;
-use self::lamps::ShineRange;
+pub use self::samples::MOST_SAMPLES;
+use self::samples::{PixelSquare, squares};
+use self::shine::ShineRange;
 use super::instance_pixels::InstancePixels;
 use super::places::FragmentPlaces;
 use crate::hemicube::item;
@@ -31,8 +34,6 @@ use std::time::Instant;
 
 /// Rows of pixels that are rasterised together, a parallel task.
 const BAND: u32 = 16;
-/// Most sub-pixel samples: each has a bit of a fragment's mask.
-pub const MOST_SAMPLES: u32 = 64;
 /// Of samples that belong to none.
 const NO_FRAGMENT: usize = usize::MAX;
 /// Squares along and across a pixel that sees one facet alone, over which textures are averaged: of one

@@ -1,7 +1,8 @@
 //! How bands of rows are rasterised and their samples grouped into fragments.
 
 use super::borders::BESIDE;
-use super::lamps::ShineRange;
+use super::samples::PixelSquare;
+use super::shine::ShineRange;
 use super::{
     ALIKE_DIFFUSE, BAND, Fragment, Lobe, MOST_SAMPLES, MOST_TEXELS, NO_FRAGMENT, PictureFacet,
     SMOOTH_COSINE, STEP_PIXELS, SampleGroup, VisibleSurfaces,
@@ -468,30 +469,6 @@ pub(super) struct SeenPlace {
     pub side: f32,
     /// Share of what is seen of the facet; all together 1.
     pub weight: f32,
-}
-
-/// A square of those that a pixel is cut into.
-pub(super) struct PixelSquare {
-    /// Its middle, from the pixel's.
-    pub middle: Vec2,
-    /// The samples in it, a bit each.
-    pub samples: u64,
-}
-
-/// So many squares along and across a pixel.
-pub(super) fn squares(count: u32, samples: &[Vec2]) -> Vec<PixelSquare> {
-    let at = |index: u32| (index as f32 + 0.5) / count as f32 - 0.5;
-    let along = |place: f32| (((place + 0.5) * count as f32) as u32).min(count - 1);
-    let square = |index: u32| {
-        let is_in = |sample: Vec2| along(sample.y) * count + along(sample.x) == index;
-        let numbered = samples.iter().enumerate();
-        let own = numbered.filter(|(_, sample)| is_in(**sample));
-        PixelSquare {
-            middle: Vec2::new(at(index % count), at(index / count)),
-            samples: own.fold(0, |all, (number, _)| all | 1 << number),
-        }
-    };
-    (0..count * count).map(square).collect()
 }
 
 impl Fragment {

@@ -6,7 +6,7 @@
 //! surface is that of its fragment.
 
 use super::band::SeenPart;
-use super::lamps::ShineRange;
+use super::shine::ShineRange;
 use super::{Fragment, MOST_SAMPLES, VisibleSurfaces};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::hemicube::item;

@@ -4,53 +4,13 @@
 //! lamp (docs/decisions/0093, 0098).
 
 use super::VisibleSurfaces;
+use super::shine::ShineRange;
 use crate::radiometry::{Rgb, importance};
 
 /// Share of what a pixel shows up to which light of its own does not make it a lamp's, however bright.
 const LAMP_SHARE: f32 = 0.8;
 /// A lamp is so many times as bright as all that counts is in the mean.
 const LAMP_BRIGHTNESS: f32 = 4.0;
-
-/// Share of the most radiance by which what is emitted differs between surfaces that are not one.
-const WIDE_RANGE: f32 = 0.1;
-
-/// Least and most radiance that surfaces in a pixel emit, where the background emits none.
-#[derive(Clone, Copy, Debug)]
-pub struct ShineRange {
-    least: Rgb,
-    most: Rgb,
-}
-
-impl Default for ShineRange {
-    /// Of nothing yet.
-    fn default() -> Self {
-        Self { least: Rgb::INFINITY, most: Rgb::ZERO }
-    }
-}
-
-impl ShineRange {
-    /// Takes in what something emits that is seen.
-    pub fn add(&mut self, shine: Rgb) {
-        (self.least, self.most) = (self.least.min(shine), self.most.max(shine));
-    }
-
-    /// Of all of these.
-    pub fn of(shines: impl IntoIterator<Item = Rgb>) -> Self {
-        let mut own = Self::default();
-        shines.into_iter().for_each(|shine| own.add(shine));
-        own
-    }
-
-    /// Whether it is so wide that different things shine.
-    pub fn is_wide(&self) -> bool {
-        importance(self.span()) > WIDE_RANGE * importance(self.most)
-    }
-
-    /// By how much radiance that surfaces emit differs within the pixel.
-    pub fn span(&self) -> Rgb {
-        (self.most - self.least).max(Rgb::ZERO)
-    }
-}
 
 impl VisibleSurfaces {
     /// Which pixels count, of a picture that shows this: all that show no lamp.
@@ -66,7 +26,7 @@ impl VisibleSurfaces {
         }
         // Rays at edges may have found what no sample did.
         let is_lamp = |shines: &ShineRange| {
-            shines.most == Rgb::ZERO || importance(shines.most) > LAMP_BRIGHTNESS * mean
+            shines.most() == Rgb::ZERO || importance(shines.most()) > LAMP_BRIGHTNESS * mean
         };
         for (counts, shines) in counted.iter_mut().zip(&self.shines) {
             *counts |= !is_lamp(shines);
@@ -100,17 +60,6 @@ mod tests {
     use crate::scene::made;
     use crate::transport::hemilux::specimen::Specimen;
 
-    #[test]
-    fn a_range_holds_all_that_is_seen() {
-        let mut range = ShineRange::default();
-        assert!(range.span() == Rgb::ZERO && !range.is_wide(), "nothing is");
-        range.add(Rgb::splat(2.0));
-        assert!(range.span() == Rgb::ZERO && !range.is_wide());
-        range.add(Rgb::new(0.5, 3.0, 2.0));
-        assert!(range.span() == Rgb::new(1.5, 1.0, 0.0) && range.is_wide());
-        assert!(!ShineRange::of([Rgb::splat(2.0), Rgb::splat(1.9)]).is_wide());
-    }
-
     /// In a room with a lamp that is much brighter than the rest, all pixels count that do not show it.
     #[test]
     fn pixels_of_a_lamp_are_left_out() {
@@ -135,9 +84,9 @@ mod tests {
             assert!(visible.counted(&shown).iter().all(|counts| *counts));
         }
         let mut shown = visible.shine.clone();
-        for own in [&mut visible.shine[7], &mut shown[7], &mut visible.shines[7].most] {
-            *own *= 20.0;
-        }
+        let bright = 20.0 * shown[7];
+        (visible.shine[7], shown[7]) = (bright, bright);
+        visible.shines[7].add(bright);
         let expected: Vec<bool> = (0..shown.len()).map(|pixel| pixel != 7).collect();
         assert_eq!(visible.counted(&shown), expected);
     }
