@@ -26,22 +26,9 @@ const BY_SAMPLE: f32 = 0.25;
 impl VisibleSurfaces {
     pub(super) fn band(&self, world: &World, view: &View, first_row: u32) -> Band {
         let began = Instant::now();
-        let rows = BAND.min(self.height - first_row);
-        let pixels = (rows * self.width) as usize;
+        let items = self.items(view, first_row);
         let count = self.samples.len();
-        let mut items = vec![0u32; pixels * count];
-        let mut depth = vec![0f32; pixels];
-        let triangles = view.boxed_in_rows(first_row, first_row + rows);
-        for (offset, items) in self.samples.iter().zip(items.chunks_mut(pixels)) {
-            depth.fill(0.0);
-            let mut target = Target { width: self.width, first_row, items, depth: &mut depth };
-            let units = BoxOffset::new(*offset);
-            for (pixels, triangle) in &triangles {
-                if pixels.is_met(units) {
-                    fill(&mut target, &pixels.narrow(triangle.moved(*offset), units));
-                }
-            }
-        }
+        let pixels = items.len() / count;
         let rasterised = Instant::now();
         let mut band = Band {
             fragments: Vec::with_capacity(pixels + pixels / 8),
@@ -94,6 +81,26 @@ impl VisibleSurfaces {
         }
         band.seconds[1] = rasterised.elapsed().as_secs_f64();
         band
+    }
+
+    /// Codes of what the samples of a band's pixels see, sample after sample.
+    fn items(&self, view: &View, first_row: u32) -> Vec<u32> {
+        let rows = BAND.min(self.height - first_row);
+        let pixels = (rows * self.width) as usize;
+        let mut items = vec![0u32; pixels * self.samples.len()];
+        let mut depth = vec![0f32; pixels];
+        let triangles = view.boxed_in_rows(first_row, first_row + rows);
+        for (offset, items) in self.samples.iter().zip(items.chunks_mut(pixels)) {
+            depth.fill(0.0);
+            let mut target = Target { width: self.width, first_row, items, depth: &mut depth };
+            let units = BoxOffset::new(*offset);
+            for (pixels, triangle) in &triangles {
+                if pixels.is_met(units) {
+                    fill(&mut target, &pixels.narrow(triangle.moved(*offset), units));
+                }
+            }
+        }
+        items
     }
 
     /// Joins what all bands see, which took so many seconds.
