@@ -96,7 +96,7 @@ fn a_phong_surface_in_a_furnace_shows_its_albedo() {
         let albedo = f64::from(kd) + f64::from(ks) * lobe_albedo(20.0, f64::from(angle.cos()));
         let ratio = picture.mean() / (2.0 * albedo);
         println!("seen at {degrees}°: {:.4}, exact {:.4}", picture.mean(), 2.0 * albedo);
-        // Standard error of the lobe's average: about 1 %.
+        // Standard error of the lobe's average: about 1.2 %.
         assert!((ratio - 1.0).abs() < 0.03, "{degrees}°: {ratio}");
     }
 }

@@ -181,7 +181,7 @@ fn power_deviations(
     // seen then, and how many batches it takes at least. Software GPUs shoot an order slower than the
     // CPU device, with which `twins.rs` compares them shot by shot.
     let on_cpu = device.description().kind == "cpu";
-    let (wanted, more, batches) = if on_cpu { (0.007, 0.08, 20) } else { (0.03, 0.25, 12) };
+    let (wanted, more, batches) = if on_cpu { (0.005, 0.06, 20) } else { (0.03, 0.25, 12) };
     let mut effort = Effort { burn_in: 20, batches, iterations: 6 };
     if settings.selection == Selection::Uniform {
         // As many as there are patches, or the one that is the light decides about everything.
