@@ -6,7 +6,7 @@ use glam::Vec3;
 use hemilux_engine::image::Picture;
 use hemilux_engine::radiometry::Rgb;
 use hemilux_engine::render::{CameraChoice, ExplicitCamera, Limits, RenderRequest};
-use hemilux_engine::scene::{Camera, Projection, Scene, made};
+use hemilux_engine::scene::{Camera, Material, Projection, Scene, made};
 use hemilux_tests::comparison::{away_from_light, error_by_halves, mean_ratio, relative_rmse};
 use hemilux_tests::halves::Halves;
 use hemilux_tests::rendering::rendered;
@@ -125,6 +125,38 @@ fn against_paths(name: &str, glb: &[u8]) -> (f64, f64) {
     let (error, mean) = (halves.error(&picture), halves.mean_ratio(&picture));
     println!("{name}: mean ratio {mean:.4}, rRMSE {error:.4}");
     (mean, error)
+}
+
+/// Where all that is seen shows itself and nothing is reflected, edges are all the error: it is predicted,
+/// and falls.
+#[test]
+fn what_shows_itself_errs_as_predicted() {
+    let mut builder = Builder::default();
+    for stripe in 0..40 {
+        let bright = [0.9, 0.1, 0.5][stripe % 3];
+        let unlit = Material { unlit: true, ..Material::lambertian("stripe", Rgb::splat(bright)) };
+        let unlit = builder.material(unlit);
+        let corner = Vec3::new(-2.0 + 0.1 * stripe as f32, -2.0, 0.003 * stripe as f32);
+        builder.quad(corner, Vec3::new(0.06, 0.02, 0.0), Vec3::new(0.3, 4.0, 0.0), unlit);
+    }
+    let scene = builder.build();
+    let sized = |method, iterations| {
+        let request = request(&scene, method, iterations);
+        RenderRequest { camera: looking([0.0, 0.0, 3.0], [0.0; 3]), ..request }
+    };
+    let halves = Halves::traced(&sized("ray-traced", 600), f32::INFINITY);
+    let [first, later] = [1, 16].map(|iterations| {
+        let rendered = rendered(&sized("hemilux", iterations));
+        let error = halves.error(&rendered.picture);
+        let predicted = rendered.stats.figures.estimated_error.expect("it is not black");
+        println!("{iterations}: {error:.4}, predicted {predicted:.4}");
+        (error, predicted)
+    });
+    // Of edges that the samples see, the weight that rooms ask for says about three times too much.
+    for (error, predicted) in [first, later] {
+        assert!((0.7..4.0).contains(&(predicted / error)), "{predicted} beside {error}");
+    }
+    assert!(later.0 < 0.3 * first.0 && later.1 < 0.3 * first.1, "{later:?} after {first:?}");
 }
 
 /// A camera that sees along parallels from a plane in the middle of a box: half of the box is

@@ -14,6 +14,11 @@ pub enum Kind {
     Lobe,
 }
 
+/// Time that doubling the links takes, in what they took so far, and share of the rest of the time that it
+/// may take.
+const LINKS_LONGER: f64 = 1.5;
+const LINKS_TIME: f64 = 0.5;
+
 /// Speeds as measured, and the moment at which the last picture has to begin.
 #[derive(Default)]
 pub struct Pace {
@@ -41,6 +46,11 @@ impl Pace {
         self.deadline.map_or(f64::INFINITY, |deadline| {
             deadline.saturating_duration_since(Instant::now()).as_secs_f64()
         })
+    }
+
+    /// Whether doubling the links, which took so many seconds so far, leaves time for what they improve.
+    pub fn allows_links(&self, seconds: f64) -> bool {
+        LINKS_LONGER * seconds <= LINKS_TIME * self.left()
     }
 
     /// Learns how long rays of a kind take, by what has been done since.
@@ -126,5 +136,13 @@ mod tests {
         pace.ends_in(Some(f64::INFINITY));
         assert_eq!(pace.left(), f64::INFINITY);
         assert!(pace.until(0.5).is_none());
+    }
+
+    #[test]
+    fn links_leave_half_of_the_time() {
+        let mut pace = Pace::default();
+        assert!(pace.allows_links(1e9), "there is no end");
+        pace.ends_in(Some(3.0));
+        assert_eq!([0.9, 1.1].map(|spent| pace.allows_links(spent)), [true, false]);
     }
 }

@@ -245,6 +245,26 @@ mod tests {
         (sum / count as f32).sqrt()
     }
 
+    /// Where the same texture says what is emitted, that changes as the albedo does.
+    #[test]
+    fn what_shines_is_foreseen_too() {
+        let Specimen { world, .. } =
+            Specimen::surrounded(&made::checker(4.0), Environment::studio(), 500);
+        let mut scene = world.scene.as_ref().clone();
+        for material in &mut scene.materials {
+            material.emission = material.base_color;
+            material.emission_texture = material.base_color_texture.clone();
+        }
+        let Specimen { world, cut, .. } = Specimen::of(scene, Environment::studio(), 500);
+        let camera = &world.scene.cameras[0];
+        let visible = VisibleSurfaces::new(&world, cut, camera, [24, 20], MOST_SAMPLES);
+        let textures = Textures::new(&visible, &Edges::new(&visible));
+        let (ahead, _) = textures.ahead();
+        let [shine, diffuse] = [|own: &Ahead| own.shine, |own: &Ahead| own.diffuse]
+            .map(|of| root_mean_square(ahead.iter().map(of)));
+        assert!(diffuse > 0.0 && (0.8..1.25).contains(&(shine / diffuse)), "{shine} {diffuse}");
+    }
+
     /// With squares half as long what is left is far less, and what is left is foreseen.
     #[test]
     fn smaller_squares_are_nearer_to_the_mean() {

@@ -72,10 +72,6 @@ const LEAST_PICTURE_SHARE: f64 = 0.1;
 const LEAST_REST: f64 = 0.04;
 /// Share of the rest of the time in which records are made where lobes follow.
 const BESIDE_LOBES: f64 = 0.6;
-/// Time that doubling the links takes, in what they took so far, and share of the rest of the time that it
-/// may take.
-const LINKS_LONGER: f64 = 1.5;
-const LINKS_TIME: f64 = 0.5;
 /// Time of an iteration with more links or more records, in that of the one before.
 const LONGER: f64 = 1.6;
 
@@ -371,7 +367,7 @@ impl Tiers {
     /// Whether more links leave time for what they are to improve.
     fn has_time_for_links(&self) -> bool {
         let spent = self.clock.spent.get("seconds_links").copied().unwrap_or_default();
-        LINKS_LONGER * spent <= LINKS_TIME * self.pace.left()
+        self.pace.allows_links(spent)
     }
 
     /// Doubles the number of links and solves for all of them. Iterations do so whenever their
