@@ -253,7 +253,7 @@ mod tests {
         let mut scene = world.scene.as_ref().clone();
         for material in &mut scene.materials {
             material.emission = material.base_color;
-            material.emission_texture = material.base_color_texture.clone();
+            material.emission_texture = material.base_color_texture;
         }
         let Specimen { world, cut, .. } = Specimen::of(scene, Environment::studio(), 500);
         let camera = &world.scene.cameras[0];
