@@ -22,6 +22,9 @@ use std::time::Instant;
 
 /// Share of a pixel from which on textures are read at each sample of a facet: there its rim counts.
 const BY_SAMPLE: f32 = 0.25;
+/// Cosine of the angle between normal and viewer below which the albedo of a lobe, which changes fast
+/// there, is read at places all over what a pixel sees, rather than where the lobe's rays begin.
+const GRAZING_COSINE: f32 = 0.4;
 
 impl VisibleSurfaces {
     pub(super) fn band(&self, world: &World, view: &View, first_row: u32) -> Band {
@@ -338,6 +341,7 @@ impl VisibleSurfaces {
                 .iter()
                 .filter_map(in_square)
                 .chain(self.offsets(samples).map(of_sample)),
+            is_place: false,
         }
     }
 
@@ -360,22 +364,30 @@ impl VisibleSurfaces {
         let source_at = self.cut.to_source(FacetIndex(facet), at);
         let side = if back { -1.0 } else { 1.0 };
         let normal = world.smooth_normal(source, source_at, flat, side);
-        let mut lobe_albedo = None;
-        let (diffuse, lobe_factor, shine, shading_normal) = if varies(world, source) {
-            let means = self.means(world, (facet, back, &*placed), pixel, seen);
-            let normal = means.normal.normalize_or(normal);
-            lobe_albedo = Some(means.lobe_albedo).filter(|_| !world.is_clear(source));
-            (means.diffuse, means.lobe_factor, means.shine, normal)
-        } else {
-            let viewer = self.frame.towards_eye(point);
-            let [diffuse, lobe_factor] = finish.parameters.diffuse_and_lobe_factor(normal, viewer);
-            (diffuse, lobe_factor, world.shine(source, source_at), normal)
+        let (is_clear, parameters) = (world.is_clear(source), &finish.parameters);
+        let viewer = self.frame.towards_eye(point);
+        let is_bent =
+            parameters.is_glossy() && (seen.is_place || normal.dot(viewer) < GRAZING_COSINE);
+        let at = (facet, back, &*placed);
+        let means = match (varies(world, source), is_bent) {
+            (true, _) => self.means(world, at, pixel, seen),
+            (false, true) => self.bent_means(world, at, pixel, seen),
+            (false, false) => {
+                let [diffuse, lobe_factor] = parameters.diffuse_and_lobe_factor(normal, viewer);
+                SampleMeans { diffuse, lobe_factor, normal, ..SampleMeans::default() }
+            }
+        };
+        let is_told = !is_clear && (is_bent || varies(world, source));
+        let shine = match varies(world, source) {
+            true => means.shine,
+            false => world.shine(source, source_at),
         };
         // What is clear is seen by rays, with all that it reflects.
-        let is_clear = world.is_clear(source);
-        let (diffuse, lobe_factor) =
-            if is_clear { (Rgb::ZERO, Rgb::ONE) } else { (diffuse, lobe_factor) };
-        let glossy = is_clear || finish.parameters.is_glossy();
+        let (diffuse, lobe_factor) = match is_clear {
+            true => (Rgb::ZERO, Rgb::ONE),
+            false => (means.diffuse, means.lobe_factor),
+        };
+        let glossy = is_clear || parameters.is_glossy();
         let fragment = Fragment {
             pixel,
             code,
@@ -384,10 +396,10 @@ impl VisibleSurfaces {
             share,
             point,
             normal,
-            shading_normal,
+            shading_normal: means.normal.normalize_or(normal),
             diffuse,
             lobe_factor,
-            lobe_albedo,
+            lobe_albedo: is_told.then_some(means.lobe_albedo),
             glossy,
             is_beyond: false,
         };
@@ -416,6 +428,32 @@ impl VisibleSurfaces {
             means.lobe_factor += lobe_factor * weight;
             means.lobe_albedo += parameters.lobe_albedo([flat, normal], viewer) * weight;
             means.shine += world.shine_over(&self.pyramids, source, &part) * weight;
+            means.normal += normal * weight;
+        }
+        means
+    }
+
+    /// The same of a facet without textures, but for what it shows by itself.
+    fn bent_means(
+        &self,
+        world: &World,
+        (facet, back, placed): (u32, bool, &PictureFacet),
+        pixel: u32,
+        seen: SeenPart<impl Iterator<Item = SeenPlace>>,
+    ) -> SampleMeans {
+        let source = self.cut.source(FacetIndex(facet));
+        let (parameters, side) = (&world.finish(source).parameters, if back { -1.0 } else { 1.0 });
+        let mut means = SampleMeans::default();
+        for SeenPlace { offset, weight, .. } in seen.places {
+            let at = self.within(placed, pixel, offset);
+            let (point, flat) = placed.spot(back, at);
+            let source_at = self.cut.to_source(FacetIndex(facet), at);
+            let normal = world.smooth_normal(source, source_at, flat, side);
+            let viewer = self.frame.towards_eye(point);
+            let [diffuse, lobe_factor] = parameters.diffuse_and_lobe_factor(normal, viewer);
+            means.diffuse += diffuse * weight;
+            means.lobe_factor += lobe_factor * weight;
+            means.lobe_albedo += parameters.lobe_albedo([flat, normal], viewer) * weight;
             means.normal += normal * weight;
         }
         means
@@ -457,13 +495,15 @@ pub(super) struct SeenPart<I> {
     pub middle: Vec2,
     /// Places of it.
     pub places: I,
+    /// Whether it is what one ray has met.
+    pub is_place: bool,
 }
 
 impl SeenPart<Once<SeenPlace>> {
     /// A square, as if it were all of the pixel.
     pub fn at(offset: Vec2, side: f32) -> Self {
         let place = SeenPlace { offset, side, weight: 1.0 };
-        Self { share: 1.0, middle: offset, places: once(place) }
+        Self { share: 1.0, middle: offset, places: once(place), is_place: true }
     }
 }
 

@@ -1,12 +1,15 @@
 //! Fragments share out what a pixel sees.
 
+use super::band::SeenPart;
+use super::edges::Edges;
 use super::*;
 use crate::rays::Eye;
 use crate::scene::environment::{Environment, Sky};
 use crate::scene::gltf::{ImportLimits, Resources, import};
-use crate::scene::made::revolved::revolved;
+use crate::scene::made::revolved::{hollow_ball, revolved};
 use crate::scene::{Camera, Material, Scene, Triangle, made};
-use crate::transport::hemilux::specimen::{EMISSION, Specimen};
+use crate::surface::Reflection;
+use crate::transport::hemilux::specimen::{EMISSION, SEED, Specimen};
 use glam::{EulerRot, Mat4, Quat};
 use std::f32::consts::PI;
 
@@ -203,4 +206,45 @@ fn the_inside_of_a_tube_does_not_show_at_its_outline() {
     // A hair-thin crack may be hit between triangles of which one is cut.
     assert!(shown < 0.05, "inside of {shown} pixels");
     assert!(seen > 24 * 500, "{seen}");
+}
+
+/// Where a ball bends away from the camera, what is told of its lobe's albedo is the mean over all of its
+/// fragment, which that of a few rays' places is not.
+#[test]
+fn albedo_at_an_outline_is_that_of_all_of_it() {
+    const SIDE: u32 = 32;
+    let material = Material { metallic: 1.0, roughness: 0.6, ..Material::default() };
+    let mut ball = hollow_ball(24, material);
+    ball.triangles.iter_mut().for_each(|triangle| triangle.vertices.swap(0, 1));
+    ball.vertices.iter_mut().for_each(|vertex| vertex.normal = -vertex.normal);
+    let eye = Vec3::new(1.0, 2.0, 4.0);
+    ball.cameras.push(Camera::look_at("test", eye, Vec3::ZERO, Vec3::Y, 0.6));
+    let surroundings = Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::none() };
+    let specimen = Specimen::of(ball, surroundings, 500);
+    let (mut visible, world) = (specimen.visible(), &specimen.world);
+    Edges::new(&visible).pass(&mut visible, SEED, 512, &|_, _, _| Rgb::ZERO);
+    let (mut off, mut by_rays, mut count) = (0.0, 0.0, 0.0);
+    for lobe in &visible.lobes {
+        let fragment = visible.of_lobe(lobe);
+        let Some(told) = fragment.lobe_albedo.filter(|_| fragment.share > 0.1) else { continue };
+        let at = |n: u32| (n as f32 + 0.5) / SIDE as f32 - 0.5;
+        let albedo_at = |n: u32| {
+            let place = Vec2::new(at(n % SIDE), at(n / SIDE));
+            let code = visible.seen_at(fragment, place, 0)?;
+            let seen = SeenPart::at(place, 0.1);
+            Some(visible.fragment_of(world, fragment.pixel, code, seen)?.0.lobe_albedo?.x)
+        };
+        let all: Vec<f32> = (0..SIDE * SIDE).filter_map(albedo_at).collect();
+        let of_ray = |n: u32| {
+            let surface = visible.surface(world, lobe, (n, n)).lobe_only();
+            surface.reflection().albedo(visible.frame.towards_eye(surface.spot.point)).x
+        };
+        let exact = all.iter().sum::<f32>() / all.len() as f32;
+        let square = |value: f32| (value / exact - 1.0) * (value / exact - 1.0);
+        off += square(told.x);
+        by_rays += square((0..6).map(of_ray).sum::<f32>() / 6.0);
+        count += 1.0;
+    }
+    let [off, by_rays] = [off, by_rays].map(|sum: f32| (sum / count).sqrt());
+    assert!(count > 20.0 && off < 0.05 && by_rays > 2.5 * off, "{off} {by_rays} {count}");
 }
