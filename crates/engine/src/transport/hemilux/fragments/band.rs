@@ -368,19 +368,14 @@ impl VisibleSurfaces {
         let viewer = self.frame.towards_eye(point);
         let is_bent =
             parameters.is_glossy() && (seen.is_place || normal.dot(viewer) < GRAZING_COSINE);
-        let at = (facet, back, &*placed);
-        let means = match (varies(world, source), is_bent) {
-            (true, _) => self.means(world, at, pixel, seen),
-            (false, true) => self.bent_means(world, at, pixel, seen),
-            (false, false) => {
+        let has_means = varies(world, source) || is_bent;
+        let means = match has_means {
+            true => self.means(world, (facet, back, &*placed), pixel, seen),
+            false => {
                 let [diffuse, lobe_factor] = parameters.diffuse_and_lobe_factor(normal, viewer);
-                SampleMeans { diffuse, lobe_factor, normal, ..SampleMeans::default() }
+                let shine = world.shine(source, source_at);
+                SampleMeans { diffuse, lobe_factor, shine, normal, ..SampleMeans::default() }
             }
-        };
-        let is_told = !is_clear && (is_bent || varies(world, source));
-        let shine = match varies(world, source) {
-            true => means.shine,
-            false => world.shine(source, source_at),
         };
         // What is clear is seen by rays, with all that it reflects.
         let (diffuse, lobe_factor) = match is_clear {
@@ -399,14 +394,14 @@ impl VisibleSurfaces {
             shading_normal: means.normal.normalize_or(normal),
             diffuse,
             lobe_factor,
-            lobe_albedo: is_told.then_some(means.lobe_albedo),
+            lobe_albedo: (has_means && !is_clear).then_some(means.lobe_albedo),
             glossy,
             is_beyond: false,
         };
-        Some((fragment, shine))
+        Some((fragment, means.shine))
     }
 
-    /// Means over what is seen of a facet on which something varies.
+    /// Means over what is seen of a facet on which something varies, or that bends away.
     pub(super) fn means(
         &self,
         world: &World,
@@ -418,42 +413,30 @@ impl VisibleSurfaces {
         let side = if back { -1.0 } else { 1.0 };
         let mut means = SampleMeans::default();
         for SeenPlace { offset, side: width, weight } in seen.places {
-            let (point, flat) = placed.spot(back, self.within(placed, pixel, offset));
-            let part = self.part((facet, placed), (pixel, offset), width);
-            let normal = world.shading_normal_over(&self.pyramids, (source, &part), flat, side);
-            let viewer = self.frame.towards_eye(point);
-            let parameters = world.parameters_over(&self.pyramids, (source, &part), flat, side);
-            let [diffuse, lobe_factor] = parameters.diffuse_and_lobe_factor(normal, viewer);
-            means.diffuse += diffuse * weight;
-            means.lobe_factor += lobe_factor * weight;
-            means.lobe_albedo += parameters.lobe_albedo([flat, normal], viewer) * weight;
-            means.shine += world.shine_over(&self.pyramids, source, &part) * weight;
-            means.normal += normal * weight;
-        }
-        means
-    }
-
-    /// The same of a facet without textures, but for what it shows by itself.
-    fn bent_means(
-        &self,
-        world: &World,
-        (facet, back, placed): (u32, bool, &PictureFacet),
-        pixel: u32,
-        seen: SeenPart<impl Iterator<Item = SeenPlace>>,
-    ) -> SampleMeans {
-        let source = self.cut.source(FacetIndex(facet));
-        let (parameters, side) = (&world.finish(source).parameters, if back { -1.0 } else { 1.0 });
-        let mut means = SampleMeans::default();
-        for SeenPlace { offset, weight, .. } in seen.places {
             let at = self.within(placed, pixel, offset);
             let (point, flat) = placed.spot(back, at);
-            let source_at = self.cut.to_source(FacetIndex(facet), at);
-            let normal = world.smooth_normal(source, source_at, flat, side);
             let viewer = self.frame.towards_eye(point);
+            let (normal, parameters, shine) = match varies(world, source) {
+                true => {
+                    let part = self.part((facet, placed), (pixel, offset), width);
+                    let (pyramids, seen) = (&self.pyramids, (source, &part));
+                    (
+                        world.shading_normal_over(pyramids, seen, flat, side),
+                        world.parameters_over(pyramids, seen, flat, side),
+                        world.shine_over(pyramids, source, &part),
+                    )
+                }
+                false => {
+                    let at = self.cut.to_source(FacetIndex(facet), at);
+                    let normal = world.smooth_normal(source, at, flat, side);
+                    (normal, world.finish(source).parameters, world.shine(source, at))
+                }
+            };
             let [diffuse, lobe_factor] = parameters.diffuse_and_lobe_factor(normal, viewer);
             means.diffuse += diffuse * weight;
             means.lobe_factor += lobe_factor * weight;
             means.lobe_albedo += parameters.lobe_albedo([flat, normal], viewer) * weight;
+            means.shine += shine * weight;
             means.normal += normal * weight;
         }
         means
