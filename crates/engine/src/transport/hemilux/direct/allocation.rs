@@ -6,8 +6,13 @@ use super::sums::ShadowSums;
 use crate::transport::hemilux::fragments::{Fragment, VisibleSurfaces};
 use rayon::prelude::*;
 
+/// Rays of a fragment and those around it, at least, for their agreement to tell anything: those of the first
+/// pass at a corner of a wall. A surface that bends by more than a few degrees from pixel to pixel has none
+/// around it that it could be compared with.
+const ENOUGH_TO_AGREE: u32 = 9;
+
 impl DirectLighting {
-    /// Marks the fragments whose own or neighbouring rays disagree.
+    /// Marks the fragments whose own or neighbouring rays disagree, or are too few to tell.
     pub(super) fn mark_disputed(&mut self, visible: &VisibleSurfaces) {
         let sums = &self.sums;
         let disputed: Vec<bool> = (0..sums.len())
@@ -18,11 +23,12 @@ impl DirectLighting {
                 if mine.is_disputed() {
                     return true;
                 }
-                let mut disagrees = false;
+                let (mut disagrees, mut rays) = (false, mine.rays);
                 around(visible, index, NEIGHBOUR_REACH, |other, _, _| {
                     disagrees |= mine.differs_from(&sums[other]);
+                    rays = rays.saturating_add(sums[other].rays);
                 });
-                disagrees
+                disagrees || rays < ENOUGH_TO_AGREE
             })
             .collect();
         self.sums.iter_mut().zip(disputed).for_each(|(sums, disputed)| sums.disputed = disputed);
