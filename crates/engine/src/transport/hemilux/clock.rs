@@ -27,6 +27,11 @@ impl Clock {
         *self.spent.entry(what).or_default() += (now - self.last).as_secs_f64();
         self.last = now;
     }
+
+    /// Seconds that were spent on some parts together.
+    pub fn of(&self, parts: &[&str]) -> f64 {
+        parts.iter().filter_map(|part| self.spent.get(part)).sum()
+    }
 }
 
 #[cfg(test)]
@@ -45,5 +50,6 @@ mod tests {
         clock.lap("one");
         assert!(clock.spent["one"] >= 0.03, "{:?}", clock.spent);
         assert!(clock.spent["two"] < 0.03, "{:?}", clock.spent);
+        assert_eq!(clock.of(&["two", "three", "one"]), clock.spent["one"] + clock.spent["two"]);
     }
 }

@@ -18,6 +18,8 @@ pub enum Kind {
 /// may take.
 const LINKS_LONGER: f64 = 1.5;
 const LINKS_TIME: f64 = 0.5;
+/// Time of an iteration with more links or more records, in that of the one before.
+const LONGER: f64 = 1.6;
 
 /// Speeds as measured, and the moment at which the last picture has to begin.
 #[derive(Default)]
@@ -25,6 +27,8 @@ pub struct Pace {
     deadline: Option<Instant>,
     /// Of each kind: seconds, and rays in them.
     measured: [(f64, f64); 3],
+    /// Seconds that an iteration takes: of the last one what the next repeats.
+    iteration: Option<f64>,
 }
 
 impl Pace {
@@ -51,6 +55,30 @@ impl Pace {
     /// Whether doubling the links, which took so many seconds so far, leaves time for what they improve.
     pub fn allows_links(&self, seconds: f64) -> bool {
         LINKS_LONGER * seconds <= LINKS_TIME * self.left()
+    }
+
+    /// Whether it is known how long an iteration takes.
+    pub fn has_measured(&self) -> bool {
+        self.iteration.is_some()
+    }
+
+    /// Whether another iteration fits into the time that is left; the first one always does.
+    pub fn allows_iteration(&self, is_longer: bool) -> bool {
+        let longer = if is_longer { LONGER } else { 1.0 };
+        self.iteration.is_none_or(|seconds| longer * seconds <= self.left())
+    }
+
+    /// Learns how long an iteration takes, by one that began then and spent so many seconds on what the
+    /// next one does not repeat. Returns the seconds of the rest.
+    pub fn measure_iteration(&mut self, began: Instant, once: f64) -> f64 {
+        let seconds = (began.elapsed().as_secs_f64() - once).max(0.0);
+        self.iteration = Some(seconds);
+        seconds
+    }
+
+    /// Forgets how long an iteration takes: the next one is of another picture.
+    pub fn forget_iteration(&mut self) {
+        self.iteration = None;
     }
 
     /// Learns how long rays of a kind take, by what has been done since.
@@ -136,6 +164,29 @@ mod tests {
         pace.ends_in(Some(f64::INFINITY));
         assert_eq!(pace.left(), f64::INFINITY);
         assert!(pace.until(0.5).is_none());
+    }
+
+    /// Links that were doubled in the last one say nothing of the next.
+    #[test]
+    fn an_iteration_is_expected_to_take_what_the_last_did_but_for_its_links() {
+        let mut pace = Pace::default();
+        pace.ends_in(Some(0.0));
+        assert!(!pace.has_measured() && pace.allows_iteration(true), "the first one");
+        let began = Instant::now() - Duration::from_secs(4);
+        for (once, left, is_longer, fits) in [
+            (0.0, 3.0, false, false),
+            (2.0, 3.0, false, true),
+            (2.0, 3.0, true, false),
+            (2.0, 4.0, true, true),
+            (5.0, 0.1, true, true),
+        ] {
+            pace.measure_iteration(began, once);
+            pace.ends_in(Some(left));
+            assert_eq!(pace.allows_iteration(is_longer), fits, "{once} {left} {is_longer}");
+        }
+        assert!(pace.has_measured());
+        pace.forget_iteration();
+        assert!(pace.allows_iteration(true));
     }
 
     #[test]

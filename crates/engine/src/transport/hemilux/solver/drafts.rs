@@ -83,7 +83,8 @@ impl Tiers {
         // The audit's paths are of no pixels, and stay.
         (self.edges, self.textures, self.balance) = (None, None, Balance::default());
         self.drawn = DrawnPicture::default();
-        (self.iteration_seconds, self.picture_seconds) = (None, None);
+        self.pace.forget_iteration();
+        self.picture_seconds = None;
         (run.standing.tally.iterations, self.done, self.next_check) = (0, 0, 1);
         self.clock.lap("seconds_light");
     }

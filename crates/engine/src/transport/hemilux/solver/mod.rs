@@ -72,8 +72,8 @@ const LEAST_PICTURE_SHARE: f64 = 0.1;
 const LEAST_REST: f64 = 0.04;
 /// Share of the rest of the time in which records are made where lobes follow.
 const BESIDE_LOBES: f64 = 0.6;
-/// Time of an iteration with more links or more records, in that of the one before.
-const LONGER: f64 = 1.6;
+/// Parts of an iteration that the one after it does not repeat: these say nothing of how long that takes.
+const ONCE: [&str; 2] = ["seconds_links", "seconds_textures"];
 
 /// Factor of the radii of all records in an iteration: they shrink at each of
 /// [`REFILL_ITERATIONS`].
@@ -124,8 +124,6 @@ pub struct Tiers {
     picture_seconds: Option<f64>,
     /// What that took.
     enlarging_seconds: Option<f64>,
-    /// What the last iteration took.
-    iteration_seconds: Option<f64>,
     pace: Pace,
     /// After how many iterations a job with a target error estimates it next.
     next_check: u64,
@@ -199,7 +197,6 @@ impl Tiers {
             drawn: DrawnPicture::default(),
             picture_seconds: None,
             enlarging_seconds: None,
-            iteration_seconds: None,
             pace: Pace::default(),
             next_check: 1,
             done,
@@ -366,8 +363,7 @@ impl Tiers {
 
     /// Whether more links leave time for what they are to improve.
     fn has_time_for_links(&self) -> bool {
-        let spent = self.clock.spent.get("seconds_links").copied().unwrap_or_default();
-        self.pace.allows_links(spent)
+        self.pace.allows_links(self.clock.of(&["seconds_links"]))
     }
 
     /// Doubles the number of links and solves for all of them. Iterations do so whenever their
@@ -476,22 +472,20 @@ impl Solver for Tiers {
         self.grow(run);
         let number = run.standing.tally.iterations;
         let picture = run.standing.picture_seconds;
-        self.pace.ends_in(run.seconds_left().map(|left| match self.iteration_seconds {
-            Some(_) => left - picture,
-            None => left * (1.0 - LEAST_PICTURE_SHARE),
+        self.pace.ends_in(run.seconds_left().map(|left| match self.pace.has_measured() {
+            true => left - picture,
+            false => left * (1.0 - LEAST_PICTURE_SHARE),
         }));
-        if let Some(last) = self.iteration_seconds {
-            let longer = if self.is_longer(number) { LONGER } else { 1.0 };
-            if self.pace.left() < longer * last {
-                self.use_rest(number.max(self.reused_iterations));
-                // Nothing more fits.
-                run.standing.picture_seconds = run.seconds_left().unwrap_or(picture).max(picture);
-                return Ok(None);
-            }
+        if !self.pace.allows_iteration(self.is_longer(number)) {
+            self.use_rest(number.max(self.reused_iterations));
+            // Nothing more fits.
+            run.standing.picture_seconds = run.seconds_left().unwrap_or(picture).max(picture);
+            return Ok(None);
         }
+        let before = self.clock.of(&ONCE);
         self.iterate(run);
-        let iteration = began.elapsed().as_secs_f64();
-        self.iteration_seconds = Some(iteration);
+        let once = self.clock.of(&ONCE) - before;
+        let iteration = self.pace.measure_iteration(began, once);
         // The last picture, and the least that is worth while before it.
         let picture = self.picture_seconds.unwrap_or(PICTURE_SHARE * iteration);
         let picture = picture + self.enlarging_seconds();
