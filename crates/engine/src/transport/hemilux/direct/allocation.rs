@@ -93,9 +93,77 @@ mod tests {
     use super::*;
     use crate::radiometry::importance;
     use crate::sampling::Seed;
-    use crate::scene::made;
+    use crate::scene::environment::{Environment, Sky};
+    use crate::scene::made::revolved::revolved;
+    use crate::scene::{Camera, Material, Triangle, Vertex, made};
     use crate::transport::hemilux::direct::shadows::Caster;
     use crate::transport::hemilux::specimen::Specimen;
+    use glam::Vec3;
+    use std::f32::consts::PI;
+
+    /// A ball, eight pixels across, below a roof that hides some of the sky.
+    fn ball_below_roof() -> Specimen {
+        let place = |ring: u32| -> [f32; 2] {
+            let (sin, cos) = (PI * ring as f32 / 24.0).sin_cos();
+            [sin, -cos]
+        };
+        let profile: Vec<[f32; 2]> = (0..=24).map(place).collect();
+        let mut scene = revolved(&profile, 48, Material::lambertian("grey", Rgb::splat(0.5)));
+        for vertex in &mut scene.vertices {
+            vertex.normal = vertex.position.normalize();
+        }
+        let first = scene.vertices.len() as u32;
+        let corner = |x: f32, z: f32| Vertex::new(Vec3::new(x, 2.0, z), Vec3::Y);
+        scene.vertices.extend([
+            corner(-1.5, 1.5),
+            corner(1.5, 1.5),
+            corner(1.5, -1.5),
+            corner(-1.5, -1.5),
+        ]);
+        let roof = [[0, 1, 2], [0, 2, 3]].map(|of: [u32; 3]| of.map(|corner| first + corner));
+        scene.triangles.extend(roof.map(|vertices| Triangle { vertices, material: 0 }));
+        let eye = Vec3::new(0.0, 0.5, 14.0);
+        scene.cameras = vec![Camera::look_at("camera", eye, Vec3::ZERO, Vec3::Y, 0.35)];
+        let environment = Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::none() };
+        Specimen::of(scene, environment, 1000)
+    }
+
+    /// Pixels that nothing around resembles get rays until these tell something, though the first ones agree.
+    #[test]
+    fn what_is_like_nothing_around_it_is_not_lit_by_one_ray() {
+        let specimen = ball_below_roof();
+        let Specimen { world, lights, .. } = &specimen;
+        let visible = specimen.visible();
+        let after = |passes: u32, adaptive: bool, number: u64| {
+            let seed = Seed { number, well_spread: true };
+            let mut direct = DirectLighting::new(lights, &visible, adaptive, false);
+            let caster = Caster { world, lights, visible: &visible, seed };
+            (0..passes).for_each(|_| direct.pass(&caster, f64::INFINITY));
+            direct
+        };
+        let exact = after(400, false, 99);
+        let alone: Vec<usize> = (0..visible.fragments.len())
+            .filter(|index| {
+                let mut others = 0;
+                around(&visible, *index, NEIGHBOUR_REACH, |_, _, _| others += 1);
+                others < 3 && !exact.sums[*index].is_dark()
+            })
+            .collect();
+        assert!(alone.len() >= 20, "{} of {}", alone.len(), visible.fragments.len());
+        let (mut squares, mut count) = (0.0, 0.0);
+        for seed in 1..=10 {
+            let once = after(1, true, seed);
+            for index in &alone {
+                assert!(once.sums[*index].rays >= ENOUGH_TO_AGREE, "{}", once.sums[*index].rays);
+                let [own, exact] = [&once, &exact]
+                    .map(|direct| importance(direct.irradiance(lights, &visible, *index, true).0));
+                squares += ((own - exact) / PI).powi(2);
+                count += 1.0;
+            }
+        }
+        let off = f32::sqrt(squares / count);
+        assert!(off < 0.1, "{off}: a ray each leaves a third");
+    }
 
     /// Most rays go where the sky shines in, and the picture is as bright, in the mean over seeds, as it is with
     /// many rays everywhere.

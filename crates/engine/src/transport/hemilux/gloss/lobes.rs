@@ -4,6 +4,7 @@
 
 use super::lobe_rays::{LightsAt, LobePathNumbers, LobeRadiance, radiance_by_lobe};
 use super::open_sky;
+use super::placed_lobe::PlacedLobe;
 use super::seen_through::behind_holes;
 use super::sharing::{Shared, Shown};
 use super::sums::{Found, LobeSums, open_factor};
@@ -14,7 +15,6 @@ use crate::sampling::{BAYER, Seed, Shifted};
 use crate::surface::{Reflection, World};
 use crate::transport::hemilux::coarse::CoarseSolution;
 use crate::transport::hemilux::fragments::{Lobe, VisibleSurfaces};
-use glam::Vec3;
 use rayon::prelude::*;
 use std::f64::consts::GOLDEN_RATIO;
 
@@ -44,14 +44,6 @@ const LEAST_RAYS_FACTOR: f32 = 0.05;
 const NEIGHBOUR_REACH: i32 = 2;
 /// What these have found together is shared again with pixels so many times as far away.
 const WIDE_STRIDE: i32 = 4;
-/// Lobes share rays if they look less than 1/√this beside each other, as a share of the angle at
-/// which a lobe has fallen to e^−½: half of it. A wider reach flattens highlights on balls.
-const NARROWNESS: f32 = 4.0;
-/// Lobes share rays if the way between their places leaves the surface by less than this, as the sine
-/// of an angle: what lies before another surface takes light from it close by.
-const MOST_STEP: f32 = 0.3;
-/// Lobes share rays if their exponents, at least 1, differ by less than this factor.
-const LIKE_EXPONENTS: f32 = 1.3;
 /// Bound on rays of a lobe read from a checkpoint: more than any run traces, so a larger number
 /// means damage.
 const MOST_RAYS_OF_ALL: u32 = 1 << 30;
@@ -87,17 +79,6 @@ struct Work {
     batches: u32,
 }
 
-/// The lobe of a fragment: its place, and the mirrored direction to the camera.
-#[derive(Clone, Copy)]
-struct PlacedLobe {
-    point: Vec3,
-    /// Unit normal of the surface.
-    normal: Vec3,
-    /// Unit vector.
-    direction: Vec3,
-    exponent: f32,
-}
-
 impl Gloss {
     /// Writes what the rays found.
     pub fn save(&self, to: &mut Writer) {
@@ -125,16 +106,7 @@ impl Gloss {
 
     /// The lobes that a camera sees, without a ray yet; neighbours share what they find if `is_shared`.
     pub fn new(world: &World, visible: &VisibleSurfaces, is_shared: bool) -> Self {
-        let placed = |lobe: &Lobe| {
-            let surface = visible.surface(world, lobe, (0, 0));
-            let viewer = visible.frame.towards_eye(surface.spot.point);
-            let exponent = surface
-                .clear
-                .map_or_else(|| surface.reflection().exponent(), |clear| clear.exponent());
-            let normal = visible.fragments[lobe.fragment as usize].normal;
-            let (point, direction) = (surface.spot.point, surface.mirrored(viewer));
-            PlacedLobe { point, normal, direction, exponent }
-        };
+        let placed = |lobe: &Lobe| PlacedLobe::new(world, visible, lobe);
         let lobes: Vec<PlacedLobe> =
             visible.lobes.par_iter().with_min_len(1024).map(placed).collect();
         let mut start = Vec::new();
@@ -468,24 +440,11 @@ impl Gloss {
         }
     }
 
-    /// Weight of two lobes for each other: 1 where they look at the same place, 0 where they look
-    /// half a lobe's width beside each other. The place is as far away as the harmonic mean
+    /// Weight of two lobes for each other, 0 to 1. What they look at is as far away as the harmonic mean
     /// distance of their rays.
     fn looks_at_the_same(&self, one: usize, other: usize) -> f32 {
-        let (a, b) = (&self.lobes[one], &self.lobes[other]);
-        let [least, most] = [a.exponent.min(b.exponent), a.exponent.max(b.exponent)];
-        if most.max(1.0) > least.max(1.0) * LIKE_EXPONENTS {
-            return 0.0;
-        }
         let nearness = 0.5 * (self.sums[one].nearness() + self.sums[other].nearness());
-        let apart = b.point - a.point;
-        let step = a.normal.dot(apart).abs().min(b.normal.dot(apart).abs());
-        if step * step > MOST_STEP * MOST_STEP * apart.length_squared() {
-            return 0.0;
-        }
-        let between = apart * nearness + (b.direction - a.direction);
-        let across = between - a.direction * a.direction.dot(between);
-        1.0 - (across.length_squared() * most.max(1.0) * NARROWNESS).min(1.0)
+        self.lobes[one].looks_at_the_same(&self.lobes[other], nearness)
     }
 }
 
@@ -527,24 +486,6 @@ fn mean_rays(visible: &VisibleSurfaces, lobe: &Lobe) -> u32 {
 mod tests {
     use super::*;
     use crate::transport::hemilux::specimen::{SEED, Specimen};
-
-    /// Lobes of surfaces one behind the other do not share what is close by to one of them alone.
-    #[test]
-    fn what_lies_behind_is_not_shared() {
-        let specimen = Specimen::new(&crate::scene::made::phong_cornell(), 500);
-        let visible = specimen.visible();
-        let mut gloss = Gloss::new(&specimen.world, &visible, true);
-        let first = PlacedLobe { exponent: 1.0, ..gloss.lobes[0] };
-        let along = first.normal.any_orthonormal_vector();
-        let beside = |step: f32| PlacedLobe {
-            point: first.point + 1000.0 * (along + step * first.normal),
-            ..first
-        };
-        gloss.lobes.splice(0..3, [first, beside(0.1), beside(-1.0)]);
-        gloss.sums[..3].fill(LobeSums::default());
-        assert!(gloss.looks_at_the_same(0, 1) > 0.9 && gloss.looks_at_the_same(1, 0) > 0.9);
-        assert_eq!([gloss.looks_at_the_same(0, 2), gloss.looks_at_the_same(2, 0)], [0.0; 2]);
-    }
 
     /// What lobes show together has less variance than what each found, and the same mean; what pixels
     /// farther away add is some of that.

@@ -4,6 +4,7 @@
 mod lobe_rays;
 mod lobes;
 mod open_sky;
+mod placed_lobe;
 mod seen_through;
 mod sharing;
 mod sums;
