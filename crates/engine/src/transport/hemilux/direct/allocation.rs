@@ -28,7 +28,8 @@ impl DirectLighting {
                     disagrees |= mine.differs_from(&sums[other]);
                     rays = rays.saturating_add(sums[other].rays);
                 });
-                disagrees || rays < ENOUGH_TO_AGREE
+                // What is black or in the dark has none at all, and needs none.
+                disagrees || mine.rays > 0 && rays < ENOUGH_TO_AGREE
             })
             .collect();
         self.sums.iter_mut().zip(disputed).for_each(|(sums, disputed)| sums.disputed = disputed);
