@@ -92,7 +92,7 @@ impl DirectLighting {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::radiometry::importance;
+    use crate::radiometry::{Rgb, importance};
     use crate::sampling::Seed;
     use crate::scene::environment::{Environment, Sky};
     use crate::scene::made::revolved::revolved;
