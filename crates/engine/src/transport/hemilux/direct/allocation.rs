@@ -163,7 +163,7 @@ mod tests {
             }
         }
         let off = f32::sqrt(squares / count);
-        assert!(off < 0.1, "{off}: a ray each leaves a third");
+        assert!(off < 0.1, "{off}");
     }
 
     /// Most rays go where the sky shines in, and the picture is as bright, in the mean over seeds, as it is with

@@ -84,8 +84,8 @@ impl Tiers {
             }
             None => [1.0; 3],
         };
-        let spent = ["seconds_gather", "seconds_light", "seconds_gloss"]
-            .map(|part| self.clock.spent.get(part).copied().unwrap_or_default());
+        let spent =
+            ["seconds_gather", "seconds_light", "seconds_gloss"].map(|part| self.clock.of(&[part]));
         let [gather, shadow, lobe] = shared_out(self.pace.left(), errors, spent);
         self.clock.start();
         // First what gets least: the others may take longer than they were thought to.
