@@ -48,4 +48,4 @@ pub use model::Parameters;
 pub use passage::{Passage, PassageEnd, mirrored_share};
 pub use point::Surface;
 pub use reflection::{Parts, Reflection};
-pub use world::World;
+pub use world::{World, is_same_normal};

@@ -14,6 +14,9 @@ use glam::{Vec2, Vec3};
 use std::cell::Cell;
 use std::sync::{Arc, OnceLock};
 
+/// Cosine between normals that are the same but for rounding: .26°.
+const SAME_NORMAL: f32 = 1.0 - 1e-5;
+
 /// A scene for rays, with what its triangles reflect and emit.
 #[derive(Clone)]
 pub struct World {
@@ -180,6 +183,19 @@ impl World {
         let given = self.scene.interpolate(triangle, at.x, at.y, |vertex| vertex.normal) * side;
         let given = given.normalize_or(normal);
         if given.dot(normal) > 0.0 { given } else { normal }
+    }
+
+    /// Whether a triangle has the same normal all over, normal maps aside: that of its plane, or close to it
+    /// where a file has rounded normals.
+    pub fn has_one_normal(&self, triangle: u32) -> bool {
+        if !self.finishes.of(triangle).is_bent {
+            return true;
+        }
+        let triangle = &self.scene.triangle(triangle);
+        let given = |u, v| self.scene.interpolate(triangle, u, v, |vertex| vertex.normal);
+        let corner = |u, v| given(u, v).normalize_or_zero();
+        let first = corner(0.0, 0.0);
+        [corner(1.0, 0.0), corner(0.0, 1.0)].iter().all(|other| is_same_normal(first, *other))
     }
 
     /// Unit shading normal at barycentric coordinates of a triangle, on the side on which `normal`
@@ -375,4 +391,9 @@ impl World {
             clear,
         }
     }
+}
+
+/// Whether two unit normals are the same but for rounding.
+pub fn is_same_normal(one: Vec3, other: Vec3) -> bool {
+    one.dot(other) > SAME_NORMAL
 }

@@ -1,7 +1,7 @@
 //! Where the lobes of glossy fragments are and look to, by which it is told whether two of them look at the
 //! same place.
 
-use crate::surface::{Reflection, World};
+use crate::surface::{Reflection, World, is_same_normal};
 use crate::transport::hemilux::fragments::{Lobe, VisibleSurfaces};
 use glam::Vec3;
 
@@ -11,8 +11,6 @@ const NARROWNESS: f32 = 4.0;
 /// The same across the edge of a flat facet: an eighth. The light of lobes has a step there, and no plane
 /// goes through that.
 const CREASE_NARROWNESS: f32 = 64.0;
-/// Cosine between normals that are the same but for rounding: .26°.
-const SAME_NORMAL: f32 = 1.0 - 1e-5;
 /// Lobes share rays if the way between their places leaves the surface by less than this, as the sine
 /// of an angle: what lies before another surface takes light from it close by.
 const MOST_STEP: f32 = 0.3;
@@ -25,7 +23,7 @@ pub struct PlacedLobe {
     point: Vec3,
     /// Unit normal of the surface.
     normal: Vec3,
-    /// Whether that is the facet's own: then it is the same all over the facet, and turns at its edges.
+    /// Whether that is the same all over the facet, and turns at its edges.
     is_flat: bool,
     /// Unit vector.
     direction: Vec3,
@@ -41,7 +39,7 @@ impl PlacedLobe {
             surface.clear.map_or_else(|| surface.reflection().exponent(), |clear| clear.exponent());
         let fragment = &visible.fragments[lobe.fragment as usize];
         let normal = fragment.normal;
-        let is_flat = is_same(visible.flat_normal(fragment), normal);
+        let is_flat = world.has_one_normal(surface.triangle);
         let (point, direction) = (surface.spot.point, surface.mirrored(viewer));
         Self { point, normal, is_flat, direction, exponent }
     }
@@ -59,16 +57,12 @@ impl PlacedLobe {
         if step * step > MOST_STEP * MOST_STEP * apart.length_squared() {
             return 0.0;
         }
-        let is_crease = (a.is_flat || b.is_flat) && !is_same(a.normal, b.normal);
+        let is_crease = (a.is_flat || b.is_flat) && !is_same_normal(a.normal, b.normal);
         let narrowness = if is_crease { CREASE_NARROWNESS } else { NARROWNESS };
         let between = apart * nearness + (b.direction - a.direction);
         let across = between - a.direction * a.direction.dot(between);
         1.0 - (across.length_squared() * most.max(1.0) * narrowness).min(1.0)
     }
-}
-
-fn is_same(one: Vec3, other: Vec3) -> bool {
-    one.dot(other) > SAME_NORMAL
 }
 
 #[cfg(test)]
