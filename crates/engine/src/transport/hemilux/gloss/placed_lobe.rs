@@ -68,6 +68,10 @@ impl PlacedLobe {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::radiometry::Rgb;
+    use crate::scene::made::revolved::hollow_ball;
+    use crate::scene::{Material, Vertex};
+    use std::sync::Arc;
 
     /// A broad lobe whose normal leans by that angle, in radians, where it has gone so far.
     fn lobe(angle: f32, point: Vec3, is_flat: bool) -> PlacedLobe {
@@ -104,5 +108,23 @@ mod tests {
             assert!(across(0.02, is_flat) > 0.8, "{is_flat:?}: hardly any step");
             assert!(across(0.001, is_flat) > 0.99, "{is_flat:?}: rounding");
         }
+    }
+
+    /// What counts is that a facet's corners have one normal, not that this is quite the facet's: files round.
+    #[test]
+    fn a_facet_is_flat_if_its_corners_have_one_normal() {
+        let mut scene = hollow_ball(24, Material::lambertian("grey", Rgb::splat(0.5)));
+        let flat = scene.triangles.len() / 2;
+        let [a, b, c] =
+            scene.triangles[flat].vertices.map(|vertex| scene.vertices[vertex as usize]);
+        let up = (a.normal + b.normal + c.normal).normalize();
+        let rounded = (up + 0.01 * up.any_orthonormal_vector()).normalize();
+        let first = scene.vertices.len() as u32;
+        scene.vertices.extend([a, b, c].map(|vertex| Vertex { normal: rounded, ..vertex }));
+        scene.triangles[flat].vertices = [first, first + 1, first + 2];
+        let world = World::new(Arc::new(scene));
+        let all = 0..world.scene.triangles.len();
+        let found: Vec<usize> = all.filter(|facet| world.has_one_normal(*facet as u32)).collect();
+        assert_eq!(found, [flat]);
     }
 }
