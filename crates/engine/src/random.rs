@@ -57,6 +57,8 @@ pub enum Stream {
     FollowedLobe = 25,
     /// Which pixels stand for all of a picture.
     SparsePixel = 26,
+    /// Places of a pixel where its lobe is looked at, and of the sun.
+    Highlight = 27,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

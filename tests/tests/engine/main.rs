@@ -11,6 +11,7 @@ mod furnace;
 mod glass;
 mod glossy;
 mod hemilux;
+mod highlights;
 mod illumination_map;
 mod instances;
 mod layers;

@@ -38,8 +38,8 @@ pub struct DirectLights {
     /// What shines and is none of the lights, if anything is.
     glow: Option<Glow>,
     sky: Option<SkyLight>,
-    sun: Option<SunLight>,
-    punctual: Option<PunctualLights>,
+    pub(super) sun: Option<SunLight>,
+    pub(super) punctual: Option<PunctualLights>,
     /// Through which dark places see the sky, if there are any.
     openings: Option<Arc<Openings>>,
     /// Length of rays to what is infinitely far away, ray units.
@@ -62,7 +62,7 @@ pub struct AllUnoccluded {
     polygons: Unoccluded,
     /// Probability of each group; together less than 1 where a sharp lobe had better not be sampled
     /// by lights every time.
-    shares: [f32; GROUPS],
+    pub(super) shares: [f32; GROUPS],
     /// The lobe, if lights are picked by what it may reflect of them.
     lobe: Option<LobeAxis>,
     /// Where the sky is seen through openings, if it is.
@@ -359,6 +359,7 @@ impl DirectLights {
                     density: sun.pdf(),
                     is_apart: false,
                     is_sky: false,
+                    narrow: Some(0),
                 };
                 (cosine > 0.0).then_some(light)?
             }
@@ -376,6 +377,7 @@ impl DirectLights {
                     density: f32::INFINITY,
                     is_apart: false,
                     is_sky: false,
+                    narrow: self.number_of_point(light.number),
                 }
             }
         };
@@ -401,6 +403,7 @@ impl DirectLights {
             density,
             is_apart: false,
             is_sky: true,
+            narrow: None,
         })
     }
 

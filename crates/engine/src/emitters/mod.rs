@@ -9,6 +9,7 @@ mod from_triangles;
 mod glow;
 mod light_tree;
 mod merging;
+mod narrow;
 mod of_triangles;
 mod openings;
 mod polygon;

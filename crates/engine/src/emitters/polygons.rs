@@ -51,6 +51,8 @@ pub struct LightPoint {
     pub is_apart: bool,
     /// Whether it is of the sky.
     pub is_sky: bool,
+    /// Number of the light if broad lobes see it in one direction: [`DirectLights::narrow`](super::DirectLights::narrow).
+    pub narrow: Option<u8>,
 }
 
 /// What one shadow ray found out about the direct light on a surface.
@@ -199,6 +201,7 @@ impl PolygonLights {
             density: probability / solid_angle,
             is_apart: false,
             is_sky: false,
+            narrow: None,
         })
     }
 

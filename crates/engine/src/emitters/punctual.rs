@@ -43,6 +43,8 @@ struct Placed {
 /// The light of one of them at a point, or in one direction of its sphere.
 #[derive(Clone, Copy, Debug)]
 pub struct PunctualSample {
+    /// Number of the light.
+    pub number: usize,
     /// Where rays to it end.
     pub end: Vec3,
     /// Unit direction to it.
@@ -105,6 +107,7 @@ impl Seen {
         PunctualSample {
             end: middle.end + (direction * way - middle.direction * distance),
             direction,
+            number: middle.number,
             // L Ω = I/(π r²) 2π (1 − cosσ).
             irradiance: middle.irradiance * (2.0 * height / (sine * sine)),
         }
@@ -145,15 +148,16 @@ impl PunctualLights {
     /// The light of one of them, by its number, at a point, with a direction to it by two uniform
     /// numbers where it is soft; `None` where it does not shine.
     pub fn nth(&self, number: usize, point: Vec3, xi: [f32; 2]) -> Option<PunctualSample> {
-        Some(self.light(self.lights.get(number)?, point)?.sample(xi))
+        Some(self.light((number, self.lights.get(number)?), point)?.sample(xi))
     }
 
     /// The light of one at a point; `None` where it does not shine.
-    fn light(&self, light: &Placed, point: Vec3) -> Option<Seen> {
+    fn light(&self, (number, light): (usize, &Placed), point: Vec3) -> Option<Seen> {
         if let LightKind::Directional = light.kind {
             let direction = -light.direction;
             let end = point + direction * self.beyond;
-            let middle = PunctualSample { end, direction, irradiance: light.intensity };
+            let irradiance = light.intensity;
+            let middle = PunctualSample { number, end, direction, irradiance };
             return Some(Seen { middle, distance: self.beyond, sine: 0.0 });
         }
         let between = light.position - point;
@@ -176,7 +180,7 @@ impl PunctualLights {
             1.0
         };
         let irradiance = light.intensity * (cone * fade / (square * self.square_metre));
-        let middle = PunctualSample { end: light.position, direction, irradiance };
+        let middle = PunctualSample { number, end: light.position, direction, irradiance };
         let distance = square.sqrt();
         let sine = (self.radius / distance).min(MOST_RADIUS);
         (irradiance != Rgb::ZERO).then_some(Seen { middle, distance, sine })
@@ -184,7 +188,8 @@ impl PunctualLights {
 
     /// The light of each at a point of which any is above the horizon of a unit `normal`.
     fn all(&self, point: Vec3, normal: Vec3) -> impl Iterator<Item = Seen> + '_ {
-        let lights = self.lights.iter().filter_map(move |light| self.light(light, point));
+        let lights = self.lights.iter().enumerate();
+        let lights = lights.filter_map(move |light| self.light(light, point));
         lights.filter(move |light| normal.dot(light.middle.direction) > -light.sine)
     }
 

@@ -56,6 +56,11 @@ impl SunLight {
         self.sun.direction
     }
 
+    /// Angle between the middle of the disk and its rim.
+    pub fn angular_radius(&self) -> f32 {
+        self.sun.angular_radius
+    }
+
     /// Whether a unit direction meets the disk.
     pub fn covers(&self, direction: Vec3) -> bool {
         self.sun.covers(direction)

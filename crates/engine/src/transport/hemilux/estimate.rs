@@ -253,10 +253,18 @@ impl PictureInputs<'_> {
         let [noise, bent, shadows] = variances.map(|own| factor * factor * own);
         let mut variance = [noise, bent, shadows, Rgb::ZERO];
         if let Some((mean, own)) = gloss.get(index) {
-            radiance += *mean * fragment.lobe_factor;
-            variance[3] = *own * fragment.lobe_factor * fragment.lobe_factor;
+            let (highlights, by_shadows) = self.direct.highlights(index);
+            let factors = fragment.lobe_factor * fragment.lobe_factor;
+            radiance += (*mean + highlights) * fragment.lobe_factor;
+            variance[2] += by_shadows * factors;
+            variance[3] = *own * factors;
         }
         (radiance, variance)
+    }
+
+    /// What a fragment's lobe reflects.
+    fn lobes(&self, gloss: &[(Rgb, Rgb)], index: usize) -> Rgb {
+        gloss.get(index).map_or(Rgb::ZERO, |(mean, _)| *mean + self.direct.highlights(index).0)
     }
 
     /// Irradiance of a fragment, and its variance by noise of records, bent irradiance and shadows.
@@ -287,7 +295,7 @@ impl PictureInputs<'_> {
         }
         let of = |index: usize| Arriving {
             irradiance: self.irradiance(index).0,
-            lobes: gloss.get(index).map_or(Rgb::ZERO, |(mean, _)| *mean),
+            lobes: self.lobes(&gloss, index),
         };
         let count = self.visible.fragments.len();
         (0..count).into_par_iter().with_min_len(1024).map(of).collect()
@@ -302,7 +310,7 @@ impl PictureInputs<'_> {
         let visible = self.visible;
         let change = |own: &Ahead| {
             let arriving = self.irradiance(own.fragment).0 * own.diffuse / PI;
-            let lobes = gloss.get(own.fragment).map_or(Rgb::ZERO, |(mean, _)| *mean);
+            let lobes = self.lobes(gloss, own.fragment);
             let beyond = visible.beyond(own.fragment);
             let passed = beyond.map_or(Rgb::ZERO, |beyond| self.irradiance(beyond).0);
             own.shine + arriving + lobes * own.lobe_factor + passed * own.passed / PI

@@ -2,6 +2,7 @@
 
 mod allocation;
 mod by_neighbours;
+mod highlights;
 mod shadows;
 mod sums;
 

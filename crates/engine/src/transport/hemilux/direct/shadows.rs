@@ -2,6 +2,7 @@
 //! share of it that shadow rays find unoccluded. There are few rays where they agree, and many
 //! where they do not.
 
+use super::highlights::Highlights;
 use super::sums::{Part, ShadowSums, StoredShadowSums, StoredShares};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::{DirectLights, TRIES};
@@ -87,6 +88,8 @@ impl DirectLighting {
         to.slice(&self.sums.iter().map(StoredShadowSums::of).collect::<Vec<_>>());
         let skies = self.sums.iter().filter_map(|sums| sums.sky.as_deref());
         to.slice(&skies.map(StoredShares::of).collect::<Vec<_>>());
+        let highlights = self.sums.iter().filter_map(|sums| sums.highlights.as_deref());
+        Highlights::save(&highlights.collect::<Vec<_>>(), to);
     }
 
     /// Reads what [`DirectLighting::save`] wrote of the same fragments.
@@ -99,13 +102,16 @@ impl DirectLighting {
         let skies: Vec<_> =
             self.sums.iter_mut().filter_map(|sums| sums.sky.as_deref_mut()).collect();
         let stored: Vec<StoredShares> = from.exactly(skies.len())?;
-        skies.into_iter().zip(stored).try_for_each(|(sums, stored)| stored.restore(sums))
+        skies.into_iter().zip(stored).try_for_each(|(sums, stored)| stored.restore(sums))?;
+        let highlights = self.sums.iter_mut().filter_map(|sums| sums.highlights.as_deref_mut());
+        Highlights::restore(highlights.collect(), from)
     }
 
     /// Casts another pass of rays; about `most` of them at most where they go by need and it is not the
     /// first.
     pub fn pass(&mut self, caster: &Caster<'_>, most: f64) {
         let Caster { lights, visible, .. } = *caster;
+        self.look_at_highlights(caster);
         if !self.adaptive || !lights.is_exact() {
             let rays = if lights.is_exact() { EVEN_RAYS } else { MANY_RAYS };
             self.sums.iter_mut().for_each(|sums| sums.disputed = true);
@@ -170,7 +176,8 @@ impl DirectLighting {
                         // An edge was found to show something else.
                         count = count.max(FIRST_RAYS * sums[index].least_rays());
                     }
-                    if count > 0 && !dark && fragment.diffuse != Rgb::ZERO {
+                    let is_lit = fragment.diffuse != Rgb::ZERO || sums[index].highlights.is_some();
+                    if count > 0 && !dark && is_lit {
                         caster.aim(index, &mut sums[index], fragment, count, &mut batch);
                         rays += u64::from(count);
                     }
@@ -263,13 +270,23 @@ pub struct Caster<'a> {
     pub seed: Seed,
 }
 
+/// What a shadow ray is for.
+struct End {
+    /// Its fragment's index in the chunk.
+    index: usize,
+    /// Irradiance that its light point stands for.
+    irradiance: Rgb,
+    /// The part of the light that this belongs to.
+    part: Part,
+    /// Number of the light, if it is a narrow one.
+    narrow: Option<u8>,
+}
+
 /// A batch of shadow rays that are traced together.
 #[derive(Default)]
 struct Batch {
     segments: Vec<Segment>,
-    /// Of each ray, its fragment's index in the chunk, the irradiance that its light point stands
-    /// for, and the part of the light that this belongs to.
-    ends: Vec<(usize, Rgb, Part)>,
+    ends: Vec<End>,
     visible: Vec<Rgb>,
 }
 
@@ -291,6 +308,7 @@ impl Caster<'_> {
         // Lights are picked by what they shine on the fragment's mean place, for all its points.
         let unoccluded = lights.unoccluded(fragment.point, fragment.shading_normal);
         let split = unoccluded.beside_sky().filter(|_| sums.sky.is_some());
+        let is_diffuse = fragment.diffuse != Rgb::ZERO;
         for _ in 0..count {
             let n = sums.rays;
             let from = visible.sample_point(fragment, n);
@@ -301,13 +319,15 @@ impl Caster<'_> {
                 if let Some((end, irradiance)) =
                     lights.one_of_many(from, fragment.shading_normal, xi)
                 {
-                    to.add(Segment { from, to: end }, (index, irradiance, Part::Known));
+                    let (part, narrow) = (Part::Known, None);
+                    let end_of = End { index, irradiance, part, narrow };
+                    to.add(Segment { from, to: end }, end_of);
                 }
                 continue;
             }
             // The sky and all other lights take turns.
             let (mut part, picked) = match &split {
-                Some(split) if !n.is_multiple_of(2) => (Part::Sky, &split.sky),
+                Some(split) if is_diffuse && !n.is_multiple_of(2) => (Part::Sky, &split.sky),
                 Some(split) => (Part::Known, &split.others),
                 None => (Part::Known, &unoccluded),
             };
@@ -324,13 +344,14 @@ impl Caster<'_> {
             }
             sums.aim(part, light.as_ref().map_or(Rgb::ZERO, |light| light.irradiance));
             let Some(light) = light else { continue };
-            to.add(Segment { from, to: light.end }, (index, light.irradiance, part));
+            let (irradiance, narrow) = (light.irradiance, light.narrow);
+            to.add(Segment { from, to: light.end }, End { index, irradiance, part, narrow });
         }
     }
 }
 
 impl Batch {
-    fn add(&mut self, segment: Segment, end: (usize, Rgb, Part)) {
+    fn add(&mut self, segment: Segment, end: End) {
         self.segments.push(segment);
         self.ends.push(end);
     }
@@ -339,8 +360,12 @@ impl Batch {
     fn trace(&mut self, caster: &Caster<'_>, sums: &mut [ShadowSums]) {
         caster.world.visibility_many(&self.segments, &mut self.visible);
         let exact = caster.lights.is_exact();
-        for ((index, irradiance, part), visibility) in self.ends.iter().zip(&self.visible) {
-            sums[*index].add(*part, *irradiance, *visibility, exact);
+        for (end, visibility) in self.ends.iter().zip(&self.visible) {
+            let sums = &mut sums[end.index];
+            sums.add(end.part, end.irradiance, *visibility, exact);
+            if let (Some(light), Some(highlights)) = (end.narrow, &mut sums.highlights) {
+                highlights.add_ray(light, *visibility);
+            }
         }
         self.segments.clear();
         self.ends.clear();

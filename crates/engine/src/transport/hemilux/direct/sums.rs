@@ -1,5 +1,6 @@
 //! What the shadow rays of a fragment found, as sums.
 
+use super::highlights::Highlights;
 use crate::checkpoint::CheckpointError;
 use crate::emitters::AllUnoccluded;
 use crate::radiometry::{Rgb, importance};
@@ -23,7 +24,7 @@ const RAYS_AROUND: f32 = 25.0;
 
 /// Bound on rays of a fragment read from a checkpoint: more than any run casts, so a larger number
 /// means damage.
-const MOST_RAYS_OF_ALL: u32 = 1 << 30;
+pub const MOST_RAYS_OF_ALL: u32 = 1 << 30;
 
 /// What rays of a fragment found, as checkpoints store it: without the closed form, which is computed again.
 /// The order of the fields is part of the format.
@@ -61,6 +62,8 @@ pub struct ShadowSums {
     pub sky: Option<Box<ShareSums>>,
     /// Light of the sky through openings, of the same rays, if it is seen so.
     pub apart: LightApart,
+    /// What the fragment's lobe reflects of narrow lights, if that is found here.
+    pub highlights: Option<Box<Highlights>>,
     /// Rays so far, of all kinds.
     pub rays: u32,
     /// Whether rays here or in the neighbourhood disagreed when they were last compared.

@@ -53,6 +53,8 @@ pub struct LobePathNumbers {
 pub enum LightsAt {
     /// By a shadow ray of its own, to a light that is picked for the lobe.
     Lobe,
+    /// The same but for narrow lights, of which `Highlights` tell.
+    Extended,
     /// By the shadow ray of the diffuse part, which was cast whether or not the lobe is followed: that
     /// is done with this probability.
     Diffuse(f32),
@@ -63,7 +65,7 @@ impl LightsAt {
     /// so many rays by the lobe for each shadow ray.
     fn chance(self) -> f32 {
         match self {
-            Self::Lobe => 1.0,
+            Self::Lobe | Self::Extended => 1.0,
             Self::Diffuse(probability) => probability,
         }
     }
@@ -105,10 +107,13 @@ impl<'a> LobeAt<'a> {
         let (start, normal) = (surface.start(), surface.shading_normal);
         let unoccluded = match lights {
             LightsAt::Diffuse(_) => coarse.lights.unoccluded(start, normal),
-            LightsAt::Lobe => {
+            LightsAt::Lobe | LightsAt::Extended => {
                 let exponent = reflection.widest_exponent();
                 let axis = LobeAxis { direction: surface.mirrored(viewer), exponent };
-                coarse.lights.for_lobe(start, normal, axis)
+                match lights {
+                    LightsAt::Extended => coarse.lights.extended_for_lobe(start, normal, axis),
+                    _ => coarse.lights.for_lobe(start, normal, axis),
+                }
             }
         };
         let is_mapped = is_mapped && reflection.is_sharp();
@@ -160,7 +165,11 @@ impl<'a> LobeAt<'a> {
     fn escaping(&self, sight: &Passage, density: f32) -> [Rgb; 2] {
         let normal = self.surface.shading_normal;
         let far = self.coarse.lights.escaping(&self.unoccluded, normal, sight.direction);
-        let finds_sun = !self.is_mapped && (!sight.is_bent || self.surface.reflection().is_sharp());
+        let finds_sun = !self.is_mapped
+            && match sight.is_bent {
+                true => self.surface.reflection().is_sharp(),
+                false => !matches!(self.lights, LightsAt::Extended),
+            };
         let weighed = |(group, (radiance, other)): (usize, (Rgb, f32))| {
             let is_found = group == 0 || finds_sun;
             match radiance != Rgb::ZERO && is_found {

@@ -51,7 +51,9 @@ const MOST_RAYS_OF_ALL: u32 = 1 << 30;
 /// Light that the lobes of glossy fragments reflect towards the camera.
 pub struct Gloss {
     lobes: Vec<PlacedLobe>,
-    /// Of each of [`VisibleSurfaces::lobes`].
+    /// Of each of [`VisibleSurfaces::lobes`], whether narrow lights are left to others.
+    leaves_narrow: Vec<bool>,
+    /// Of each of them.
     sums: Vec<LobeSums>,
     /// Of each of them, by how much its mean is corrected for the open sky; empty where there is none.
     factors: Vec<f32>,
@@ -121,6 +123,7 @@ impl Gloss {
         }
         Self {
             sums: vec![LobeSums::default(); lobes.len()],
+            leaves_narrow: vec![false; lobes.len()],
             lobes,
             factors: Vec::new(),
             shown: Vec::new(),
@@ -131,6 +134,29 @@ impl Gloss {
             passes: 0,
             brightness: 0.0,
         }
+    }
+
+    /// Leaves narrow lights out of what opaque lobes of such exponents show.
+    pub fn without_narrow(
+        mut self,
+        world: &World,
+        visible: &VisibleSurfaces,
+        most_exponent: f32,
+    ) -> Self {
+        let is_left = |(placed, lobe): (&PlacedLobe, &Lobe)| {
+            let fragment = &visible.fragments[lobe.fragment as usize];
+            let (triangle, ..) = visible.place_on_triangle(fragment, 0);
+            let is_opaque = !world.is_clear(triangle) && !world.is_translucent(triangle);
+            placed.exponent() <= most_exponent && is_opaque
+        };
+        self.leaves_narrow = self.lobes.iter().zip(&visible.lobes).map(is_left).collect();
+        self
+    }
+
+    /// Numbers of the lobes without narrow lights.
+    pub fn leaving_narrow(&self) -> impl Iterator<Item = u32> + '_ {
+        let all = (0..).zip(&self.leaves_narrow);
+        all.filter_map(|(lobe, leaves)| leaves.then_some(lobe))
     }
 
     /// Time of all that was done so far, in that of a ray with its ray to the lights.
@@ -195,10 +221,14 @@ impl Gloss {
             let (x, y) = (pixel % visible.width, pixel / visible.width);
             let tile = u64::from(y / 4) << 32 | u64::from(x / 4);
             let sequence = Shifted::new(seed, Stream::Gloss, tile);
+            let lights = match self.leaves_narrow[index] {
+                true => LightsAt::Extended,
+                false => LightsAt::Lobe,
+            };
             let place = BAYER[(y % 4 * 4 + x % 4) as usize];
             for ray in sums.rays..sums.rays + work.rays {
                 let at = sequence.of_pixel(place, ray);
-                sums.add(trace(coarse, visible, (lobe, ray), &at), is_told);
+                sums.add(trace(coarse, visible, (lobe, ray), (&at, lights)), is_told);
             }
             if !sums.sees_sky() {
                 return;
@@ -453,7 +483,7 @@ fn trace(
     coarse: &CoarseSolution,
     visible: &VisibleSurfaces,
     (lobe, ray): (&Lobe, u32),
-    at: &Shifted,
+    (at, lights): (&Shifted, LightsAt),
 ) -> Found {
     let surface = visible.surface(&coarse.world, lobe, (ray, ray));
     if coarse.world.is_clear(surface.triangle) {
@@ -468,7 +498,7 @@ fn trace(
         numbers: at.afresh(),
         tells_open_sky: coarse.lights.has_sky(),
         is_mapped: false,
-        lights: LightsAt::Lobe,
+        lights,
         by_mesh: false,
     };
     let LobeRadiance { radiance, sky, open_sky, nearness } =

@@ -44,6 +44,11 @@ impl PlacedLobe {
         Self { point, normal, is_flat, direction, exponent }
     }
 
+    /// Exponent of the narrowest of its lobes.
+    pub fn exponent(&self) -> f32 {
+        self.exponent
+    }
+
     /// Weight of two lobes for each other, where what they look at is that near (1/distance): 1 where it is
     /// the same place, 0 where they look half a lobe's width beside each other.
     pub fn looks_at_the_same(&self, other: &Self, nearness: f32) -> f32 {

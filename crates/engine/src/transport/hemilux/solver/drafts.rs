@@ -1,12 +1,11 @@
 //! How a draft becomes the picture.
 
 use super::super::balance::Balance;
-use super::super::direct::DirectLighting;
 use super::super::draft::{Draft, Full};
 use super::super::fragments::VisibleSurfaces;
-use super::super::gloss::Gloss;
 use super::Tiers;
 use super::drawn::DrawnPicture;
+use super::parts::light_and_lobes;
 use super::prospects::{PARTS, Prospects, Taken};
 use crate::transport::run::Run;
 use std::collections::BTreeMap;
@@ -75,9 +74,9 @@ impl Tiers {
         self.clock.lap("seconds_fragments");
         self.draft = Some(next).filter(|next| next.shrink > 1);
         self.hasty = self.hasty_at_last || self.draft.is_some();
-        let (lights, options) = (&self.lights, &self.options);
-        self.direct = DirectLighting::new(lights, &self.visible, options.adaptive, self.hasty);
-        self.gloss = Gloss::new(&self.world, &self.visible, self.options.lobe_filter);
+        let known = (&*self.world, &*self.lights);
+        (self.direct, self.gloss) =
+            light_and_lobes(known, &self.visible, &self.options, self.hasty);
         self.cache.change_camera(&self.visible, self.spacing(0));
         self.cache.reused = 0;
         // The audit's paths are of no pixels, and stay.

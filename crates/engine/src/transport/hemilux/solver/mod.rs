@@ -2,6 +2,7 @@
 
 mod drafts;
 mod drawn;
+mod parts;
 mod passes;
 mod picture;
 mod prospects;
@@ -39,6 +40,7 @@ use crate::transport::ray_traced::Caustics;
 use crate::transport::run::Run;
 use crate::transport::solver::{Estimate, Solver};
 use drawn::DrawnPicture;
+use parts::light_and_lobes;
 use prospects::Taken;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -167,11 +169,11 @@ impl Tiers {
         let TierInputs { world, lights, visible, camera, coarse } = inputs;
         let TierOptions { options, first_rays, seed, hasty, draft, done } = tier_options;
         let in_haste = hasty || draft.is_some();
-        let direct = DirectLighting::new(&lights, &visible, options.adaptive, in_haste);
+        let (direct, gloss) = light_and_lobes((&world, &lights), &visible, &options, in_haste);
         clock.lap("seconds_light");
         Self {
             direct,
-            gloss: Gloss::new(&world, &visible, options.lobe_filter),
+            gloss,
             edges: None,
             textures: None,
             audit: Audit::default(),
