@@ -108,7 +108,7 @@ fn a_checker_finer_than_a_pixel_is_its_mean() {
     for (name, squares, camera) in cases {
         let scene = imported(&made::checker(squares));
         let flagship = Seeds::new(&scene, 1.0, &camera, ("hemilux", 8));
-        let paths = Seeds::new(&scene, 1.0, &camera, ("ray-traced", 96));
+        let paths = Seeds::new(&scene, 1.0, &camera, ("ray-traced", 192));
         let (rms, most) = block_error(&flagship.mean(), &paths.mean());
         // Single pixels of the reference have noise of their own.
         let [own, a, b] = [&flagship.all[0], &paths.all[0], &paths.all[1]];

@@ -58,6 +58,12 @@ impl Surface {
         self
     }
 
+    /// What irradiance over π and what the lobe's radiance towards a unit vector are multiplied by, for light
+    /// without directions.
+    pub fn diffuse_and_lobe_factor(&self, viewer: Vec3) -> [Rgb; 2] {
+        self.parameters.diffuse_and_lobe_factor(self.shading_normal, viewer)
+    }
+
     /// The mirror direction of `viewer`.
     pub fn mirrored(&self, viewer: Vec3) -> Vec3 {
         self.side().mirrored(viewer)

@@ -25,6 +25,8 @@ const MOST_MAP_READS: u32 = 8;
 /// Relative error assumed of indirect light where a fragment shows the coarse mesh itself and too few
 /// others say how far that is off.
 const COARSE_ERROR: f32 = 0.2;
+/// Least factor of a lobe's radiance that highlights, which it does not concern, are divided by.
+const LEAST_FACTOR: f32 = 0.1;
 /// Fragments that say so together: as many as will do, and fewest.
 const COMPARED: usize = 4096;
 const LEAST_COMPARED: usize = 64;
@@ -255,16 +257,21 @@ impl PictureInputs<'_> {
         if let Some((mean, own)) = gloss.get(index) {
             let (highlights, by_shadows) = self.direct.highlights(index);
             let factors = fragment.lobe_factor * fragment.lobe_factor;
-            radiance += (*mean + highlights) * fragment.lobe_factor;
-            variance[2] += by_shadows * factors;
+            radiance += *mean * fragment.lobe_factor + highlights;
+            // At a shadow's edge the diffuse part is shared with neighbours, and what Fresnel's term takes from
+            // it is not.
+            radiance = radiance.max(Rgb::ZERO);
+            variance[2] += by_shadows;
             variance[3] = *own * factors;
         }
         (radiance, variance)
     }
 
-    /// What a fragment's lobe reflects.
+    /// What a fragment's lobe reflects, before its factor.
     fn lobes(&self, gloss: &[(Rgb, Rgb)], index: usize) -> Rgb {
-        gloss.get(index).map_or(Rgb::ZERO, |(mean, _)| *mean + self.direct.highlights(index).0)
+        let factor = self.visible.fragments[index].lobe_factor.max(Rgb::splat(LEAST_FACTOR));
+        let highlights = || self.direct.highlights(index).0 / factor;
+        gloss.get(index).map_or(Rgb::ZERO, |(mean, _)| *mean + highlights())
     }
 
     /// Irradiance of a fragment, and its variance by noise of records, bent irradiance and shadows.

@@ -97,7 +97,7 @@ mod tests {
     use crate::scene::environment::{Environment, Sky};
     use crate::scene::made::revolved::revolved;
     use crate::scene::{Camera, Material, Triangle, Vertex, made};
-    use crate::transport::hemilux::direct::shadows::Caster;
+    use crate::transport::hemilux::direct::caster::Caster;
     use crate::transport::hemilux::specimen::Specimen;
     use glam::Vec3;
     use std::f32::consts::PI;

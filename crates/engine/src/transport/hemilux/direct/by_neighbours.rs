@@ -165,7 +165,7 @@ mod tests {
     use crate::sampling::Seed;
     use crate::scene::environment::{Environment, Sky, Sun};
     use crate::scene::{Camera, Material, Scene, Triangle, Vertex};
-    use crate::transport::hemilux::direct::shadows::Caster;
+    use crate::transport::hemilux::direct::caster::Caster;
     use crate::transport::hemilux::direct::sums::ShadowSums;
     use crate::transport::hemilux::fragments::Fragment;
     use crate::transport::hemilux::specimen::Specimen;

@@ -1,34 +1,25 @@
 //! What lobes reflect of narrow lights: known without a ray but for what is in between, and that the shadow rays
-//! of direct light find of each of them. Neighbours share none of it: most of it is known well.
+//! of direct light find of each of them. Neighbours share none of it: most of it is known well. The diffuse part
+//! is in the fragment's irradiance; but what Fresnel's term takes from it hangs on the direction, and as that is
+//! known here, the difference counts as part of a highlight.
 
-use super::shadows::{Caster, DirectLighting};
-use super::sums::MOST_RAYS_OF_ALL;
+use super::caster::{Caster, MOST_RAYS_OF_ALL};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
-use crate::radiometry::{Rgb, importance};
+use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::sampling::Shifted;
 use crate::surface::{Reflection, Surface};
-use crate::transport::hemilux::fragments::VisibleSurfaces;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
-use rayon::prelude::*;
 use std::f32::consts::PI;
-
-/// Places at which a lobe is looked at in the first pass, and in each later one where these do not do.
-const FIRST_PLACES: u32 = 8;
-const MORE_PLACES: u32 = 4;
-/// Standard error of the highlights over all direct light of their fragment with which places do.
-const ENOUGH: f32 = 0.003;
-/// Most places.
-const MOST_PLACES: u32 = 1 << 16;
 
 /// The highlights of a lobe.
 #[derive(Clone)]
 pub struct Highlights {
-    /// Which of [`VisibleSurfaces::lobes`] it is.
+    /// Which of those that the camera sees it is.
     lobe: u32,
     /// What was found of all lights together.
-    sums: PlaceSums,
+    pub sums: PlaceSums,
     /// Of each narrow light.
     lights: Box<[Highlight]>,
 }
@@ -36,11 +27,11 @@ pub struct Highlights {
 /// Sums over the places at which a lobe was looked at.
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
-struct PlaceSums {
+pub struct PlaceSums {
     /// Σ squares of the radiance that it reflects if nothing is in between, over the channels.
-    squares: f32,
+    pub squares: f32,
     /// Places so far.
-    places: u32,
+    pub places: u32,
 }
 
 /// Sums of what a lobe reflects of a narrow light. Checkpoints store them as they are: the order of the fields is
@@ -48,7 +39,7 @@ struct PlaceSums {
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Highlight {
-    /// Σ over places: radiance if nothing is in between.
+    /// Σ over places: radiance if nothing is in between, beside that by the fragment's diffuse albedo.
     open: Rgb,
     /// Σ over shadow rays: share that arrives.
     seen: Rgb,
@@ -57,18 +48,19 @@ pub struct Highlight {
 }
 
 impl Highlight {
-    /// Share that arrives, and its variance; of a light without such a ray `all`. `is_alone` if all rays go to
-    /// this light.
-    fn share(&self, all: Rgb, is_alone: bool) -> (Rgb, Rgb) {
+    /// Share that arrives, and its variance; of a light without such a ray `all`. `rays_of_all`
+    /// go to all narrow lights.
+    fn share(&self, all: Rgb, rays_of_all: u32) -> (Rgb, Rgb) {
         if self.rays == 0 {
             return (all, (all * (Rgb::ONE - all)).max(Rgb::ZERO));
         }
         let rays = self.rays as f32;
         let share = self.seen / rays;
         let scatter = (share * (Rgb::ONE - share)).max(Rgb::ZERO);
-        // Points of rays of which others go elsewhere are no better spread than random ones.
-        let spread = if is_alone { rays.sqrt() } else { 1.0 };
-        (share, scatter / (rays * spread))
+        // Well-spread points, of which a few that are picked at random are as random as their picks.
+        let picked = rays / rays_of_all as f32;
+        let spread = picked / rays.sqrt() + (1.0 - picked);
+        (share, scatter * spread / rays)
     }
 }
 
@@ -76,24 +68,26 @@ impl Highlight {
 struct LobeHere {
     surface: Surface,
     viewer: Vec3,
+    /// What the fragment reflects of irradiance, 1/sr.
+    even: Rgb,
 }
 
 impl LobeHere {
-    /// Radiance that it reflects of a light in that unit direction, which shines so much on a plane that
-    /// faces it.
+    /// Radiance that the surface reflects of a light in that unit direction, which shines so much on a plane
+    /// that faces it, beside what it would if it reflected all light alike.
     fn reflects(&self, (direction, irradiance): (Vec3, Rgb)) -> Rgb {
         let cosine = self.surface.shading_normal.dot(direction);
         if cosine <= 0.0 || self.surface.normal.dot(direction) <= 0.0 {
             return Rgb::ZERO;
         }
-        let parts = self.surface.reflection().evaluate_with_pdf(self.viewer, direction, 0.0).0;
-        parts.both() * irradiance * cosine
+        let parts = self.surface.reflection().evaluate(self.viewer, direction);
+        (parts.both() - self.even) * irradiance * cosine
     }
 }
 
 impl Highlights {
     /// Those of a lobe, of so many narrow lights, without anything found yet.
-    fn new(lobe: u32, count: usize) -> Self {
+    pub fn new(lobe: u32, count: usize) -> Self {
         let lights = vec![Highlight::default(); count].into();
         Self { lobe, sums: PlaceSums::default(), lights }
     }
@@ -133,13 +127,14 @@ impl Highlights {
     fn lobe_at(&self, caster: &Caster<'_>, n: u32) -> LobeHere {
         let Caster { world, visible, .. } = *caster;
         let lobe = &visible.lobes[self.lobe as usize];
-        let surface = visible.surface(world, lobe, (n, n)).lobe_only();
+        let surface = visible.surface(world, lobe, (n, n));
         let viewer = visible.frame.towards_eye(surface.spot.point);
-        LobeHere { surface, viewer }
+        let [diffuse, _] = surface.diffuse_and_lobe_factor(viewer);
+        LobeHere { surface, viewer, even: diffuse / PI }
     }
 
     /// Looks at so many more places, without a ray.
-    fn look(&mut self, caster: &Caster<'_>, count: u32) {
+    pub fn look(&mut self, caster: &Caster<'_>, count: u32) {
         let Caster { lights, visible, seed, .. } = *caster;
         let fragment = visible.lobes[self.lobe as usize].fragment;
         let pixel = visible.fragments[fragment as usize].pixel;
@@ -160,7 +155,7 @@ impl Highlights {
     }
 
     /// Mean radiance if nothing is in between, and the variance of that, the mean of the channels.
-    fn open(&self) -> (Rgb, f32) {
+    pub fn open(&self) -> (Rgb, f32) {
         let count = self.sums.places.max(1) as f32;
         let mean = self.lights.iter().map(|own| own.open).sum::<Rgb>() / count;
         let scatter = (self.sums.squares / count - mean.length_squared()).max(0.0) / 3.0;
@@ -170,229 +165,19 @@ impl Highlights {
     }
 
     /// Radiance of all, and its variance; `all` is the share that arrives of any light.
-    fn radiance(&self, all: Rgb) -> (Rgb, Rgb) {
+    pub fn radiance(&self, all: Rgb) -> (Rgb, Rgb) {
         let (open, variance) = self.open();
         if open == Rgb::ZERO {
             return (Rgb::ZERO, Rgb::ZERO);
         }
         let count = self.sums.places.max(1) as f32;
         let (mut sum, mut by_shadows) = (Rgb::ZERO, Rgb::ZERO);
-        let is_alone = self.lights.len() == 1;
+        let rays = self.lights.iter().map(|own| own.rays).sum();
         for own in &self.lights {
-            let (own_open, (share, chance)) = (own.open / count, own.share(all, is_alone));
+            let (own_open, (share, chance)) = (own.open / count, own.share(all, rays));
             sum += own_open * share;
             by_shadows += own_open * own_open * chance;
         }
-        let share = Rgb::select(open.cmpgt(Rgb::ZERO), sum / open, Rgb::ZERO);
-        (sum, share * share * variance + by_shadows)
-    }
-}
-
-impl DirectLighting {
-    /// Finds the highlights of these lobes, too, of so many narrow lights.
-    pub fn with_highlights(
-        mut self,
-        visible: &VisibleSurfaces,
-        lobes: impl Iterator<Item = u32>,
-        count: usize,
-    ) -> Self {
-        for lobe in lobes {
-            let fragment = visible.lobes[lobe as usize].fragment as usize;
-            self.sums[fragment].highlights = Some(Box::new(Highlights::new(lobe, count)));
-        }
-        self
-    }
-
-    /// Looks at lobes that narrow lights shine on where that is not known well enough.
-    pub(super) fn look_at_highlights(&mut self, caster: &Caster<'_>) {
-        let fragments = caster.visible.fragments.par_iter();
-        self.sums.par_iter_mut().zip(fragments).with_min_len(256).for_each(|(sums, fragment)| {
-            let diffuse = fragment.diffuse * sums.known.unoccluded / PI;
-            let is_dark = sums.is_dark();
-            let Some(highlights) = sums.highlights.as_mut().filter(|_| !is_dark) else { return };
-            let (open, variance) = highlights.open();
-            let enough = ENOUGH * importance(open + diffuse);
-            match highlights.sums.places {
-                0 => highlights.look(caster, FIRST_PLACES),
-                places if variance > enough * enough && places < MOST_PLACES => {
-                    highlights.look(caster, MORE_PLACES);
-                }
-                _ => {}
-            }
-        });
-    }
-
-    /// Radiance that a fragment's lobe reflects of narrow lights, and its variance; none where lobe rays find that.
-    pub fn highlights(&self, index: usize) -> (Rgb, Rgb) {
-        let sums = &self.sums[index];
-        let all = if sums.known.rays > 0 { sums.known.share(true) } else { Rgb::ONE };
-        let own = sums.highlights.as_ref();
-        own.map_or_else(Default::default, |own| own.radiance(all.clamp(Rgb::ZERO, Rgb::ONE)))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::sampling::Seed;
-    use crate::scene::environment::{Environment, Sky, Sun};
-    use crate::scene::{Camera, LightKind, Material, PunctualLight, Scene, Triangle, Vertex};
-    use crate::transport::hemilux::gloss::Gloss;
-    use crate::transport::hemilux::specimen::Specimen;
-
-    const SEEDS: u64 = 8;
-    const PASSES: u32 = 6;
-
-    /// A polished ground under a sky, a sun and a bulb, and a roof that keeps some of the sun off.
-    fn ground(has_bulb: bool) -> Specimen {
-        let square = |half: f32, y: f32| {
-            let corner =
-                |x: f32, z: f32| Vertex::new(half * Vec3::new(x, 0.0, z) + y * Vec3::Y, Vec3::Y);
-            [corner(-1.0, 1.0), corner(1.0, 1.0), corner(1.0, -1.0), corner(-1.0, -1.0)]
-        };
-        let triangle = |(vertices, material)| Triangle { vertices, material };
-        let polished =
-            Material { base_color: Rgb::splat(0.3), roughness: 0.5, ..Material::default() };
-        let of = [([0, 1, 2], 0), ([0, 2, 3], 0), ([4, 5, 6], 1), ([4, 6, 7], 1)];
-        let scene = Scene {
-            vertices: [square(12.0, 0.0), square(2.0, 3.0)].concat(),
-            triangles: of.map(triangle).to_vec(),
-            materials: vec![polished, Material::lambertian("roof", Rgb::splat(0.2))],
-            lights: has_bulb
-                .then(|| PunctualLight {
-                    name: "bulb".into(),
-                    kind: LightKind::Point,
-                    position: Vec3::new(-3.0, 2.0, -3.0),
-                    direction: -Vec3::Y,
-                    intensity: Rgb::new(9.0, 6.0, 3.0),
-                    range: None,
-                })
-                .into_iter()
-                .collect(),
-            cameras: vec![Camera::look_at(
-                "camera",
-                Vec3::new(0.0, 4.0, 9.0),
-                Vec3::ZERO,
-                Vec3::Y,
-                0.9,
-            )],
-            ..Scene::default()
-        };
-        let sun = Sun::towards(Vec3::new(0.1, 1.0, -0.8), Rgb::splat(6.0), 0.005);
-        let sky = Sky::Uniform(Rgb::splat(0.2));
-        Specimen::of(scene, Environment { sky, sun: Some(sun), ..Environment::none() }, 1000)
-    }
-
-    fn lit(
-        specimen: &Specimen,
-        visible: &VisibleSurfaces,
-        (seed, leaves_narrow): (u64, bool),
-    ) -> (DirectLighting, Gloss) {
-        let Specimen { world, lights, .. } = specimen;
-        let seed = Seed { number: seed, well_spread: true };
-        let mut direct = DirectLighting::new(lights, visible, true, false);
-        let mut gloss = Gloss::new(world, visible, false);
-        if leaves_narrow {
-            gloss = gloss.without_narrow(world, visible, lights.narrow_up_to());
-            direct = direct.with_highlights(visible, gloss.leaving_narrow(), lights.narrow_count());
-        }
-        for _ in 0..PASSES {
-            direct.pass(&Caster { world, lights, visible, seed }, f64::INFINITY);
-            gloss.pass(&specimen.coarse, visible, (seed, false), f64::INFINITY);
-        }
-        gloss.share(visible);
-        (direct, gloss)
-    }
-
-    /// Importance of what each fragment's lobe shows.
-    fn shown(visible: &VisibleSurfaces, (direct, gloss): &(DirectLighting, Gloss)) -> Vec<f64> {
-        let of = |(index, (mean, _)): (usize, &(Rgb, Rgb))| {
-            f64::from(importance(*mean + direct.highlights(index).0))
-        };
-        gloss.of_fragments(visible).iter().enumerate().map(of).collect()
-    }
-
-    /// Mean of the sum over fragments, its standard error, and the variance of fragments over seeds.
-    fn over_seeds(all: &[Vec<f64>]) -> [f64; 3] {
-        let count = all.len() as f64;
-        let sums: Vec<f64> = all.iter().map(|one| one.iter().sum()).collect();
-        let mean = sums.iter().sum::<f64>() / count;
-        let scatter = sums.iter().map(|sum| (sum - mean).powi(2)).sum::<f64>() / (count - 1.0);
-        let of_fragment = |index: usize| {
-            let mean = all.iter().map(|one| one[index]).sum::<f64>() / count;
-            all.iter().map(|one| (one[index] - mean).powi(2)).sum::<f64>() / (count - 1.0)
-        };
-        [mean, (scatter / count).sqrt(), (0..all[0].len()).map(of_fragment).sum()]
-    }
-
-    /// Shadow rays and lobes say the same of narrow lights as lobe rays do, with a fraction of their noise.
-    /// Light that is counted by both is noticed.
-    #[test]
-    fn highlights_are_those_that_lobe_rays_find() {
-        let specimen = ground(true);
-        let visible = specimen.visible();
-        assert!(specimen.lights.narrow_count() == 2 && visible.lobes.len() > 200);
-        let of = |leaves_narrow| -> Vec<Vec<f64>> {
-            let seeds = 1..=SEEDS;
-            let of_seed = |seed| lit(&specimen, &visible, (seed, leaves_narrow));
-            seeds.map(|seed| shown(&visible, &of_seed(seed))).collect()
-        };
-        let [[by_rays, error, noise], [own, own_error, own_noise]] =
-            [false, true].map(|leaves_narrow| over_seeds(&of(leaves_narrow)));
-        let chance = error.hypot(own_error);
-        assert!((own - by_rays).abs() < 3.5 * chance, "{own} {by_rays}, chance {chance}");
-        assert!(own_noise < 0.2 * noise, "{own_noise} of {noise}");
-        let (direct, _) = lit(&specimen, &visible, (1, true));
-        let (_, gloss) = lit(&specimen, &visible, (1, false));
-        let twice: f64 = shown(&visible, &(direct, gloss)).iter().sum();
-        assert!((twice - by_rays).abs() > 10.0 * chance, "{twice} {by_rays}, chance {chance}");
-    }
-
-    /// How far highlights are said to be off by shadows is about how far they are, over seeds.
-    #[test]
-    fn what_they_are_off_is_known() {
-        for has_bulb in [false, true] {
-            let specimen = ground(has_bulb);
-            let visible = specimen.visible();
-            let mut all: Vec<DirectLighting> =
-                (1..=SEEDS).map(|seed| lit(&specimen, &visible, (seed, true)).0).collect();
-            // Places are the same with every seed.
-            for sums in all.iter_mut().flat_map(|direct| &mut direct.sums) {
-                if let Some(highlights) = &mut sums.highlights {
-                    highlights.sums.squares = 0.0;
-                }
-            }
-            let (mut said, mut scatter) = (0.0, 0.0);
-            for index in 0..visible.fragments.len() {
-                let own: Vec<(Rgb, Rgb)> =
-                    all.iter().map(|direct| direct.highlights(index)).collect();
-                let mean = own.iter().map(|(radiance, _)| *radiance).sum::<Rgb>() / SEEDS as f32;
-                let off = own.iter().map(|(own, _)| own.distance_squared(mean)).sum::<f32>();
-                scatter += off / (SEEDS - 1) as f32;
-                said += own.iter().map(|(_, off)| off.element_sum()).sum::<f32>() / SEEDS as f32;
-            }
-            println!("bulb {has_bulb}: said {said}, is {scatter}");
-            assert!((0.5..3.0).contains(&(said / scatter)), "bulb {has_bulb}: {said} {scatter}");
-        }
-    }
-
-    #[test]
-    fn they_come_back() {
-        let specimen = ground(true);
-        let visible = specimen.visible();
-        let (direct, gloss) = lit(&specimen, &visible, (1, true));
-        let mut to = Writer::new(u64::MAX);
-        direct.save(&mut to);
-        let bytes = to.finish().expect("there is room");
-        let empty = |count| {
-            let all = DirectLighting::new(&specimen.lights, &visible, true, false);
-            all.with_highlights(&visible, gloss.leaving_narrow(), count)
-        };
-        let mut again = empty(2);
-        again.restore(&mut Reader::new(&bytes)).expect("sound");
-        let all = || 0..visible.fragments.len();
-        assert!(all().any(|index| direct.highlights(index).0 != Rgb::ZERO));
-        assert!(all().all(|index| direct.highlights(index) == again.highlights(index)));
-        assert!(empty(3).restore(&mut Reader::new(&bytes)).is_err(), "of other lights");
+        (sum, Rgb::splat(variance) + by_shadows)
     }
 }

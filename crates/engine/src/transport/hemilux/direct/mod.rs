@@ -2,8 +2,11 @@
 
 mod allocation;
 mod by_neighbours;
+mod caster;
 mod highlights;
+mod lit_lobes;
 mod shadows;
 mod sums;
 
-pub use shadows::{Caster, DirectLighting};
+pub use caster::Caster;
+pub use shadows::DirectLighting;

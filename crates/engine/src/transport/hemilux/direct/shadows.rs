@@ -2,6 +2,7 @@
 //! share of it that shadow rays find unoccluded. There are few rays where they agree, and many
 //! where they do not.
 
+use super::caster::Caster;
 use super::highlights::Highlights;
 use super::sums::{Part, ShadowSums, StoredShadowSums, StoredShares};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
@@ -9,8 +10,7 @@ use crate::emitters::{DirectLights, TRIES};
 use crate::radiometry::{Rgb, importance};
 use crate::random::Stream;
 use crate::rays::Segment;
-use crate::sampling::{BAYER, Seed, Shifted};
-use crate::surface::World;
+use crate::sampling::{BAYER, Shifted};
 use crate::transport::hemilux::fragments::{Fragment, VisibleSurfaces};
 use rayon::prelude::*;
 use std::f64::consts::GOLDEN_RATIO;
@@ -255,19 +255,6 @@ fn beside(visible: &VisibleSurfaces, index: usize, mut each: impl FnMut(usize)) 
             }
         }
     }
-}
-
-/// What shadow rays are cast with.
-#[derive(Clone, Copy)]
-pub struct Caster<'a> {
-    /// The scene.
-    pub world: &'a World,
-    /// Its lights.
-    pub lights: &'a DirectLights,
-    /// From where.
-    pub visible: &'a VisibleSurfaces,
-    /// By which numbers.
-    pub seed: Seed,
 }
 
 /// What a shadow ray is for.

@@ -1,5 +1,6 @@
 //! What the shadow rays of a fragment found, as sums.
 
+use super::caster::MOST_RAYS_OF_ALL;
 use super::highlights::Highlights;
 use crate::checkpoint::CheckpointError;
 use crate::emitters::AllUnoccluded;
@@ -21,10 +22,6 @@ const SAME_SHARE: f32 = 0.02;
 
 /// Fragments, this one among them, whose rays are compared to tell whether they agree.
 const RAYS_AROUND: f32 = 25.0;
-
-/// Bound on rays of a fragment read from a checkpoint: more than any run casts, so a larger number
-/// means damage.
-pub const MOST_RAYS_OF_ALL: u32 = 1 << 30;
 
 /// What rays of a fragment found, as checkpoints store it: without the closed form, which is computed again.
 /// The order of the fields is part of the format.
