@@ -105,16 +105,14 @@ impl<'a> LobeAt<'a> {
     ) -> Self {
         let reflection = surface.reflection();
         let (start, normal) = (surface.start(), surface.shading_normal);
+        let axis = || {
+            let exponent = reflection.widest_exponent();
+            LobeAxis { direction: surface.mirrored(viewer), exponent }
+        };
         let unoccluded = match lights {
             LightsAt::Diffuse(_) => coarse.lights.unoccluded(start, normal),
-            LightsAt::Lobe | LightsAt::Extended => {
-                let exponent = reflection.widest_exponent();
-                let axis = LobeAxis { direction: surface.mirrored(viewer), exponent };
-                match lights {
-                    LightsAt::Extended => coarse.lights.extended_for_lobe(start, normal, axis),
-                    _ => coarse.lights.for_lobe(start, normal, axis),
-                }
-            }
+            LightsAt::Lobe => coarse.lights.for_lobe(start, normal, axis()),
+            LightsAt::Extended => coarse.lights.extended_for_lobe(start, normal, axis()),
         };
         let is_mapped = is_mapped && reflection.is_sharp();
         Self { coarse, surface, viewer, unoccluded, is_mapped, lights }

@@ -5,7 +5,7 @@ use super::super::draft::{Draft, Full};
 use super::super::fragments::VisibleSurfaces;
 use super::Tiers;
 use super::drawn::DrawnPicture;
-use super::parts::light_and_lobes;
+use super::lighting::light_and_lobes;
 use super::prospects::{PARTS, Prospects, Taken};
 use crate::transport::run::Run;
 use std::collections::BTreeMap;

@@ -2,7 +2,7 @@
 
 mod drafts;
 mod drawn;
-mod parts;
+mod lighting;
 mod passes;
 mod picture;
 mod prospects;
@@ -40,7 +40,7 @@ use crate::transport::ray_traced::Caustics;
 use crate::transport::run::Run;
 use crate::transport::solver::{Estimate, Solver};
 use drawn::DrawnPicture;
-use parts::light_and_lobes;
+use lighting::light_and_lobes;
 use prospects::Taken;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
