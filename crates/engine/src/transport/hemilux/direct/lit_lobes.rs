@@ -66,12 +66,14 @@ mod tests {
     use crate::sampling::Seed;
     use crate::scene::environment::{Environment, Sky, Sun};
     use crate::scene::{Camera, LightKind, Material, PunctualLight, Scene, Triangle, Vertex};
+    use crate::surface::Reflection;
     use crate::transport::hemilux::gloss::Gloss;
     use crate::transport::hemilux::specimen::Specimen;
     use glam::Vec3;
 
     const SEEDS: u64 = 8;
     const PASSES: u32 = 6;
+    const PLACES: u32 = 256;
 
     /// Its diffuse part loses nothing to the lobe.
     fn phong() -> Material {
@@ -225,5 +227,52 @@ mod tests {
         assert!(all().any(|index| direct.highlights(index).0 != Rgb::ZERO));
         assert!(all().all(|index| direct.highlights(index) == again.highlights(index)));
         assert!(empty(3).restore(&mut Reader::new(&bytes)).is_err(), "of other lights");
+    }
+
+    /// Of sunlight a surface reflects what its model says of that direction, Fresnel's loss of the diffuse part
+    /// included. What the lobe takes from that part of light without direction is far off here.
+    #[test]
+    fn sunlight_is_reflected_by_the_model() {
+        let plastic =
+            Material { base_color: Rgb::splat(0.8), roughness: 0.4, ..Material::default() };
+        let specimen = ground(plastic, false);
+        let (visible, world) = (specimen.visible(), &specimen.world);
+        let (mut direct, _) = lit(&specimen, &visible, (1, true));
+        // At the same places as below.
+        let seed = Seed { number: 1, well_spread: true };
+        let caster = Caster { world, lights: &specimen.lights, visible: &visible, seed };
+        for highlights in direct.sums.iter_mut().filter_map(|sums| sums.highlights.as_mut()) {
+            highlights.look(&caster, PLACES - highlights.sums.places);
+        }
+        let (mut squares, mut count) = ([0.0; 2], 0);
+        for lobe in &visible.lobes {
+            let index = lobe.fragment as usize;
+            let (known, fragment) = (&direct.sums[index].known, &visible.fragments[index]);
+            if known.share(true) != Rgb::ONE || fragment.share < 1.0 {
+                continue;
+            }
+            let even = fragment.diffuse / PI;
+            let [mut model, mut split] = [0.0; 2];
+            for place in 0..PLACES {
+                let surface = visible.surface(world, lobe, (place, place));
+                let viewer = visible.frame.towards_eye(surface.spot.point);
+                // The middle of its disk.
+                let sun = specimen.lights.narrow(0, surface.start(), [0.0; 2]);
+                let (sun, irradiance) = sun.expect("it shines");
+                let parts = surface.reflection().evaluate(viewer, sun);
+                let of = |reflected: Rgb| importance(reflected * irradiance * sun.y);
+                model += of(parts.both()) / PLACES as f32;
+                split += of(even + parts.lobe * fragment.lobe_factor) / PLACES as f32;
+            }
+            let own = importance(even * known.unoccluded + direct.highlights(index).0);
+            for (square, found) in squares.iter_mut().zip([own, split]) {
+                *square += (found / model - 1.0).powi(2);
+            }
+            count += 1;
+        }
+        let [rms, by_lobe] = squares.map(|sum: f32| (sum / count as f32).sqrt());
+        println!("{count} fragments: off by {rms:.4}; by the lobe {by_lobe:.4}");
+        assert!(count > 100 && rms < 0.001, "{count} {rms}");
+        assert!(by_lobe > 0.008, "{by_lobe}");
     }
 }
