@@ -450,7 +450,7 @@ impl IrradianceCache {
     pub fn irradiance(&self, visible: &VisibleSurfaces) -> Vec<Option<IndirectLight>> {
         let contribution = |record: &Record| {
             let (value, noise) = (record.value, record.noise);
-            let bent = record.bent + record.correction_bent;
+            let (bent, between) = (record.bent + record.correction_bent, record.between);
             let [a, b, c] = record.slope;
             let [d, e, f] = record.noise_slope;
             // An extrapolated slope could make light negative.
@@ -463,6 +463,8 @@ impl IrradianceCache {
                 slope: [a, b, c, d, e, f],
                 least: [least.x, least.y, least.z, -any, -any, -any],
                 most: [most.x, most.y, most.z, any, any, any],
+                // Where it stands nothing is interpolated.
+                at_home: [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -between.x, -between.y, -between.z],
             }
         };
         let mean = |sums: [f32; 9], weight: f32| {
@@ -470,7 +472,7 @@ impl IrradianceCache {
             (weight > 0.0).then(|| IndirectLight {
                 irradiance: mean(0),
                 noise: mean(3),
-                bent: mean(6),
+                bent: mean(6).max(Rgb::ZERO),
             })
         };
         let mut lit = splat(visible, &self.records, contribution, mean);

@@ -21,12 +21,14 @@ pub struct FittedIrradiance {
     noise_slope: [Vec3; 3],
     /// Variance about the plane beyond noise.
     pub bent: Rgb,
+    between: Rgb,
 }
 
 impl FittedIrradiance {
     /// The record's own irradiance, where it has too few neighbours for a plane.
     pub fn alone([value, noise]: [Rgb; 2]) -> Self {
-        Self { value, slope: [Vec3::ZERO; 3], noise, noise_slope: [Vec3::ZERO; 3], bent: Rgb::ZERO }
+        let (slope, zero) = ([Vec3::ZERO; 3], Rgb::ZERO);
+        Self { value, slope, noise, noise_slope: slope, bent: zero, between: zero }
     }
 }
 
@@ -35,7 +37,7 @@ impl Record {
     pub fn set_fit(&mut self, fit: FittedIrradiance) {
         (self.value, self.slope) = (fit.value, fit.slope);
         (self.noise, self.noise_slope) = (fit.noise, fit.noise_slope);
-        self.bent = fit.bent;
+        (self.bent, self.between) = (fit.bent, fit.between);
     }
 }
 
@@ -137,6 +139,7 @@ impl RecordPlane {
             noise: fitted_noise + own * (mine[1] - fitted_noise),
             noise_slope: noise.map(along),
             bent: bent * ((1.0 - own) * (1.0 - own) + INTERPOLATED_BENT),
+            between: bent * INTERPOLATED_BENT,
         }
     }
 
@@ -191,6 +194,8 @@ mod tests {
         let peak = |x: f32| if x == 0.0 { 12.0 } else { 10.0 };
         let exact = fit(peak, 0.0);
         assert!((exact.value.x - 12.0).abs() < 1e-3, "{}", exact.value.x);
+        // Only what is interpolated is off then.
+        assert!(exact.between.x > 0.0 && exact.bent.x - exact.between.x < 1e-6 * exact.bent.x);
         let noisy = fit(peak, 3.0);
         assert!((noisy.value.x - 10.0).abs() < 1.0, "{}", noisy.value.x);
     }

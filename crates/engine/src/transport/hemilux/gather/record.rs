@@ -92,7 +92,9 @@ pub struct Record {
     pub noise: Rgb,
     /// Variance of the neighbouring records about that plane, beyond their noise.
     pub bent: Rgb,
-    /// The same of the corrections about theirs, which are wider.
+    /// The part of it that interpolation makes, away from the record itself.
+    pub between: Rgb,
+    /// The same as `bent` of the corrections about theirs, which are wider.
     pub correction_bent: Rgb,
     /// Gradient of `value` along the surface, per ray unit, in world axes, a vector per channel.
     pub slope: [Vec3; 3],
@@ -193,6 +195,7 @@ impl Record {
             value: Rgb::ZERO,
             noise: Rgb::ZERO,
             bent: Rgb::ZERO,
+            between: Rgb::ZERO,
             correction_bent: Rgb::ZERO,
             slope: [Vec3::ZERO; 3],
             noise_slope: [Vec3::ZERO; 3],
@@ -315,6 +318,12 @@ impl Record {
     pub fn window(&self, visible: &VisibleSurfaces, reach: f32) -> Option<[u32; 4]> {
         let size = [visible.width, visible.height];
         visible.frame.window(self.point, self.normal, self.radius * reach, size)
+    }
+
+    /// How much it counts at the middle of the fragment that it was made for.
+    pub fn weight_at_home(&self, visible: &VisibleSurfaces) -> f32 {
+        let home = visible.fragments.get(self.fragment as usize);
+        home.map_or(0.0, |home| self.weight_function(1.0).weight(home.point, home.normal))
     }
 
     /// Mean irradiance of the rays.

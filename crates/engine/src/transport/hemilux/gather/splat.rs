@@ -23,12 +23,14 @@ pub struct LocalFit<const N: usize, const S: usize> {
     pub least: [f32; S],
     /// Upper limits of the first S.
     pub most: [f32; S],
+    /// What the sum at the fragment that the record was made for has beside that.
+    pub at_home: [f32; N],
 }
 
 impl<const N: usize> LocalFit<N, 0> {
     /// The same values everywhere around the record.
     pub fn even(value: [f32; N]) -> Self {
-        Self { value, slope: [], least: [], most: [] }
+        Self { value, slope: [], least: [], most: [], at_home: [0.0; N] }
     }
 }
 
@@ -39,8 +41,20 @@ struct WeightedSums<const N: usize> {
     weighted: [Lanes; N],
 }
 
+impl<const N: usize> WeightedSums<N> {
+    /// Adds to the sums at a record's own fragment what makes its weight 1 there.
+    fn add_at_home<const S: usize>(&mut self, lane: usize, fit: &LocalFit<N, S>, rest: f32) {
+        self.weight[lane] += rest;
+        for (k, sum) in self.weighted.iter_mut().enumerate() {
+            sum[lane] += fit.value[k] * rest + fit.at_home[k];
+        }
+    }
+}
+
 /// For every fragment, what `finish` makes of two sums over the records: of the quantities by
-/// `each` record times its weight there, and of the weights. Records are added in their order, so
+/// `each` record times its weight there, and of the weights. A record counts in full at the fragment
+/// that it was made for, from all over which its rays start: where a pixel looks along a surface, the
+/// middle of that is farther away than pixels are wide, or in a gap out of sight. Records are added in their order, so
 /// that the bits do not depend on the threads.
 pub fn splat<const N: usize, const S: usize, T: Clone + Default + Send>(
     visible: &VisibleSurfaces,
@@ -68,6 +82,13 @@ pub fn splat<const N: usize, const S: usize, T: Clone + Default + Send>(
         let count = end.div_ceil(LANES) - first_eight;
         let mut sums =
             vec![WeightedSums { weight: [0.0; LANES], weighted: [[0.0; LANES]; N] }; count];
+        for record in records {
+            let own = record.fragment as usize;
+            if (base..end).contains(&own) {
+                let (fit, rest) = (each(record), 1.0 - record.weight_at_home(visible));
+                sums[own / LANES - first_eight].add_at_home(own % LANES, &fit, rest);
+            }
+        }
         for (record, window) in records.iter().zip(&windows) {
             let Some([x0, x1, y0, y1]) = *window else { continue };
             let [y0, y1] = [y0.max(rows[0]), y1.min(rows[1])];
@@ -187,6 +208,7 @@ mod tests {
     use crate::scene::gltf::{ImportLimits, Resources, import};
     use crate::scene::made;
     use crate::surface::World;
+    use crate::transport::hemilux::specimen::Specimen;
     use std::sync::Arc;
 
     /// No window leaves out a fragment where a record counts, and eights count as ones do.
@@ -213,6 +235,7 @@ mod tests {
             slope: [record.tangents[0]],
             least: [0.9],
             most: [1.5],
+            at_home: [0.0; 2],
         };
         let sums = splat(&visible, &records, contribution, |[a, b], weight| [a, b, weight]);
         let mut counted = 0;
@@ -231,5 +254,27 @@ mod tests {
             }
         }
         assert!(counted > visible.fragments.len(), "the test tests nothing: {counted}");
+    }
+
+    /// A record counts in full at its own fragment, though the place that it stands for is out of its reach.
+    #[test]
+    fn a_record_counts_at_home_however_far_that_is() {
+        let visible = Specimen::furnace().visible();
+        let home = visible.fragments.len() / 2;
+        let (at, elsewhere) = (&visible.fragments[home], &visible.fragments[0]);
+        let sums = |point: Vec3, fragment: usize| {
+            let mut record = Record::new(point, at.normal, 1.0, 0);
+            record.fragment = fragment as u32;
+            record.radius = 0.1 * visible.frame.footprint(point, visible.height);
+            let fit = |_: &Record| LocalFit { at_home: [-1.0], ..LocalFit::even([5.0]) };
+            splat(&visible, &[record], fit, |[sum], weight| [sum, weight])
+        };
+        for (point, expected) in [(at.point, [4.0, 1.0]), (elsewhere.point, [4.0, 1.0])] {
+            let all = sums(point, home);
+            assert_eq!(all[home], expected);
+            let lit = all.iter().filter(|[_, weight]| *weight > 0.0).count();
+            assert!(lit <= 2, "{lit}");
+        }
+        assert_eq!(sums(elsewhere.point, usize::MAX)[home], [0.0, 0.0], "nobody's record");
     }
 }
