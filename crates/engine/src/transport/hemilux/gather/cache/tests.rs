@@ -115,3 +115,37 @@ fn records_that_had_no_time_are_made_later() {
     let later = fill(&mut cut_short, None);
     assert!(!cut_short.is_unfinished && 10 * later > 9 * all, "{later} of {all}");
 }
+
+/// Shelves, seen along their undersides, and gaps between books: whatever a record was made for hears it, and
+/// gets no other one instead.
+#[test]
+fn whatever_a_record_was_made_for_hears_it() {
+    let specimen = Specimen::new(&crate::scene::made::office(), 10_000);
+    let visible = specimen.visible();
+    let filled = |at_home: bool| {
+        let mut cache = IrradianceCache::default();
+        let count = [1.0, 0.5, 0.5, 0.5].map(|scale| {
+            let spacing = Spacing { scale, least: 0.1, even: false };
+            let until = None;
+            let gathering =
+                Gathering { seed: SEED, rays: 16, new_rays: 16, afresh: false, spacing, until };
+            cache.fill(&specimen.coarse, &visible, gathering, None);
+            if !at_home {
+                cache.records.iter_mut().for_each(|record| record.fragment = NO_FRAGMENT);
+            }
+            cache.smooth(&visible, true);
+            cache.len()
+        });
+        let lit = cache.irradiance(&visible);
+        let unheard = cache.records.iter().filter(|record| {
+            let home =
+                visible.fragments.iter().position(|one| visible.middle_point(one) == record.point);
+            home.is_some_and(|home| lit[home].is_none())
+        });
+        (unheard.count(), count[3] - count[2])
+    };
+    let (unheard, again) = filled(true);
+    assert_eq!(unheard, 0, "without light");
+    let (unheard, in_vain) = filled(false);
+    assert!(unheard > 0 && in_vain > again, "{unheard} without light, {in_vain} more and {again}");
+}
