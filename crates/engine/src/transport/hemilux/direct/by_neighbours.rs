@@ -18,7 +18,7 @@ const EDGE_VARIANCE: f32 = 2.5;
 impl DirectLighting {
     /// Direct irradiance of a fragment and its estimated variance; with the help of its neighbours' rays if
     /// `filtered`, as far as chance lets these say the same: however many there are, what they say of an even
-    /// half-shadow has a ninth of the noise.
+    /// half-shadow has a third of the noise.
     pub fn irradiance(
         &self,
         lights: &DirectLights,
