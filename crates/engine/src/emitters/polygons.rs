@@ -164,8 +164,8 @@ impl PolygonLights {
     }
 
     /// Samples a point of the lights for a surface at `point`, by three uniform numbers. A light is
-    /// picked in proportion to its irradiance or, where they are too many, by the tree. `None`
-    /// where the point shines nothing on the surface.
+    /// picked in proportion to its irradiance where `unoccluded` is of, which may be another point of the
+    /// surface, or, where they are too many, by the tree. `None` where the point shines nothing on the surface.
     pub fn sample(
         &self,
         unoccluded: &Unoccluded,
@@ -215,7 +215,7 @@ impl PolygonLights {
         if !self.is_exact() {
             return self.tree.pick(point, normal, x);
         }
-        self.closed_forms.pick(unoccluded, point, normal, x)
+        self.closed_forms.pick(unoccluded, x)
     }
 
     /// Samples one of many lights by the tree: returns where a shadow ray to it ends, and its
@@ -244,7 +244,7 @@ impl PolygonLights {
     }
 
     /// Density per solid angle at which [`PolygonLights::sample`] picks the place of a light that a
-    /// ray along the unit `direction` from the surface met; `normal` is the light's there.
+    /// ray along the unit `direction` from a point of the surface met; `normal` is the light's there.
     pub fn density(
         &self,
         unoccluded: &Unoccluded,
@@ -257,7 +257,7 @@ impl PolygonLights {
         let light = self.of_triangle.get(&hit.triangle).copied().or_else(cell);
         let Some(pick) = light.map(|light| light as usize) else { return 0.0 };
         let probability = if self.is_exact() {
-            self.closed_forms.probability(unoccluded, start, start_normal, pick)
+            self.closed_forms.probability(unoccluded, pick)
         } else {
             self.tree.probability(pick, start, start_normal)
         };

@@ -26,6 +26,8 @@ type Lanes = [f32; LANES];
 /// Irradiance of the lights at a point without occlusion, with the sums by which lights are picked.
 #[derive(Clone, Copy)]
 pub struct Unoccluded {
+    /// The point, ray units, and the unit normal there.
+    at: [Vec3; 2],
     /// Irradiance of all together.
     pub irradiance: Rgb,
     /// Running sums, over blocks of lights, of the importance of the irradiance, or of what a lobe
@@ -47,7 +49,7 @@ pub struct LobeAxis {
 impl Unoccluded {
     /// No light: nothing can be picked.
     pub fn none() -> Self {
-        Self { irradiance: Rgb::ZERO, sums: [0.0; BLOCKS], lobe: None }
+        Self { at: [Vec3::ZERO; 2], irradiance: Rgb::ZERO, sums: [0.0; BLOCKS], lobe: None }
     }
 
     /// Importance of all lights together, by which they are picked.
@@ -96,7 +98,7 @@ impl ClosedForms {
 
     /// Irradiance of all lights on a surface at `point` with unit `normal`.
     pub fn unoccluded(&self, point: Vec3, normal: Vec3) -> Unoccluded {
-        let mut all = Unoccluded::none();
+        let mut all = Unoccluded { at: [point, normal], ..Unoccluded::none() };
         let mut sum = 0.0;
         if self.block_size == 1 {
             for (light, running) in self.lights.iter().zip(&mut all.sums) {
@@ -131,10 +133,10 @@ impl ClosedForms {
     /// Sums by which a lobe picks lights: irradiance times about what the lobe reflects of it.
     /// Their irradiance is left zero.
     pub fn for_lobe(&self, point: Vec3, normal: Vec3, axis: LobeAxis) -> Unoccluded {
-        let mut all = Unoccluded { lobe: Some(axis), ..Unoccluded::none() };
+        let mut all = Unoccluded { at: [point, normal], lobe: Some(axis), ..Unoccluded::none() };
         let mut sum = 0.0;
-        for (block, running) in (0..self.blocks()).zip(&mut all.sums) {
-            let importances = self.importances(block, point, normal, Some(axis));
+        for block in 0..self.blocks() {
+            let importances = self.importances(block, &all);
             let mut lanes = [0.0; LANES];
             for eight in importances.iter().take(self.block_size.div_ceil(LANES)) {
                 for (lane, own) in lanes.iter_mut().zip(eight) {
@@ -142,7 +144,7 @@ impl ClosedForms {
                 }
             }
             sum += lanes.iter().sum::<f32>();
-            *running = sum;
+            all.sums[block] = sum;
         }
         all
     }
@@ -152,15 +154,9 @@ impl ClosedForms {
         self.lights.len().div_ceil(self.block_size)
     }
 
-    /// A light for a uniform number, by what each shines on the point, and the probability that it
-    /// is this one; `None` where nothing shines.
-    pub fn pick(
-        &self,
-        all: &Unoccluded,
-        point: Vec3,
-        normal: Vec3,
-        x: f32,
-    ) -> Option<(usize, f32)> {
+    /// A light for a uniform number, by what each shines at the point that `all` is of, and the
+    /// probability that it is this one; `None` where nothing shines there.
+    pub fn pick(&self, all: &Unoccluded, x: f32) -> Option<(usize, f32)> {
         let blocks = self.blocks();
         let sums = &all.sums[..blocks];
         let total = sums[blocks - 1];
@@ -174,7 +170,7 @@ impl ClosedForms {
             return Some((block, (sums[block] - sum) / total));
         }
         let first = block * self.block_size;
-        let importances = self.importances(block, point, normal, all.lobe);
+        let importances = self.importances(block, all);
         let mut picked = None;
         for (index, own) in importances.as_flattened().iter().take(self.block_size).enumerate() {
             sum += own;
@@ -189,24 +185,19 @@ impl ClosedForms {
     }
 
     /// The probability that [`ClosedForms::pick`] picks this light.
-    pub fn probability(&self, all: &Unoccluded, point: Vec3, normal: Vec3, light: usize) -> f32 {
+    pub fn probability(&self, all: &Unoccluded, light: usize) -> f32 {
         let total = all.sums[self.blocks() - 1];
         if total <= 0.0 {
             return 0.0;
         }
         let block = light / self.block_size;
-        let importances = self.importances(block, point, normal, all.lobe);
+        let importances = self.importances(block, all);
         importances.as_flattened()[light - block * self.block_size] / total
     }
 
     /// Importance of each light of a block, in proportion to which one is picked.
-    fn importances(
-        &self,
-        block: usize,
-        point: Vec3,
-        normal: Vec3,
-        lobe: Option<LobeAxis>,
-    ) -> [Lanes; BLOCK_EIGHTS] {
+    fn importances(&self, block: usize, all: &Unoccluded) -> [Lanes; BLOCK_EIGHTS] {
+        let Unoccluded { at: [point, normal], lobe, .. } = *all;
         #[cfg(target_arch = "x86_64")]
         {
             #[target_feature(enable = "avx2")]
@@ -438,8 +429,8 @@ mod tests {
             let for_lobe = all.for_lobe(point, normal, LobeAxis { direction, exponent: 200.0 });
             let (mut total, mut ahead) = (0.0, 0.0);
             for index in 0..count {
-                let probability = all.probability(&for_lobe, point, normal, index);
-                let plain = all.probability(&all.unoccluded(point, normal), point, normal, index);
+                let probability = all.probability(&for_lobe, index);
+                let plain = all.probability(&all.unoccluded(point, normal), index);
                 assert_eq!(probability > 0.0, plain > 0.0);
                 total += probability;
                 let to_light = (all.lights()[index].center - point).normalize();
@@ -453,9 +444,38 @@ mod tests {
             const TRIES: usize = 5000;
             for k in 0..TRIES {
                 let x = (k as f32 + 0.5) / TRIES as f32;
-                let (light, probability) = all.pick(&for_lobe, point, normal, x).unwrap();
-                let same = all.probability(&for_lobe, point, normal, light);
+                let (light, probability) = all.pick(&for_lobe, x).unwrap();
+                let same = all.probability(&for_lobe, light);
                 assert!((same - probability).abs() <= 1e-4 * same, "{same} {probability}");
+            }
+        }
+    }
+
+    /// Rays from all over a pixel go to lights that are picked by what they shine on its middle: over its
+    /// probability, what such a light shines where a ray starts is on average what all do.
+    #[test]
+    fn what_is_picked_at_one_point_tells_of_the_light_at_another() {
+        const TRIES: usize = 50_000;
+        let (point, normal) = (Vec3::new(0.1, -3.0, 0.2), Vec3::Y);
+        for count in [5, 100] {
+            let all = ClosedForms::new(lights(count));
+            let at_point = all.unoccluded(point, normal);
+            for other in [Vec3::new(1.1, -3.0, 0.1), Vec3::new(0.1, -3.0, -0.9)] {
+                let shine = |light: &PolygonLight| light.radiance * light.projected(other, normal);
+                let is_picked = |index: &usize| all.probability(&at_point, *index) > 0.0;
+                let exact: Rgb =
+                    (0..count).filter(is_picked).map(|l| shine(&all.lights()[l])).sum();
+                let mut sum = Rgb::ZERO;
+                for k in 0..TRIES {
+                    let x = (k as f32 + 0.5) / TRIES as f32;
+                    let (light, probability) = all.pick(&at_point, x).unwrap();
+                    sum += shine(&all.lights()[light]) / probability;
+                }
+                let mean = sum / TRIES as f32;
+                let there = all.unoccluded(point, normal).irradiance;
+                assert!((there / exact - 1.0).abs().max_element() > 0.05, "it is the same there");
+                let off = (mean / exact - 1.0).abs().max_element();
+                assert!(off < 0.02, "{count}: {mean} instead of {exact}");
             }
         }
     }
@@ -481,8 +501,8 @@ mod tests {
                 const TRIES: usize = 50_000;
                 for k in 0..TRIES {
                     let x = (k as f32 + 0.5) / TRIES as f32;
-                    let (light, probability) = all.pick(&unoccluded, point, normal, x).unwrap();
-                    let same = all.probability(&unoccluded, point, normal, light);
+                    let (light, probability) = all.pick(&unoccluded, x).unwrap();
+                    let same = all.probability(&unoccluded, light);
                     assert!((same - probability).abs() <= 1e-5, "{same} {probability}");
                     shares[light] += 1.0 / TRIES as f32;
                 }

@@ -7,6 +7,7 @@ mod highlights;
 mod lit_lobes;
 mod shadows;
 mod sums;
+mod uneven;
 
 pub use caster::Caster;
 pub use shadows::DirectLighting;

@@ -6,8 +6,8 @@ use super::caster::Caster;
 use super::highlights::Highlights;
 use super::sums::{Part, ShadowSums, StoredShadowSums, StoredShares};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
-use crate::emitters::{DirectLights, TRIES};
-use crate::radiometry::{Rgb, importance};
+use crate::emitters::{AllUnoccluded, DirectLights, TRIES};
+use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::rays::Segment;
 use crate::sampling::{BAYER, Shifted};
@@ -35,11 +35,8 @@ const ORDINARY_PIXELS: u32 = 250_000;
 const RECHECK_PASSES: u32 = 4;
 /// Pixels in each direction whose rays are compared, and shared.
 pub(super) const NEIGHBOUR_REACH: i32 = 2;
-/// Where the light without occlusion of adjacent pixels differs by more than this share, it is the mean over
-/// so many places; in a hasty job, by the first of these.
-const PLACES: [(f32, u32); 2] = [(0.1, 16), (0.5, 64)];
 /// Cosine between normals of fragments in one plane, at least.
-const IN_PLANE: f32 = 0.98;
+pub(super) const IN_PLANE: f32 = 0.98;
 /// Fragments of a parallel task.
 pub(super) const CHUNK: usize = 1024;
 /// Shadow rays that are traced together, at least.
@@ -71,14 +68,15 @@ impl DirectLighting {
             ShadowSums::new(&all, lights.is_exact())
         };
         let fragments = visible.fragments.par_iter().with_min_len(CHUNK);
-        let mut sums: Vec<ShadowSums> = fragments.map(unoccluded).collect();
-        let places = if hasty { &PLACES[..1] } else { &PLACES[..] };
-        average_where_uneven(&mut sums, lights, visible, places);
+        let sums: Vec<ShadowSums> = fragments.map(unoccluded).collect();
         // In small pictures neighbours are far apart, and rays are cheap.
         let generous = (ORDINARY_PIXELS / (visible.width * visible.height)).clamp(1, 4);
         let more_rays = MORE_RAYS * generous;
         let at_first = if hasty { MORE_RAYS_IN_HASTE } else { more_rays };
-        Self { sums, more_rays: [at_first, more_rays], adaptive, passes: 0, rays: 0 }
+        let more_rays = [at_first, more_rays];
+        let mut direct = Self { sums, more_rays, adaptive, passes: 0, rays: 0 };
+        direct.average_where_uneven(lights, visible, hasty);
+        direct
     }
 
     /// Writes what the shadow rays found.
@@ -112,6 +110,9 @@ impl DirectLighting {
     pub fn pass(&mut self, caster: &Caster<'_>, most: f64) {
         let Caster { lights, visible, .. } = *caster;
         self.look_at_highlights(caster);
+        if self.passes > 0 {
+            self.look_at_more_places(lights, visible);
+        }
         if !self.adaptive || !lights.is_exact() {
             let rays = if lights.is_exact() { EVEN_RAYS } else { MANY_RAYS };
             self.sums.iter_mut().for_each(|sums| sums.disputed = true);
@@ -193,70 +194,6 @@ impl DirectLighting {
     }
 }
 
-/// Takes the mean over a fragment's places as its light without occlusion where that differs much from
-/// pixel to pixel, as on a ceiling above a lamp: its middle does not stand for all of it there. `places`
-/// has differences and the numbers of places that they ask for.
-fn average_where_uneven(
-    sums: &mut [ShadowSums],
-    lights: &DirectLights,
-    visible: &VisibleSurfaces,
-    places: &[(f32, u32)],
-) {
-    // Light of which the sky is no part is no measure of light of which it is.
-    let of = |sums: &ShadowSums| (importance(sums.known.unoccluded), sums.division());
-    let light: Vec<(f32, [bool; 2])> = sums.iter().map(of).collect();
-    let exact = lights.is_exact();
-    let one = |(index, sums): (usize, &mut ShadowSums)| {
-        let (own, division) = light[index];
-        let mut most = 0.0f32;
-        beside(visible, index, |other| {
-            let (theirs, other_division) = light[other];
-            if division == other_division {
-                most = most.max((theirs - own).abs());
-            }
-        });
-        let places = places.iter().rev().find(|(from, _)| most > from * own);
-        let Some((_, places)) = places else { return };
-        let fragment = &visible.fragments[index];
-        // The first of a pixel's places are spread about its middle; those of a part of it need not be.
-        let places =
-            if fragment.share < 1.0 { visible.count(fragment).max(*places) } else { *places };
-        let at = |n| {
-            let point = visible.sample_point(fragment, n);
-            let all = lights.unoccluded(point, fragment.shading_normal);
-            let (known, sky) = ShadowSums::unoccluded(&all, exact);
-            ([sky.is_some(), all.looks_out()] == division).then_some(known)
-        };
-        let alike = (0..places).filter_map(at);
-        let (sum, count) =
-            alike.fold((Rgb::ZERO, 0u32), |(sum, count), known| (sum + known, count + 1));
-        if count > 0 {
-            sums.known.unoccluded = sum / count as f32;
-        }
-    };
-    sums.par_iter_mut().enumerate().with_min_len(CHUNK).for_each(one);
-}
-
-/// Calls `each` with the fragments of the four adjacent pixels that lie in the plane of fragment
-/// `index`.
-fn beside(visible: &VisibleSurfaces, index: usize, mut each: impl FnMut(usize)) {
-    let mine = &visible.fragments[index];
-    let (pixel, width) = (mine.pixel as usize, visible.width as usize);
-    let near = [
-        (pixel % width > 0).then(|| pixel - 1),
-        (pixel % width + 1 < width).then_some(pixel + 1),
-        pixel.checked_sub(width),
-        Some(pixel + width).filter(|below| below + 1 < visible.start.len()),
-    ];
-    for near in near.into_iter().flatten() {
-        for other in visible.start[near] as usize..visible.start[near + 1] as usize {
-            if visible.fragments[other].normal.dot(mine.normal) > IN_PLANE {
-                each(other);
-            }
-        }
-    }
-}
-
 /// What a shadow ray is for.
 struct End {
     /// Its fragment's index in the chunk.
@@ -292,9 +229,13 @@ impl Caster<'_> {
         let tile = u64::from(y / 4) << 32 | u64::from(x / 4);
         let place = BAYER[(y % 4 * 4 + x % 4) as usize];
         let sequence = Shifted::new(self.seed, Stream::Light, tile);
-        // Lights are picked by what they shine on the fragment's mean place, for all its points.
-        let unoccluded = lights.unoccluded(fragment.point, fragment.shading_normal);
-        let split = unoccluded.beside_sky().filter(|_| sums.sky.is_some());
+        // Lights are picked by what they shine on the fragment's mean place, for all its points, but
+        // where that is no guide.
+        let at_middle = lights.unoccluded(fragment.point, fragment.shading_normal);
+        let is_alike = |there: &AllUnoccluded| {
+            (there.looks_out(), there.beside_sky().is_some())
+                == (at_middle.looks_out(), at_middle.beside_sky().is_some())
+        };
         let is_diffuse = fragment.diffuse != Rgb::ZERO;
         for _ in 0..count {
             let n = sums.rays;
@@ -312,7 +253,12 @@ impl Caster<'_> {
                 }
                 continue;
             }
+            let there = (sums.more_places > 0)
+                .then(|| lights.unoccluded(from, fragment.shading_normal))
+                .filter(is_alike);
+            let unoccluded = there.unwrap_or(at_middle);
             // The sky and all other lights take turns.
+            let split = unoccluded.beside_sky().filter(|_| sums.sky.is_some());
             let (mut part, picked) = match &split {
                 Some(split) if is_diffuse && !n.is_multiple_of(2) => (Part::Sky, &split.sky),
                 Some(split) => (Part::Known, &split.others),
@@ -392,7 +338,10 @@ pub(super) fn around(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::radiometry::importance;
+    use crate::random::Numbers;
     use crate::transport::hemilux::specimen::{EMISSION, SEED, Specimen, is_near};
+    use glam::Vec3;
     use std::f32::consts::PI;
 
     fn caster<'a>(specimen: &'a Specimen, visible: &'a VisibleSurfaces) -> Caster<'a> {
@@ -441,32 +390,44 @@ mod tests {
         assert!(is_near(half, 0.5 * PI * EMISSION, 0.005), "{half}");
     }
 
-    /// Near a lamp, where the light differs from one end of a pixel to the other.
+    /// Where the light differs from one end of a pixel to the other, what is hidden counts by what shines
+    /// where the rays start, of thirty lamps as of one.
     #[test]
-    fn light_without_occlusion_is_that_of_all_of_a_pixel() {
-        let specimen = Specimen::new(&crate::scene::made::cornell(), 300);
+    fn shares_are_weighed_by_the_light_where_rays_start() {
+        let specimen = Specimen::new(&crate::scene::made::hall(), 300);
         let (visible, lights) = (specimen.visible(), &specimen.lights);
-        let direct = DirectLighting::new(lights, &visible, true, false);
-        let (mut uneven, mut squares, mut sum) = (0, [0.0f32; 2], 0.0);
-        for (sums, fragment) in direct.sums.iter().zip(&visible.fragments) {
-            let light = |point| lights.unoccluded(point, fragment.shading_normal).irradiance;
-            const PLACES: u32 = 256;
-            let all = (0..PLACES).map(|n| light(visible.sample_point(fragment, n)));
-            let mean = importance(all.sum::<Rgb>() / PLACES as f32);
-            let off = [light(visible.middle_point(fragment)), sums.known.unoccluded]
-                .map(|own| importance(own) / mean - 1.0);
-            if off[0].abs() > 0.05 {
-                uneven += 1;
-                (0..2).for_each(|k| squares[k] += off[k] * off[k]);
-                sum += off[1];
+        assert!(lights.count() > 16, "{}", lights.count());
+        let mut direct = DirectLighting::new(lights, &visible, true, false);
+        let caster = caster(&specimen, &visible);
+        (0..24).for_each(|_| direct.pass(&caster, f64::INFINITY));
+        // The light without occlusion, and what arrives of it, of very many rays.
+        const RAYS: u32 = 4096;
+        let exact = |fragment: &Fragment| {
+            let mut random = Numbers::new(5, Stream::Light, fragment.pixel.into());
+            let mut sums = [0.0, 0.0];
+            for n in 0..RAYS {
+                let (point, normal) = (visible.sample_point(fragment, n), fragment.shading_normal);
+                let xi = Vec3::from_array([0; 3].map(|_| random.uniform()));
+                let sample = lights.sample_by_shadow_ray(&specimen.world, point, normal, xi);
+                let [unoccluded, arrived] = [sample.unoccluded, sample.arrived()].map(importance);
+                sums = [sums[0] + unoccluded, sums[1] + arrived];
             }
+            sums.map(|sum| sum / RAYS as f32)
+        };
+        let is_wanted = |index: &usize| {
+            let fragment = &visible.fragments[*index];
+            direct.sums[*index].more_places > 0 && fragment.share == 1.0
+        };
+        let wanted: Vec<usize> = (0..visible.fragments.len()).filter(is_wanted).collect();
+        let every = wanted.len().div_ceil(100);
+        let (mut found, mut all) = (0.0, 0.0);
+        for index in wanted.into_iter().step_by(every) {
+            let [unoccluded, expected] = exact(&visible.fragments[index]);
+            let own = unoccluded * importance(direct.sums[index].known.share(true));
+            (found, all) = (found + own, all + expected);
+            assert!((own / expected - 1.0).abs() < 0.15, "{own} instead of {expected}");
         }
-        assert!(uneven >= 50, "{uneven}");
-        assert!(squares[1] < 0.1 * squares[0], "{squares:?}");
-        // Places that are not spread about the pixel's middle make a whole picture too dark.
-        let mean = sum / uneven as f32;
-        let chance = (squares[1] / uneven as f32).sqrt() / (uneven as f32).sqrt();
-        assert!(mean.abs() < 2.0 * chance, "{mean}, {chance} by chance");
+        assert!((found / all - 1.0).abs() < 0.01, "{found} instead of {all}");
     }
 
     #[test]

@@ -23,7 +23,7 @@ const SAME_SHARE: f32 = 0.02;
 /// Fragments, this one among them, whose rays are compared to tell whether they agree.
 const RAYS_AROUND: f32 = 25.0;
 
-/// What rays of a fragment found, as checkpoints store it: without the closed form, which is computed again.
+/// What rays of a fragment found, as checkpoints store it: without the closed form.
 /// The order of the fields is part of the format.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
@@ -37,11 +37,14 @@ pub struct StoredShares {
     mixed: u32,
 }
 
-/// The rest of [`ShadowSums`], likewise.
+/// The rest of [`ShadowSums`], with the closed form of the light that is not the sky's: that may be a mean
+/// over many places. The sky's is computed again.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub struct StoredShadowSums {
     known: StoredShares,
+    unoccluded: Rgb,
+    places: u32,
     rays: u32,
     disputed: u32,
     apart: Rgb,
@@ -61,6 +64,11 @@ pub struct ShadowSums {
     pub apart: LightApart,
     /// What the fragment's lobe reflects of narrow lights, if that is found here.
     pub highlights: Option<Box<Highlights>>,
+    /// How many places of the fragment the closed form of `known` is the mean of; 0 if that of its mean
+    /// place stands for all.
+    pub places: u32,
+    /// How many each pass adds.
+    pub more_places: u32,
     /// Rays so far, of all kinds.
     pub rays: u32,
     /// Whether rays here or in the neighbourhood disagreed when they were last compared.
@@ -154,6 +162,8 @@ impl StoredShadowSums {
     pub fn of(sums: &ShadowSums) -> Self {
         Self {
             known: StoredShares::of(&sums.known),
+            unoccluded: sums.known.unoccluded,
+            places: sums.places,
             rays: sums.rays,
             disputed: u32::from(sums.disputed),
             apart: sums.apart.seen,
@@ -167,7 +177,11 @@ impl StoredShadowSums {
         if self.rays > MOST_RAYS_OF_ALL || self.apart_rays > self.rays {
             return Err(CheckpointError::damaged("there can't be that many rays"));
         }
+        if self.places > MOST_RAYS_OF_ALL || !self.unoccluded.is_finite() {
+            return Err(CheckpointError::damaged("light is not finite, or of too many places"));
+        }
         self.known.restore(&mut sums.known)?;
+        (sums.known.unoccluded, sums.places) = (self.unoccluded, self.places);
         (sums.rays, sums.disputed) = (self.rays, self.disputed != 0);
         (sums.apart.seen, sums.apart.squares) = (self.apart, self.apart_squares);
         sums.apart.rays = self.apart_rays;

@@ -1,0 +1,173 @@
+//! Light without occlusion where it differs within a pixel, as on a ceiling above a lamp: the mean over many
+//! places of it.
+
+use super::shadows::{CHUNK, DirectLighting, IN_PLANE};
+use super::sums::ShadowSums;
+use crate::emitters::DirectLights;
+use crate::radiometry::{Rgb, importance};
+use crate::transport::hemilux::fragments::{Fragment, VisibleSurfaces};
+use rayon::prelude::*;
+
+/// Where the light without occlusion of adjacent pixels differs by more than this share, it is the mean over
+/// so many places at first; in a hasty job, over as many as the first of these says.
+const PLACES: [(f32, u32); 2] = [(0.1, 16), (0.5, 64)];
+/// Each pass looks at a quarter as many places more, since lamps may be so near that no number is enough.
+const PLACES_PER_MORE: u32 = 4;
+
+impl DirectLighting {
+    /// Takes the mean over a fragment's places as its light without occlusion where that differs much from
+    /// pixel to pixel, as on a ceiling above a lamp: its middle does not stand for all of it there.
+    pub(super) fn average_where_uneven(
+        &mut self,
+        lights: &DirectLights,
+        visible: &VisibleSurfaces,
+        hasty: bool,
+    ) {
+        // Light of which the sky is no part is no measure of light of which it is.
+        let of = |sums: &ShadowSums| (importance(sums.known.unoccluded), sums.division());
+        let light: Vec<(f32, [bool; 2])> = self.sums.iter().map(of).collect();
+        let one = |(index, sums): (usize, &mut ShadowSums)| {
+            let (own, division) = light[index];
+            let mut most = 0.0f32;
+            beside(visible, index, |other| {
+                let (theirs, other_division) = light[other];
+                if division == other_division {
+                    most = most.max((theirs - own).abs());
+                }
+            });
+            let wanted = PLACES.iter().rev().find(|(from, _)| most > from * own);
+            let Some(&(_, wanted)) = wanted else { return };
+            let first = if hasty { PLACES[0].1 } else { wanted };
+            let fragment = &visible.fragments[index];
+            // The first of a pixel's places are spread about its middle; those of a part of it need not be.
+            let first =
+                if fragment.share < 1.0 { visible.count(fragment).max(first) } else { first };
+            look_at_places(sums, (lights, visible), fragment, first);
+            // A lamp may be near one end of it, though not of its neighbours' middles.
+            let [_, (much, many)] = PLACES;
+            let off = (importance(sums.known.unoccluded) - own).abs();
+            sums.more_places = if off > much * own { many } else { wanted } / PLACES_PER_MORE;
+        };
+        self.sums.par_iter_mut().enumerate().with_min_len(CHUNK).for_each(one);
+    }
+
+    /// Looks at the light without occlusion at more places of the fragments where it is not the same everywhere.
+    pub(super) fn look_at_more_places(&mut self, lights: &DirectLights, visible: &VisibleSurfaces) {
+        let all = self.sums.par_iter_mut().zip(&visible.fragments).with_min_len(CHUNK);
+        let uneven = all.filter(|(sums, _)| sums.more_places > 0);
+        uneven.for_each(|(sums, fragment)| {
+            look_at_places(sums, (lights, visible), fragment, sums.more_places);
+        });
+    }
+}
+
+/// Takes `count` more places of a fragment into the mean that is its light without occlusion.
+fn look_at_places(
+    sums: &mut ShadowSums,
+    (lights, visible): (&DirectLights, &VisibleSurfaces),
+    fragment: &Fragment,
+    count: u32,
+) {
+    let (exact, division) = (lights.is_exact(), sums.division());
+    let at = |n| {
+        let point = visible.sample_point(fragment, n);
+        let all = lights.unoccluded(point, fragment.shading_normal);
+        let (known, sky) = ShadowSums::unoccluded(&all, exact);
+        ([sky.is_some(), all.looks_out()] == division).then_some(known)
+    };
+    let end = sums.places + count;
+    let alike = (sums.places..end).filter_map(at);
+    let (sum, alike) =
+        alike.fold((Rgb::ZERO, 0u32), |(sum, count), known| (sum + known, count + 1));
+    if alike > 0 {
+        let new = count as f32 / end as f32;
+        let mean = sum / alike as f32;
+        sums.known.unoccluded += (mean - sums.known.unoccluded) * new;
+    }
+    sums.places = end;
+}
+
+/// Calls `each` with the fragments of the four adjacent pixels that lie in the plane of fragment
+/// `index`.
+fn beside(visible: &VisibleSurfaces, index: usize, mut each: impl FnMut(usize)) {
+    let mine = &visible.fragments[index];
+    let (pixel, width) = (mine.pixel as usize, visible.width as usize);
+    let near = [
+        (pixel % width > 0).then(|| pixel - 1),
+        (pixel % width + 1 < width).then_some(pixel + 1),
+        pixel.checked_sub(width),
+        Some(pixel + width).filter(|below| below + 1 < visible.start.len()),
+    ];
+    for near in near.into_iter().flatten() {
+        for other in visible.start[near] as usize..visible.start[near + 1] as usize {
+            if visible.fragments[other].normal.dot(mine.normal) > IN_PLANE {
+                each(other);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::hemilux::specimen::Specimen;
+
+    /// Near a lamp, where the light differs from one end of a pixel to the other.
+    #[test]
+    fn light_without_occlusion_is_that_of_all_of_a_pixel() {
+        let specimen = Specimen::new(&crate::scene::made::cornell(), 300);
+        let (visible, lights) = (specimen.visible(), &specimen.lights);
+        let direct = DirectLighting::new(lights, &visible, true, false);
+        let (mut uneven, mut squares, mut sum) = (0, [0.0f32; 2], 0.0);
+        for (sums, fragment) in direct.sums.iter().zip(&visible.fragments) {
+            let light = |point| lights.unoccluded(point, fragment.shading_normal).irradiance;
+            const PLACES: u32 = 256;
+            let all = (0..PLACES).map(|n| light(visible.sample_point(fragment, n)));
+            let mean = importance(all.sum::<Rgb>() / PLACES as f32);
+            let off = [light(visible.middle_point(fragment)), sums.known.unoccluded]
+                .map(|own| importance(own) / mean - 1.0);
+            if off[0].abs() > 0.05 {
+                uneven += 1;
+                (0..2).for_each(|k| squares[k] += off[k] * off[k]);
+                sum += off[1];
+            }
+        }
+        assert!(uneven >= 50, "{uneven}");
+        assert!(squares[1] < 0.1 * squares[0], "{squares:?}");
+        // Places that are not spread about the pixel's middle make a whole picture too dark.
+        let mean = sum / uneven as f32;
+        let chance = (squares[1] / uneven as f32).sqrt() / (uneven as f32).sqrt();
+        assert!(mean.abs() < 2.0 * chance, "{mean}, {chance} by chance");
+    }
+
+    /// So near to a lamp that no number of places is enough at first: the more passes, the nearer.
+    #[test]
+    fn every_pass_looks_at_more_places() {
+        let specimen = Specimen::new(&crate::scene::made::hall(), 300);
+        let (visible, lights) = (specimen.visible(), &specimen.lights);
+        let mut direct = DirectLighting::new(lights, &visible, true, false);
+        const PLACES: u32 = 4096;
+        let mean = |fragment: &Fragment| {
+            let light = |n| {
+                let point = visible.sample_point(fragment, n);
+                importance(lights.unoccluded(point, fragment.shading_normal).irradiance)
+            };
+            (0..PLACES).map(light).sum::<f32>() / PLACES as f32
+        };
+        let uneven =
+            (0..visible.fragments.len()).filter(|index| direct.sums[*index].more_places > 4);
+        let uneven: Vec<usize> = uneven.take(400).collect();
+        let exact: Vec<f32> = uneven.iter().map(|index| mean(&visible.fragments[*index])).collect();
+        let off = |direct: &DirectLighting| {
+            let off = |(index, exact): (&usize, &f32)| {
+                (importance(direct.sums[*index].known.unoccluded) / exact - 1.0).powi(2)
+            };
+            uneven.iter().zip(&exact).map(off).sum::<f32>() / uneven.len() as f32
+        };
+        let first = off(&direct);
+        (0..32).for_each(|_| direct.look_at_more_places(lights, &visible));
+        let last = off(&direct);
+        assert!(uneven.len() > 100 && first > 0.0, "{} fragments, {first}", uneven.len());
+        assert!(last < 0.2 * first, "{first} before, {last} after");
+    }
+}
