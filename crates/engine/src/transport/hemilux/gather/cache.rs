@@ -39,6 +39,9 @@ const LAST_COVERED_WEIGHTS: [f32; 2] = [0.02, 0.2];
 const LEAST_ALBEDO: f32 = 0.002;
 /// Share of what radii would be below which light is so bent that the last grid fills all.
 const LAST_BENT_FACTOR: f32 = 0.5;
+/// The factor of new records next to one that is alone: nothing tells how bent light is there, and at the
+/// foot of a box it may be three times as strong half a pixel farther up.
+const LONE_RADIUS_FACTOR: f32 = 0.3;
 /// Side, in pixels, of the square picture to which limits in pixels refer.
 const ORDINARY_SIDE: f32 = 500.0;
 /// Radius of a record as a multiple of the harmonic mean distance of its rays.
@@ -346,7 +349,10 @@ impl IrradianceCache {
         splat(
             visible,
             &self.records,
-            |record| LocalFit::even([record.radius_factor]),
+            |record| {
+                let most = if record.is_alone { LONE_RADIUS_FACTOR } else { f32::INFINITY };
+                LocalFit::even([record.radius_factor.min(most)])
+            },
             |[radius_factor], weight| if weight > 0.0 { radius_factor / weight } else { 1.0 },
         )
     }

@@ -22,13 +22,15 @@ pub struct FittedIrradiance {
     /// Variance about the plane beyond noise.
     pub bent: Rgb,
     between: Rgb,
+    is_alone: bool,
 }
 
 impl FittedIrradiance {
     /// The record's own irradiance, where it has too few neighbours for a plane.
     pub fn alone([value, noise]: [Rgb; 2]) -> Self {
         let (slope, zero) = ([Vec3::ZERO; 3], Rgb::ZERO);
-        Self { value, slope, noise, noise_slope: slope, bent: zero, between: zero }
+        let is_alone = true;
+        Self { value, slope, noise, noise_slope: slope, bent: zero, between: zero, is_alone }
     }
 }
 
@@ -38,6 +40,7 @@ impl Record {
         (self.value, self.slope) = (fit.value, fit.slope);
         (self.noise, self.noise_slope) = (fit.noise, fit.noise_slope);
         (self.bent, self.between) = (fit.bent, fit.between);
+        self.is_alone = fit.is_alone;
     }
 }
 
@@ -140,6 +143,7 @@ impl RecordPlane {
             noise_slope: noise.map(along),
             bent: bent * ((1.0 - own) * (1.0 - own) + INTERPOLATED_BENT),
             between: bent * INTERPOLATED_BENT,
+            is_alone: false,
         }
     }
 

@@ -94,6 +94,8 @@ pub struct Record {
     pub bent: Rgb,
     /// The part of it that interpolation makes, away from the record itself.
     pub between: Rgb,
+    /// Whether there are too few neighbours for a plane: then nothing tells how bent light is.
+    pub is_alone: bool,
     /// The same as `bent` of the corrections about theirs, which are wider.
     pub correction_bent: Rgb,
     /// Gradient of `value` along the surface, per ray unit, in world axes, a vector per channel.
@@ -196,6 +198,7 @@ impl Record {
             noise: Rgb::ZERO,
             bent: Rgb::ZERO,
             between: Rgb::ZERO,
+            is_alone: false,
             correction_bent: Rgb::ZERO,
             slope: [Vec3::ZERO; 3],
             noise_slope: [Vec3::ZERO; 3],

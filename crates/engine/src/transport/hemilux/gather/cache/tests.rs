@@ -149,3 +149,26 @@ fn whatever_a_record_was_made_for_hears_it() {
     let (unheard, in_vain) = filled(false);
     assert!(unheard > 0 && in_vain > again, "{unheard} without light, {in_vain} more and {again}");
 }
+
+/// Nothing tells how bent light is around a record that is alone: more are made there, and not elsewhere.
+#[test]
+fn a_record_that_is_alone_gets_company() {
+    let specimen = Specimen::furnace();
+    let visible = specimen.visible();
+    let mut cache = IrradianceCache::default();
+    let fill = |cache: &mut IrradianceCache| {
+        let spacing = Spacing { scale: 1.0, least: 0.1, even: false };
+        let gathering =
+            Gathering { seed: SEED, rays: 16, new_rays: 16, afresh: false, spacing, until: None };
+        cache.fill(&specimen.coarse, &visible, gathering, None);
+    };
+    (0..3).for_each(|_| fill(&mut cache));
+    let before = cache.len();
+    let middle = cache.records.iter().map(|record| record.point.x).sum::<f32>() / before as f32;
+    cache.records.iter_mut().for_each(|record| record.is_alone = record.point.x < middle);
+    fill(&mut cache);
+    let added = &cache.records[before..];
+    let company = added.iter().filter(|record| record.point.x < middle).count();
+    assert!(company > 20, "{company} of {before}");
+    assert!(added.len() - company < company / 5, "{} of {}", added.len() - company, added.len());
+}
