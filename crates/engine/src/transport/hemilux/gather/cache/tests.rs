@@ -157,7 +157,7 @@ fn a_record_that_is_alone_gets_company() {
     let visible = specimen.visible();
     let mut cache = IrradianceCache::default();
     let fill = |cache: &mut IrradianceCache| {
-        let spacing = Spacing { scale: 1.0, least: 0.1, even: false };
+        let spacing = Spacing { scale: 2.0, least: 0.1, even: false };
         let gathering =
             Gathering { seed: SEED, rays: 16, new_rays: 16, afresh: false, spacing, until: None };
         cache.fill(&specimen.coarse, &visible, gathering, None);
