@@ -97,6 +97,14 @@ impl PatchPoints {
         LitPoint { start: spot.off_surface(normal), normal, lit_normal }
     }
 
+    /// From the centroid to the point for two uniform numbers, in sides of the patch along the edges of its
+    /// facet.
+    pub fn offset(&self, xi: [f32; 2]) -> Vec2 {
+        let [a, b, c] = self.cell;
+        let side = a.max(b).max(c) - a.min(b).min(c);
+        (self.place(xi) - (a + b + c) / 3.0) / side
+    }
+
     /// Barycentric coordinates in the facet for two uniform numbers.
     fn place(&self, [x, y]: [f32; 2]) -> Vec2 {
         let [a, b, c] = self.cell;

@@ -2,14 +2,14 @@
 //! floor under a cupboard. What lights them is not what lights the rest, and they are hardly seen from the
 //! room, so that they are elements of their own (docs/decisions/0085).
 
-use super::elements::{Crevices, ElementIndex, Elements};
+use super::elements::{Crevices, ElementIndex, Elements, Hidden};
 use super::mesh::CoarseMesh;
 use crate::patches::Cut;
 use crate::radiometry::Rgb;
 use crate::sampling::Next;
 use crate::surface::World;
 use crate::transport::patch_points::{LitPoint, PatchPoints};
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// A place lies in a crevice if something is straight above it, nearer than this share of its element's side.
@@ -34,16 +34,17 @@ impl CoarseMesh {
         let mesh = &self;
         let fewer = if hasty { FEWER_IN_HASTE } else { 1 };
         let all = || (0..mesh.elements.len() as u32).into_par_iter().with_min_len(CHUNK);
-        let look = |element, probes| hidden_share(world, mesh, ElementIndex(element), probes);
-        let found: Vec<f32> = all().map(|element| look(element, FEW_PROBES / fewer)).collect();
+        let look = |element, probes| hidden(world, mesh, ElementIndex(element), probes);
+        let found: Vec<f32> =
+            all().map(|element| look(element, FEW_PROBES / fewer).share).collect();
         let beside = mesh.ranges_beside(&found);
         let look_again = |element: u32| {
             let own = found[element as usize];
             let beside = beside[element as usize].map_or(0.0, |[_, most]| most);
-            if own.max(beside) > 0.0 { look(element, PROBES / fewer) } else { 0.0 }
+            if own.max(beside) > 0.0 { look(element, PROBES / fewer) } else { Hidden::default() }
         };
-        let shares: Vec<f32> = all().map(look_again).collect();
-        self.elements.part(Crevices::of_shares(&shares));
+        let hidden: Vec<Hidden> = all().map(look_again).collect();
+        self.elements.part(Crevices::new(&hidden));
         self
     }
 }
@@ -94,6 +95,12 @@ impl Elements {
         self.crevices.whole(element) != element || self.crevices.of(element).is_some()
     }
 
+    /// From the centroid of an element's patch to that of the places whose light it stands for, those beside
+    /// its crevice, in sides of the patch along the edges of its facet.
+    pub fn center(&self, element: ElementIndex) -> Vec2 {
+        self.crevices.center_beside(element)
+    }
+
     /// Whether an element is one patch, which is one plane.
     pub fn is_one_patch(&self, cut: &Cut, element: ElementIndex) -> bool {
         let members = self.members(element);
@@ -116,20 +123,24 @@ pub fn is_hidden(world: &World, side: f32, start: Vec3, normal: Vec3) -> bool {
     world.rays.blocked(start, start + REACH * side * normal, |_| false)
 }
 
-/// Share of an element over which something is close, by so many places of it.
-fn hidden_share(world: &World, mesh: &CoarseMesh, element: ElementIndex, probes: u32) -> f32 {
+/// Over which part of an element something is close, by so many places of it.
+fn hidden(world: &World, mesh: &CoarseMesh, element: ElementIndex, probes: u32) -> Hidden {
     let CoarseMesh { cut, elements, .. } = mesh;
     if !elements.is_one_patch(cut, element) || elements.albedo[element.at()] == Rgb::ZERO {
-        return 0.0;
+        return Hidden::default();
     }
     let points = elements.points(world, cut, element, 0.5);
     let side = elements.side(world, element);
-    let is_hidden = |probe: &u32| {
-        let xi = STEPS.map(|step| (step * (*probe as f32 + 0.5)).fract());
-        let (start, normal) = points.point(xi);
-        is_hidden(world, side, start, normal)
+    let place = |probe: u32| STEPS.map(|step| (step * (probe as f32 + 0.5)).fract());
+    let is_open = |xi: &[f32; 2]| {
+        let (start, normal) = points.point(*xi);
+        !is_hidden(world, side, start, normal)
     };
-    (0..probes).filter(is_hidden).count() as f32 / probes as f32
+    let open = (0..probes).map(place).filter(is_open);
+    let (count, sum) =
+        open.fold((0.0, Vec2::ZERO), |(count, sum), xi| (count + 1.0, sum + points.offset(xi)));
+    let center_beside = if count > 0.0 { sum / count } else { Vec2::ZERO };
+    Hidden { share: 1.0 - count / probes as f32, center_beside }
 }
 
 #[cfg(test)]
@@ -181,6 +192,37 @@ mod tests {
         // Of a part that is too small for its places to be found, others are taken.
         assert!(points_of_parts > 1000, "{points_of_parts}");
         assert!(100 * wrong < points_of_parts, "{wrong} of {points_of_parts}");
+    }
+
+    /// What an element's light is the mean of lies beside the lamp, and so does its centre.
+    #[test]
+    fn the_rest_of_an_element_has_a_centre_of_its_own() {
+        let made::CeilingLamps { glb, boxes, .. } = made::ceiling_lamps(0.01);
+        let Specimen { world, coarse, .. } = Specimen::new(&glb, 4000);
+        let (elements, cut) = (&coarse.mesh.elements, &coarse.mesh.cut);
+        let (mut parts, mut off, mut all) = (0, 0.0, 0.0);
+        for element in elements.all().filter(|element| elements.crevices.of(*element).is_some()) {
+            let points = elements.points(&world, cut, element, 0.5);
+            let is_beside = |xi: &[f32; 2]| {
+                let (at, _) = points.point(*xi);
+                !boxes.iter().any(|corners| {
+                    let [low, high] = corners.map(|corner| world.rays.place(corner));
+                    (low.x..high.x).contains(&at.x) && (low.z..high.z).contains(&at.z)
+                })
+            };
+            let grid = (0..4096).map(|n| [(n % 64) as f32 + 0.5, (n / 64) as f32 + 0.5]);
+            let beside = grid.map(|at| at.map(|x| x / 64.0)).filter(is_beside);
+            let (sum, count) = beside
+                .fold((Vec2::ZERO, 0.0), |(sum, count), xi| (sum + points.offset(xi), count + 1.0));
+            if count > 1024.0 {
+                let (center, exact) = (elements.center(element), sum / count);
+                assert!(center.distance(exact) < 0.15, "{center} instead of {exact}");
+                parts += 1;
+                off += center.distance_squared(exact);
+                all += exact.length_squared();
+            }
+        }
+        assert!(parts > 20 && off < 0.2 * all, "{parts} parts, {off} off of {all}");
     }
 
     /// Σ (1 − a) E A of all surfaces, what ends in them, over the power of the lamps.

@@ -7,6 +7,7 @@ use crate::patches::{Cut, PatchIndex};
 use crate::radiometry::Rgb;
 use crate::surface::World;
 use crate::transport::patch_points::PatchPoints;
+use glam::Vec2;
 use rayon::prelude::*;
 
 /// An element by its place in the lists of [`Elements`].
@@ -34,33 +35,51 @@ pub struct Crevices {
     of: Vec<u32>,
     /// The elements that the crevices belong to, which are numbered behind all others.
     within: Vec<u32>,
-    /// What share of its element each crevice takes.
-    share: Vec<f32>,
+    /// What each crevice takes of its element.
+    hidden: Vec<Hidden>,
+}
+
+/// The part of an element over which something is close.
+#[derive(Clone, Copy, Default)]
+pub struct Hidden {
+    /// What share of the element it is.
+    pub share: f32,
+    /// From the centroid of the element to that of the rest, in sides of its patch along the edges of the
+    /// facet.
+    pub center_beside: Vec2,
 }
 
 impl Crevices {
-    /// Of elements that are crevices to that share: those with all and those with none are whole.
-    pub fn of_shares(shares: &[f32]) -> Self {
+    /// Of all elements' hidden parts: those with all and those with none are whole.
+    pub fn new(all: &[Hidden]) -> Self {
         let mut this = Self::default();
-        for (element, share) in (0u32..).zip(shares) {
-            if *share > 0.0 && *share < 1.0 {
-                this.of.resize(shares.len(), NONE);
-                this.of[element as usize] = (shares.len() + this.within.len()) as u32;
+        for (element, hidden) in (0u32..).zip(all) {
+            if hidden.share > 0.0 && hidden.share < 1.0 {
+                this.of.resize(all.len(), NONE);
+                this.of[element as usize] = (all.len() + this.within.len()) as u32;
                 this.within.push(element);
-                this.share.push(*share);
+                this.hidden.push(*hidden);
             }
         }
         this
     }
 
+    /// The centre of what is beside an element's crevice, if it has one ([`Hidden::center_beside`]).
+    pub fn center_beside(&self, element: ElementIndex) -> Vec2 {
+        let crevice = self.of(element);
+        crevice
+            .map_or(Vec2::ZERO, |crevice| self.hidden[crevice.at() - self.of.len()].center_beside)
+    }
+
     /// The elements that the crevices belong to, each with the share of it that its crevice takes.
     fn within(&self) -> impl Iterator<Item = (ElementIndex, f32)> {
-        self.within.iter().zip(&self.share).map(|(whole, share)| (ElementIndex(*whole), *share))
+        let all = self.within.iter().zip(&self.hidden);
+        all.map(|(whole, hidden)| (ElementIndex(*whole), hidden.share))
     }
 
     /// What share of the whole a part is.
     pub fn share(&self, element: ElementIndex) -> f32 {
-        let share = |crevice: ElementIndex| self.share[crevice.at() - self.of.len()];
+        let share = |crevice: ElementIndex| self.hidden[crevice.at() - self.of.len()].share;
         match (self.whole(element) != element, self.of(element)) {
             (true, _) => share(element),
             (false, Some(crevice)) => 1.0 - share(crevice),
@@ -83,7 +102,7 @@ impl Crevices {
 
     /// Bytes that they take.
     pub fn held_bytes(&self) -> u64 {
-        (size_of_val(&*self.of) + size_of_val(&*self.within) + size_of_val(&*self.share)) as u64
+        (size_of_val(&*self.of) + size_of_val(&*self.within) + size_of_val(&*self.hidden)) as u64
     }
 }
 

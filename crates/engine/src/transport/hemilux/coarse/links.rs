@@ -7,7 +7,7 @@
 //! averages their noise: on the Cornell box this is 100 times cheaper than shots for the same error
 //! of the picture.
 
-use super::elements::ElementIndex;
+use super::elements::{ElementIndex, Elements};
 use super::glow::Sources;
 use super::inside::{Place, is_inside};
 use super::mesh::{CellSpot, CoarseMesh};
@@ -257,7 +257,7 @@ impl Links {
             if number > 0 && slopes.is_empty() {
                 return;
             }
-            let mut correction = self.correction(albedo, &slopes);
+            let mut correction = self.correction(&mesh.elements, &slopes);
             if let Some(beyond) = beyond {
                 correction.resize(beyond.len(), Rgb::ZERO);
                 correction.iter_mut().zip(beyond).for_each(|(sum, beyond)| *sum += *beyond);
@@ -267,7 +267,7 @@ impl Links {
     }
 
     /// What links bring beyond the means of their elements, by each element.
-    fn correction(&self, albedo: &[Rgb], slopes: &[[Rgb; 2]]) -> Vec<Rgb> {
+    fn correction(&self, elements: &Elements, slopes: &[[Rgb; 2]]) -> Vec<Rgb> {
         let of_element = |element: u32| {
             let (mut sum, mut rows) = (Rgb::ZERO, 0u32);
             for round in &self.rounds {
@@ -275,9 +275,9 @@ impl Links {
                 for (link, spot) in links.iter().zip(spots) {
                     rows += u32::from(*link != COVERED);
                     let Some([along_u, along_v]) = slopes.get(*link as usize) else { continue };
-                    let offset = spot.offset();
+                    let offset = spot.offset() - elements.center(ElementIndex(*link));
                     let beyond = *along_u * offset.x + *along_v * offset.y;
-                    sum += albedo[*link as usize] * beyond;
+                    sum += elements.albedo[*link as usize] * beyond;
                 }
             }
             sum / rows.max(1) as f32
