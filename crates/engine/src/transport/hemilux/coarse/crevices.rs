@@ -153,6 +153,14 @@ mod tests {
     use crate::transport::hemilux::specimen::{DRAWING, SEED, Specimen};
     use std::f32::consts::PI;
 
+    /// Whether one of the boxes is straight above or below a place.
+    fn is_over_or_under(world: &World, boxes: &[[Vec3; 2]], at: Vec3) -> bool {
+        boxes.iter().any(|corners| {
+            let [low, high] = corners.map(|corner| world.rays.place(corner));
+            (low.x..high.x).contains(&at.x) && (low.z..high.z).contains(&at.z)
+        })
+    }
+
     /// Crevices are just what lies under the lamp's footprint, above it and on the ceiling, and points of
     /// elements are of their part.
     #[test]
@@ -181,10 +189,7 @@ mod tests {
                 let lit =
                     elements.lit_point(&world, element, &points, numbers.pair(), numbers.beside());
                 let at = lit.start;
-                let is_covered = boxes.iter().any(|corners| {
-                    let [low, high] = corners.map(|corner| world.rays.place(corner));
-                    (low.x..high.x).contains(&at.x) && (low.z..high.z).contains(&at.z)
-                });
+                let is_covered = is_over_or_under(&world, &boxes, at);
                 points_of_parts += 1;
                 wrong += usize::from(is_covered != is_crevice);
             }
@@ -203,13 +208,7 @@ mod tests {
         let (mut parts, mut off, mut all) = (0, 0.0, 0.0);
         for element in elements.all().filter(|element| elements.crevices.of(*element).is_some()) {
             let points = elements.points(&world, cut, element, 0.5);
-            let is_beside = |xi: &[f32; 2]| {
-                let (at, _) = points.point(*xi);
-                !boxes.iter().any(|corners| {
-                    let [low, high] = corners.map(|corner| world.rays.place(corner));
-                    (low.x..high.x).contains(&at.x) && (low.z..high.z).contains(&at.z)
-                })
-            };
+            let is_beside = |xi: &[f32; 2]| !is_over_or_under(&world, &boxes, points.point(*xi).0);
             let grid = (0..4096).map(|n| [(n % 64) as f32 + 0.5, (n / 64) as f32 + 0.5]);
             let beside = grid.map(|at| at.map(|x| x / 64.0)).filter(is_beside);
             let (sum, count) = beside

@@ -40,7 +40,7 @@ const LEAST_ALBEDO: f32 = 0.002;
 /// Share of what radii would be below which light is so bent that the last grid fills all.
 const LAST_BENT_FACTOR: f32 = 0.5;
 /// The factor of new records next to one that is alone: nothing tells how bent light is there, and at the
-/// foot of a box it may be three times as strong half a pixel farther up.
+/// foot of a box it differs within a pixel.
 const LONE_RADIUS_FACTOR: f32 = 0.3;
 /// Side, in pixels, of the square picture to which limits in pixels refer.
 const ORDINARY_SIDE: f32 = 500.0;
