@@ -10,6 +10,7 @@ use super::light_tree::LightTree;
 use super::polygon::PolygonLight;
 use super::unoccluded::{ClosedForms, LobeAxis, MOST_LIGHTS, Unoccluded};
 use crate::radiometry::Rgb;
+use crate::random::pcg;
 use crate::rays::{Hit, Rays};
 use crate::scene::Scene;
 use crate::surface::World;
@@ -229,9 +230,16 @@ impl PolygonLights {
             return None;
         }
         let height = |place: &Vec3| normal.dot(*place - point);
+        // Further tries are at random: where the first failed is not to tell where they end.
+        let mut bits = xi.y.to_bits() ^ xi.z.to_bits().rotate_left(16);
+        let [mut y, mut z] = [xi.y, xi.z];
         let above = |tries: u32| {
-            let [y, z] = [(xi.y, 0.671_043_6), (xi.z, 0.549_700_5)]
-                .map(|(x, step): (f32, f32)| (x + step * tries as f32).fract());
+            if tries > 0 {
+                [y, z] = [(); 2].map(|()| {
+                    bits = pcg(bits);
+                    (bits >> 8) as f32 * (1.0 / 16_777_216.0)
+                });
+            }
             Some(light.point_by_area(y, z)).filter(|place| height(place) > 0.0)
         };
         let place = (0..TRIES).find_map(above).or_else(|| {

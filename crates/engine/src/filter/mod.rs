@@ -5,4 +5,4 @@ mod moments;
 mod plane;
 
 pub use moments::middle_coefficients;
-pub use plane::{Plane, Residuals};
+pub use plane::{Center, Plane};

@@ -44,6 +44,12 @@ impl Plane {
         self.moments.total
     }
 
+    /// The weighted mean of all values.
+    pub fn mean(&self) -> Rgb {
+        let sums = [self.right.x_axis, self.right.y_axis, self.right.z_axis].map(|sum| sum.x);
+        Rgb::from_array(sums) / self.moments.total.max(f32::MIN_POSITIVE)
+    }
+
     /// Value of the plane in the middle, within the range of the pixels' values, and its variance
     /// by the residuals; no variance for fewer than five effective values, of which the plane takes
     /// three.
@@ -52,7 +58,26 @@ impl Plane {
         (value, residuals.map(|Residuals { scatter, count }| scatter / count))
     }
 
-    /// The same value, and how the pixels' values lie about the plane.
+    /// The value in the middle as far as values lie about the plane no more than by chance, which lets them
+    /// scatter by the variance `noise`: what is more is bent, and by that over its sum with the variance of the
+    /// middle's `own` value this counts (the linear estimate of Wiener). Variances are sums over the channels.
+    pub fn center_unless_bent(self, (own, variance): (Rgb, f32), noise: f32) -> Center {
+        let (value, residuals) = self.fit();
+        let Some(Residuals { scatter, count }) = residuals else {
+            return Center { value: own, variance, others: 0.0 };
+        };
+        let by_chance = (2.0 / (count - 3.0)).sqrt();
+        let bent = (scatter.element_sum() - noise * (1.0 + by_chance)).max(0.0);
+        let share = bent / (bent + variance).max(f32::MIN_POSITIVE);
+        let others = 1.0 - share;
+        Center {
+            value: value + share * (own - value),
+            variance: share * share * variance + others * others * (bent + noise / count),
+            others,
+        }
+    }
+
+    /// The value of [`Plane::center`], and how the pixels' values lie about the plane.
     pub fn fit(self) -> (Rgb, Option<Residuals>) {
         let Some((least, most)) = self.range else { return (Rgb::ZERO, None) };
         let total = self.moments.total;
@@ -70,6 +95,16 @@ impl Plane {
         // Σ w² of a value's weights in the middle is about that of their mean.
         (value, Some(Residuals { scatter, count }))
     }
+}
+
+/// What a pixel's own value and the plane through those around it say together.
+pub struct Center {
+    /// The value.
+    pub value: Rgb,
+    /// Variance of it, summed over the channels.
+    pub variance: f32,
+    /// How much of it is the plane's: 0 where there is none, or where values are bent.
+    pub others: f32,
 }
 
 /// How values lie about the plane through them.

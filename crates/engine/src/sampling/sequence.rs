@@ -160,6 +160,13 @@ impl Shifted {
         Next(pcg(self.shift[3] ^ pcg(self.index)))
     }
 
+    /// Numbers for another try where those of [`Shifted::triple`] gave nothing: plain random ones. Those of
+    /// another place of the sequence would be a fixed step away from the first, and so go by where these
+    /// failed.
+    pub fn again(&self, tries: u32) -> Vec3 {
+        Next(pcg(self.shift[4] ^ pcg(self.index)) ^ pcg(tries)).afresh().light
+    }
+
     /// The present place, and bits that tell the sequence from others.
     #[inline]
     pub fn place(&self) -> (u32, u32) {

@@ -1,9 +1,9 @@
 //! What the shadow rays of a fragment and of those around it say together.
 
 use super::shadows::{DirectLighting, NEIGHBOUR_REACH, around};
-use super::sums::{Part, alike};
+use super::sums::{Part, ShadowSums, alike, well_spread};
 use crate::emitters::DirectLights;
-use crate::filter::Plane;
+use crate::filter::{Center, Plane};
 use crate::radiometry::{Rgb, importance};
 use crate::transport::hemilux::fragments::VisibleSurfaces;
 
@@ -11,6 +11,9 @@ use crate::transport::hemilux::fragments::VisibleSurfaces;
 const FEW_RAYS: u32 = 32;
 /// Factor by which neighbours are taken to lower the variance where they are too few to measure it.
 const NEIGHBOUR_VARIANCE_FACTOR: f32 = 0.15;
+/// How many times the variance by chance two fragments' light through openings may differ by more than others':
+/// it is known from few rays.
+const MORE_CHANCE: f32 = 2.0;
 /// Variance of the rays of a fragment at a shadow's edge, in that which well-spread points would leave of
 /// something smoother.
 const EDGE_VARIANCE: f32 = 2.5;
@@ -44,8 +47,8 @@ impl DirectLighting {
         (light, variance)
     }
 
-    /// Light of the sky that comes through openings, likewise: a plane through what arrives around,
-    /// where chance lets that be the same.
+    /// Light of the sky that comes through openings, likewise: a plane through what arrives around, where
+    /// chance lets that be the same, and the fragment's own as far as what is around is bent.
     fn through_openings(
         &self,
         visible: &VisibleSurfaces,
@@ -70,18 +73,32 @@ impl DirectLighting {
         let (squares, rays) = all.fold((0.0, 0.0), |(squares, rays), sums| {
             (squares + sums.apart_scatter(), rays + (sums.rays as f32 - 1.0))
         });
-        let scatter = squares / rays.max(1.0);
-        let mut plane = Plane::new();
-        plane.add(0, 0, own.0, sums.rays as f32);
-        for (other, across, down) in others {
+        let of_one = squares / rays.max(1.0);
+        let chance = |sums: &ShadowSums| {
+            let rays = sums.rays as f32;
+            of_one * well_spread(rays) / rays
+        };
+        let (mut plane, mut noise) = (Plane::new(), 0.0);
+        for (other, across, down) in others.into_iter().chain([(sums, 0, 0)]) {
             let off = importance(other.apart_mean()) - importance(own.0);
-            let chance = scatter / other.rays as f32 + scatter / sums.rays as f32;
+            let both = MORE_CHANCE * (chance(sums) + chance(other));
             let weight = 1.0 / (1.0 + (across * across + down * down) as f32 * 0.5);
-            let weight = weight * other.rays as f32 * alike(off, chance);
+            let weight = weight * other.rays as f32 * alike(off, both);
             plane.add(across, down, other.apart_mean(), weight);
+            noise += weight * chance(other);
         }
-        let (light, variance) = plane.center();
-        (light, variance.unwrap_or(own.1 * NEIGHBOUR_VARIANCE_FACTOR))
+        // Of importance, as that of all channels together.
+        let mean = plane.mean();
+        let channels = (mean * mean).element_sum() / importance(mean).powi(2).max(1e-30);
+        let noise = channels * noise / plane.weight();
+        let Center { value, variance, .. } =
+            plane.center_unless_bent((own.0, channels * chance(sums)), noise);
+        let squares = value * value;
+        let shares = match squares.element_sum() {
+            sum if sum > 0.0 => squares / sum,
+            _ => Rgb::splat(1.0 / 3.0),
+        };
+        (value, variance * shares)
     }
 
     /// Light of a part whose irradiance without occlusion is known, likewise: what a plane through the shares
@@ -166,7 +183,7 @@ mod tests {
     use crate::scene::environment::{Environment, Sky, Sun};
     use crate::scene::{Camera, Material, Scene, Triangle, Vertex};
     use crate::transport::hemilux::direct::caster::Caster;
-    use crate::transport::hemilux::direct::sums::{ShadowSums, ShareSums};
+    use crate::transport::hemilux::direct::sums::ShareSums;
     use crate::transport::hemilux::fragments::Fragment;
     use crate::transport::hemilux::specimen::Specimen;
     use glam::Vec3;
@@ -286,6 +303,40 @@ mod tests {
         let edge = |pixel: u32| if pixel % visible.width < visible.width / 2 { 0.3 } else { 0.4 };
         let [own, together] = [false, true].map(|filtered| off(&edge, filtered));
         assert!(together < 0.6 * own, "{together}, each by itself {own}");
+    }
+
+    /// Light through openings has less noise with what those around found; where that is bent by more than
+    /// chance explains, a fragment keeps what its own rays say.
+    #[test]
+    fn light_through_openings_is_shared_unless_it_is_bent() {
+        const RAYS: u32 = 2000;
+        let specimen = Specimen::furnace();
+        let (visible, lights) = (specimen.visible(), &*specimen.lights);
+        let off = |light: &dyn Fn(u32) -> f32, filtered: bool| {
+            let mut direct = DirectLighting::new(lights, &visible, true, false);
+            let mut numbers = Numbers::new(5, Stream::Light, 0);
+            for (sums, fragment) in direct.sums.iter_mut().zip(&visible.fragments) {
+                (sums.known, sums.rays) = (ShareSums::default(), RAYS);
+                sums.apart.is_any = true;
+                // In strata, as well-spread points are: a tenth of the deviation that random ones have.
+                for ray in 0..RAYS {
+                    let x = (ray as f32 + numbers.uniform()) / RAYS as f32;
+                    let is_seen = (x * 97.0).fract() < 0.1 * light(fragment.pixel);
+                    sums.apart.add(if is_seen { Rgb::splat(10.0) } else { Rgb::ZERO });
+                }
+            }
+            let of = |(index, fragment): (usize, &Fragment)| {
+                let (found, _) = direct.irradiance(lights, &visible, index, filtered);
+                (importance(found) - light(fragment.pixel)).powi(2)
+            };
+            let all = visible.fragments.iter().enumerate().map(of);
+            (all.sum::<f32>() / visible.fragments.len() as f32).sqrt()
+        };
+        let [own, together] = [false, true].map(|filtered| off(&|_| 1.0, filtered));
+        assert!(together < 0.75 * own, "{together}, each by itself {own}");
+        let stripes = |pixel: u32| if pixel.is_multiple_of(2) { 0.8 } else { 1.2 };
+        let [own, together] = [false, true].map(|filtered| off(&stripes, filtered));
+        assert!(together < 1.5 * own, "{together}, each by itself {own}");
     }
 
     /// In the mean over seeds few passes say what very many do.

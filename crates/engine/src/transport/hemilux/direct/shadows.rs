@@ -264,8 +264,9 @@ impl Caster<'_> {
                 Some(split) => (Part::Known, &split.others),
                 None => (Part::Known, &unoccluded),
             };
+            let at = sequence.of_pixel(place * TRIES, n);
             let sample = |tries: u32| {
-                let xi = sequence.of_pixel(place * TRIES + tries, n).triple();
+                let xi = if tries == 0 { at.triple() } else { at.again(tries) };
                 lights.sample(picked, from, fragment.shading_normal, xi)
             };
             // Where the horizon cuts a light, the ratio of seen to cast asks for points above it;
@@ -340,6 +341,7 @@ mod tests {
     use super::*;
     use crate::radiometry::importance;
     use crate::random::Numbers;
+    use crate::scene::{Camera, Environment, Material, Scene, Triangle, Vertex};
     use crate::transport::hemilux::specimen::{EMISSION, SEED, Specimen, is_near};
     use glam::Vec3;
     use std::f32::consts::PI;
@@ -390,6 +392,73 @@ mod tests {
         assert!(is_near(half, 0.5 * PI * EMISSION, 0.005), "{half}");
     }
 
+    /// The light without occlusion on a fragment, and what arrives of it, by very many rays at random.
+    fn by_very_many(
+        specimen: &Specimen,
+        visible: &VisibleSurfaces,
+        fragment: &Fragment,
+    ) -> [f32; 2] {
+        const RAYS: u32 = 4096;
+        let mut random = Numbers::new(5, Stream::Light, fragment.pixel.into());
+        let mut sums = [0.0, 0.0];
+        for n in 0..RAYS {
+            let (point, normal) = (visible.sample_point(fragment, n), fragment.shading_normal);
+            let xi = Vec3::from_array([0; 3].map(|_| random.uniform()));
+            let sample = specimen.lights.sample_by_shadow_ray(&specimen.world, point, normal, xi);
+            let [unoccluded, arrived] = [sample.unoccluded, sample.arrived()].map(importance);
+            sums = [sums[0] + unoccluded, sums[1] + arrived];
+        }
+        sums.map(|sum| sum / RAYS as f32)
+    }
+
+    /// A floor, and far from it a lamp that reaches below it, whose uppermost quarter something hides.
+    fn cut_by_the_horizon() -> Specimen {
+        let upright = |half: f32, [low, high]: [f32; 2], z: f32| {
+            [(-half, low), (half, low), (half, high), (-half, high)]
+                .map(|(x, y)| Vertex::new(Vec3::new(x, y, z), Vec3::Z))
+        };
+        let floor = [(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]
+            .map(|(x, z)| Vertex::new(Vec3::new(x, 0.0, z), Vec3::Y));
+        let bodies = [floor, upright(2.0, [-2.0, 2.0], -9.0), upright(2.2, [1.0, 2.2], -8.9)];
+        let triangle = |body: u32| {
+            [[0, 1, 2], [0, 2, 3]].map(|corners| Triangle {
+                vertices: corners.map(|corner| 4 * body + corner),
+                material: u32::from(body == 1),
+            })
+        };
+        let grey = Material::lambertian("grey", Rgb::splat(0.5));
+        let lamp =
+            Material { emission: Rgb::splat(10.0), ..Material::lambertian("lamp", Rgb::ZERO) };
+        let eye = Vec3::new(0.0, 3.0, 3.0);
+        let scene = Scene {
+            vertices: bodies.concat(),
+            triangles: (0..3).flat_map(triangle).collect(),
+            materials: vec![grey, lamp],
+            cameras: vec![Camera::look_at("camera", eye, Vec3::ZERO, Vec3::Y, 0.5)],
+            ..Scene::default()
+        };
+        Specimen::of(scene, Environment::none(), 300)
+    }
+
+    /// Where the first place that is tried of a lamp lies below the horizon, the next goes anywhere: not by
+    /// a step that hangs on where the first one was.
+    #[test]
+    fn another_try_is_as_good_as_the_first() {
+        let specimen = cut_by_the_horizon();
+        let visible = specimen.visible();
+        let mut direct = DirectLighting::new(&specimen.lights, &visible, true, false);
+        let caster = caster(&specimen, &visible);
+        (0..96).for_each(|_| direct.pass(&caster, f64::INFINITY));
+        let (mut found, mut all, mut without) = (0.0, 0.0, 0.0);
+        for (fragment, sums) in visible.fragments.iter().zip(&direct.sums).step_by(3) {
+            let [unoccluded, expected] = by_very_many(&specimen, &visible, fragment);
+            found += unoccluded * importance(sums.known.share(true));
+            (all, without) = (all + expected, without + unoccluded);
+        }
+        assert!((0.15..0.6).contains(&(all / without)), "{all} of {without}: much is hidden");
+        assert!((found / all - 1.0).abs() < 0.01, "{found} instead of {all}");
+    }
+
     /// Where the light differs from one end of a pixel to the other, what is hidden counts by what shines
     /// where the rays start, of thirty lamps as of one.
     #[test]
@@ -400,20 +469,7 @@ mod tests {
         let mut direct = DirectLighting::new(lights, &visible, true, false);
         let caster = caster(&specimen, &visible);
         (0..24).for_each(|_| direct.pass(&caster, f64::INFINITY));
-        // The light without occlusion, and what arrives of it, of very many rays.
-        const RAYS: u32 = 4096;
-        let exact = |fragment: &Fragment| {
-            let mut random = Numbers::new(5, Stream::Light, fragment.pixel.into());
-            let mut sums = [0.0, 0.0];
-            for n in 0..RAYS {
-                let (point, normal) = (visible.sample_point(fragment, n), fragment.shading_normal);
-                let xi = Vec3::from_array([0; 3].map(|_| random.uniform()));
-                let sample = lights.sample_by_shadow_ray(&specimen.world, point, normal, xi);
-                let [unoccluded, arrived] = [sample.unoccluded, sample.arrived()].map(importance);
-                sums = [sums[0] + unoccluded, sums[1] + arrived];
-            }
-            sums.map(|sum| sum / RAYS as f32)
-        };
+        let exact = |fragment: &Fragment| by_very_many(&specimen, &visible, fragment);
         let is_wanted = |index: &usize| {
             let fragment = &visible.fragments[*index];
             direct.sums[*index].more_places > 0 && fragment.share == 1.0

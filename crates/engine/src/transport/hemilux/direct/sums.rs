@@ -7,9 +7,11 @@ use crate::emitters::AllUnoccluded;
 use crate::radiometry::{Rgb, importance};
 use bytemuck::{Pod, Zeroable};
 
-/// Factor by which well-spread points are taken to lower the variance of random ones where lights
-/// are too many for the closed form.
+/// Factor by which few well-spread points are taken to lower the variance of random ones where there is no
+/// closed form.
 const WELL_SPREAD_FACTOR: f32 = 0.5;
+/// Rays from which on that factor falls with the root of their number, as measured in a room with a window.
+const WELL_SPREAD_FROM: f32 = 96.0;
 /// Squared difference between a neighbour's share of blocked rays and the fragment's own, in units
 /// of its variance by chance, up to which the neighbour counts in full: 2.4 standard deviations.
 const ALIKE_VARIANCES: f32 = 6.0;
@@ -399,8 +401,14 @@ impl ShadowSums {
         if self.rays < 2 || square <= 0.0 {
             return mean * mean;
         }
-        mean * mean * (self.apart_scatter() / (rays * (rays - 1.0) * square) * WELL_SPREAD_FACTOR)
+        mean * mean * (self.apart_scatter() / (rays * (rays - 1.0) * square) * well_spread(rays))
     }
+}
+
+/// Variance of so many well-spread points together over that of random ones: the more they are, the better
+/// they fill the places of a pixel and the directions that light comes from.
+pub fn well_spread(rays: f32) -> f32 {
+    WELL_SPREAD_FACTOR * (WELL_SPREAD_FROM / rays).sqrt().min(1.0)
 }
 
 /// Weight of a neighbour, 0 to 1, whose value is that far off, by the variance of the difference.

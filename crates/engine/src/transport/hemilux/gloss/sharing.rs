@@ -1,6 +1,6 @@
 //! Values that lobes of neighbouring pixels share, as far as they are alike.
 
-use crate::filter::{Plane, Residuals};
+use crate::filter::{Center, Plane};
 use crate::radiometry::Rgb;
 
 /// Squared difference between two neighbours' means, in units of its variance, up to which they
@@ -62,24 +62,13 @@ impl Shared {
         Shown { mean, variance: variance.map_or(self.variance, Rgb::element_sum), rays }
     }
 
-    /// The same, as far as values lie about the plane no more than by chance: what is more is bent, and by
-    /// that over its sum with the noise of a value the lobe's own counts (the linear estimate of Wiener).
+    /// The same, as far as values lie about the plane no more than by chance; else the lobe's own.
     pub fn center_unless_bent(self) -> Shown {
         let rays = self.plane.weight();
-        let (own, noise) = (self.mean, self.noise / rays.max(f32::MIN_POSITIVE));
-        let (mean, residuals) = self.plane.fit();
-        let Some(Residuals { scatter, count }) = residuals else {
-            return Shown { mean: own, variance: self.variance, rays: self.rays };
-        };
-        let by_chance = (2.0 / (count - 3.0)).sqrt();
-        let bent = (scatter.element_sum() - noise * (1.0 + by_chance)).max(0.0);
-        let share = bent / (bent + self.variance).max(f32::MIN_POSITIVE);
-        let others = 1.0 - share;
-        Shown {
-            mean: mean + share * (own - mean),
-            variance: share * share * self.variance + others * others * (bent + noise / count),
-            rays: self.rays + others * (rays - self.rays),
-        }
+        let noise = self.noise / rays.max(f32::MIN_POSITIVE);
+        let Center { value, variance, others } =
+            self.plane.center_unless_bent((self.mean, self.variance), noise);
+        Shown { mean: value, variance, rays: self.rays + others * (rays - self.rays) }
     }
 }
 
