@@ -20,6 +20,9 @@ use std::sync::Arc;
 
 /// Points of a light that are tried to find one above the horizon of a surface.
 pub const TRIES: u32 = 4;
+/// The same of one of many lights, each of which a place has to be found of: with half of it below the horizon
+/// four tries fail once in sixteen times.
+const TRIES_OF_MANY: u32 = 16;
 /// How emissive textures become lights: about as many as are cheap to evaluate one by one. What is
 /// finer than a cell, and differs by less than a thousandth of all light, makes no difference that
 /// is seen but from close by.
@@ -242,7 +245,7 @@ impl PolygonLights {
             }
             Some(light.point_by_area(y, z)).filter(|place| height(place) > 0.0)
         };
-        let place = (0..TRIES).find_map(above).or_else(|| {
+        let place = (0..TRIES_OF_MANY).find_map(above).or_else(|| {
             let corners = light.corners[..light.count].iter();
             corners.copied().max_by(|a, b| height(a).total_cmp(&height(b)))
         })?;
@@ -275,5 +278,50 @@ impl PolygonLights {
         }
         let cosine = normal.dot(direction).abs().max(f32::MIN_POSITIVE);
         probability * hit.distance * hit.distance / (light.area * cosine)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Stream;
+    use crate::sampling::{Seed, Shifted};
+    use crate::scene::{Material, Triangle, Vertex};
+
+    /// Of a lamp that the horizon cuts, places above it are all as likely, however many of the first ones lay
+    /// below.
+    #[test]
+    fn places_above_the_horizon_are_all_as_likely() {
+        let corner = |x: f32, y: f32| Vertex::new(Vec3::new(x, y, -30.0), Vec3::Z);
+        let lamp = Material::lambertian("lamp", Rgb::ZERO);
+        let scene = Scene {
+            vertices: [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+                .map(|(x, y)| corner(x, y))
+                .to_vec(),
+            triangles: [[0, 1, 2], [0, 2, 3]]
+                .map(|vertices| Triangle { vertices, material: 0 })
+                .to_vec(),
+            materials: vec![Material { emission: Rgb::ONE, ..lamp }],
+            ..Scene::default()
+        };
+        let world = World::new(Arc::new(scene));
+        let cells = PolygonLights::cells(&world);
+        let lights = PolygonLights::new(&world.scene, &world.rays, cells, None).expect("a lamp");
+        let [low, high, from] = [-1.0, 1.0, 0.0].map(|y| world.rays.place(Vec3::new(0.0, y, 0.0)));
+        let sequence = Shifted::new(Seed { number: 3, well_spread: true }, Stream::Light, 1);
+        const COUNT: u32 = 4000;
+        let mut eighths = [0; 8];
+        for n in 0..COUNT {
+            let xi = sequence.of_pixel(0, n).triple();
+            let Some((end, _)) = lights.one_of_many(from, Vec3::Y, xi) else { continue };
+            let height = (end.y - low.y) / (high.y - low.y);
+            eighths[((8.0 * height) as usize).min(7)] += 1;
+        }
+        assert_eq!(eighths[..4], [0; 4], "below the horizon");
+        let found: u32 = eighths.iter().sum();
+        assert!(found > COUNT * 9 / 10, "{found}");
+        for count in &eighths[4..] {
+            assert!((*count as f32 / found as f32 - 0.25).abs() < 0.02, "{eighths:?}");
+        }
     }
 }
