@@ -8,6 +8,7 @@ pub mod edges;
 mod lamps;
 mod samples;
 pub mod shine;
+mod starts;
 pub mod textures;
 
 use self::borders::Borders;
@@ -272,27 +273,6 @@ impl VisibleSurfaces {
             .collect();
         visible.join(&bands, began.elapsed().as_secs_f64());
         visible
-    }
-
-    /// A surface point of a fragment, off the surface by the rounding error: that of its n-th sample,
-    /// on the facet that this one sees; where all had their turn one near it or, where the fragment
-    /// takes the whole pixel, between all of them.
-    pub fn sample_point(&self, fragment: &Fragment, n: u32) -> Vec3 {
-        let (mut code, mut offset) = self.nth_sample(fragment, n);
-        let round = n / self.count(fragment);
-        if round > 0 {
-            // A shadow's edge needs places that are ever closer to each other. But not beyond the
-            // facets, where a wall may stand.
-            let other = self.another_place(fragment, offset, n);
-            if self.is_whole(fragment) && fragment.has_one_facet() {
-                offset = other;
-            } else if let Some(covers) = self.covering(fragment, (code, other)) {
-                (code, offset) = (covers, other);
-            }
-        }
-        let Some((facet, back)) = item::decode(code) else { return fragment.point };
-        let placed = self.placed(facet);
-        placed.spot(back, self.within(&placed, fragment.pixel, offset)).0
     }
 
     /// Whether a fragment takes the whole pixel.

@@ -239,23 +239,20 @@ impl Caster<'_> {
         let is_diffuse = fragment.diffuse != Rgb::ZERO;
         for _ in 0..count {
             let n = sums.rays;
-            let from = visible.sample_point(fragment, n);
+            let (from, normal) = visible.start_of_ray(fragment, n);
             if !lights.is_exact() {
                 let xi = sequence.of_pixel(place * TRIES, n).triple();
                 sums.rays += 1;
                 sums.known.rays += 1;
-                if let Some((end, irradiance)) =
-                    lights.one_of_many(from, fragment.shading_normal, xi)
-                {
+                if let Some((end, irradiance)) = lights.one_of_many(from, normal, xi) {
                     let (part, narrow) = (Part::Known, None);
                     let end_of = End { index, irradiance, part, narrow };
                     to.add(Segment { from, to: end }, end_of);
                 }
                 continue;
             }
-            let there = (sums.more_places > 0)
-                .then(|| lights.unoccluded(from, fragment.shading_normal))
-                .filter(is_alike);
+            let there =
+                (sums.more_places > 0).then(|| lights.unoccluded(from, normal)).filter(is_alike);
             let unoccluded = there.unwrap_or(at_middle);
             // The sky and all other lights take turns.
             let split = unoccluded.beside_sky().filter(|_| sums.sky.is_some());
@@ -267,7 +264,7 @@ impl Caster<'_> {
             let at = sequence.of_pixel(place * TRIES, n);
             let sample = |tries: u32| {
                 let xi = if tries == 0 { at.triple() } else { at.again(tries) };
-                lights.sample(picked, from, fragment.shading_normal, xi)
+                lights.sample(picked, from, normal, xi)
             };
             // Where the horizon cuts a light, the ratio of seen to cast asks for points above it;
             // light apart is no such ratio.

@@ -16,7 +16,8 @@ const PLACES_PER_MORE: u32 = 4;
 
 impl DirectLighting {
     /// Takes the mean over a fragment's places as its light without occlusion where that differs much from
-    /// pixel to pixel, as on a ceiling above a lamp: its middle does not stand for all of it there.
+    /// pixel to pixel, as on a ceiling above a lamp, or where a map tilts the normals: its middle does not stand
+    /// for all of it there.
     pub(super) fn average_where_uneven(
         &mut self,
         lights: &DirectLights,
@@ -35,10 +36,11 @@ impl DirectLighting {
                     most = most.max((theirs - own).abs());
                 }
             });
-            let wanted = PLACES.iter().rev().find(|(from, _)| most > from * own);
-            let Some(&(_, wanted)) = wanted else { return };
-            let first = if hasty { PLACES[0].1 } else { wanted };
             let fragment = &visible.fragments[index];
+            let wanted = PLACES.iter().rev().find(|(from, _)| most > from * own);
+            let by_map = || visible.is_mapped(fragment).then_some(PLACES[0].1);
+            let Some(wanted) = wanted.map(|(_, wanted)| *wanted).or_else(by_map) else { return };
+            let first = if hasty { PLACES[0].1 } else { wanted };
             // The first of a pixel's places are spread about its middle; those of a part of it need not be.
             let first =
                 if fragment.share < 1.0 { visible.count(fragment).max(first) } else { first };
@@ -70,8 +72,8 @@ fn look_at_places(
 ) {
     let (exact, division) = (lights.is_exact(), sums.division());
     let at = |n| {
-        let point = visible.sample_point(fragment, n);
-        let all = lights.unoccluded(point, fragment.shading_normal);
+        let (point, normal) = visible.start_of_ray(fragment, n);
+        let all = lights.unoccluded(point, normal);
         let (known, sky) = ShadowSums::unoccluded(&all, exact);
         ([sky.is_some(), all.looks_out()] == division).then_some(known)
     };
@@ -110,7 +112,16 @@ fn beside(visible: &VisibleSurfaces, index: usize, mut each: impl FnMut(usize)) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::transport::hemilux::specimen::Specimen;
+    use crate::random::{Numbers, Stream};
+    use crate::scene::environment::{PlacedMap, Sky};
+    use crate::scene::sky_map::SkyMap;
+    use crate::scene::{Camera, Environment, Material, NormalMap, Scene};
+    use crate::scene::{Texture, TextureSlot, Triangle, Vertex};
+    use crate::transport::hemilux::direct::caster::Caster;
+    use crate::transport::hemilux::specimen::{SEED, Specimen};
+    use glam::{Vec2, Vec3, Vec4};
+    use std::f32::consts::{FRAC_1_SQRT_2, PI};
+    use std::sync::Arc;
 
     /// Near a lamp, where the light differs from one end of a pixel to the other.
     #[test]
@@ -169,5 +180,68 @@ mod tests {
         let last = off(&direct);
         assert!(uneven.len() > 100 && first > 0.0, "{} fragments, {first}", uneven.len());
         assert!(last < 0.2 * first, "{first} before, {last} after");
+    }
+
+    /// A ground whose normals a map tilts by 45° to the left and to the right, many times in each pixel, under
+    /// a sky of radiance 1 + sinθ, θ the height above the horizon.
+    fn ribbed() -> Specimen {
+        let corner = |x: f32, z: f32| Vertex {
+            uv: [Vec2::new(40.0 * x, 40.0 * z); 2],
+            tangent: Vec4::new(1.0, 0.0, 0.0, 1.0),
+            ..Vertex::new(30.0 * Vec3::new(x, 0.0, z), Vec3::Y)
+        };
+        let (width, height, texels) = (2, 1, vec![[218, 128, 218, 255], [37, 128, 218, 255]]);
+        let slot = TextureSlot { nearest: true, ..TextureSlot::data(0) };
+        let grey = Material::lambertian("grey", Rgb::splat(0.5));
+        let eye = Vec3::new(0.0, 9.0, 9.0);
+        let scene = Scene {
+            vertices: vec![
+                corner(-1.0, 1.0),
+                corner(1.0, 1.0),
+                corner(1.0, -1.0),
+                corner(-1.0, -1.0),
+            ],
+            triangles: [[0, 1, 2], [0, 2, 3]]
+                .map(|vertices| Triangle { vertices, material: 0 })
+                .to_vec(),
+            materials: vec![Material { normal_map: Some(NormalMap { slot, scale: 1.0 }), ..grey }],
+            textures: vec![Texture { width, height, texels }],
+            cameras: vec![Camera::look_at("camera", eye, Vec3::ZERO, Vec3::Y, 0.9)],
+            ..Scene::default()
+        };
+        let map = SkyMap::from_fn(64, 32, |direction| Rgb::splat(1.0 + direction.y));
+        let map = Arc::new(map.expect("it shines"));
+        let sky = Sky::Map(PlacedMap { map, rotation: 0.0, scale: Rgb::ONE });
+        Specimen::of(scene, Environment { sky, ..Environment::default() }, 300)
+    }
+
+    /// Where a map tilts the normals within a pixel, its light is the mean over them, not that of their mean:
+    /// E(n) = π + 2π/3 n_y without occlusion, and what of it is above the ground arrives.
+    #[test]
+    fn tilted_normals_have_light_of_their_own() {
+        let specimen = ribbed();
+        let (visible, lights, world) = (specimen.visible(), &*specimen.lights, &specimen.world);
+        let mut direct = DirectLighting::new(lights, &visible, true, false);
+        let caster = Caster { world, lights, visible: &visible, seed: SEED };
+        (0..24).for_each(|_| direct.pass(&caster, f64::INFINITY));
+        let (mut unoccluded, mut found, mut arrived) = (0.0, 0.0, 0.0);
+        let mut random = Numbers::new(5, Stream::Light, 0);
+        const RAYS: u32 = 512;
+        for (index, fragment) in visible.fragments.iter().enumerate() {
+            unoccluded += importance(direct.sums[index].known.unoccluded);
+            found += importance(direct.irradiance(lights, &visible, index, true).0);
+            for n in 0..RAYS {
+                let (point, normal) = visible.start_of_ray(fragment, n);
+                let xi = Vec3::from_array([0; 3].map(|_| random.uniform()));
+                let sample = lights.sample_by_shadow_ray(world, point, normal, xi);
+                arrived += importance(sample.arrived()) / RAYS as f32;
+            }
+        }
+        let count = visible.fragments.len() as f32;
+        let exact = PI + 2.0 * PI / 3.0 * FRAC_1_SQRT_2;
+        assert!((unoccluded / count / exact - 1.0).abs() < 0.01, "{} {exact}", unoccluded / count);
+        let of_mean = PI + 2.0 * PI / 3.0;
+        assert!(of_mean > 1.1 * exact, "the mean normal gets more");
+        assert!((found / arrived - 1.0).abs() < 0.01, "{found} {arrived}");
     }
 }
