@@ -11,8 +11,8 @@ use crate::transport::hemilux::fragments::VisibleSurfaces;
 const FEW_RAYS: u32 = 32;
 /// Factor by which neighbours are taken to lower the variance where they are too few to measure it.
 const NEIGHBOUR_VARIANCE_FACTOR: f32 = 0.15;
-/// How many times the variance by chance two fragments' light through openings may differ by more than others':
-/// it is known from few rays.
+/// Factor on the variance by chance of two fragments' light through openings, before they are held to be unlike:
+/// that variance is known from few rays.
 const MORE_CHANCE: f32 = 2.0;
 /// Variance of the rays of a fragment at a shadow's edge, in that which well-spread points would leave of
 /// something smoother.
