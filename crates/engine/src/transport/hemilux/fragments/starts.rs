@@ -2,7 +2,7 @@
 
 use super::{Fragment, VisibleSurfaces};
 use crate::hemicube::item;
-use crate::patches::FacetIndex;
+use crate::patches::{FacetIndex, FacetPlace};
 use glam::{Vec2, Vec3};
 
 impl VisibleSurfaces {
@@ -10,29 +10,22 @@ impl VisibleSurfaces {
     /// on the facet that this one sees; where all had their turn one near it or, where the fragment
     /// takes the whole pixel, between all of them.
     pub fn sample_point(&self, fragment: &Fragment, n: u32) -> Vec3 {
-        let (code, offset) = self.nth_place(fragment, n);
-        let Some((facet, back)) = item::decode(code) else { return fragment.point };
-        let placed = self.placed(facet);
-        placed.spot(back, self.within(&placed, fragment.pixel, offset)).0
+        self.nth_spot(fragment, n).map_or(fragment.point, |(_, (point, _))| point)
     }
 
     /// The same with the unit shading normal that light has there: where a map tilts it, each place has its
     /// own; elsewhere all of them have the fragment's.
     pub fn start_of_ray(&self, fragment: &Fragment, n: u32) -> (Vec3, Vec3) {
-        if !self.is_mapped(fragment) {
-            return (self.sample_point(fragment, n), fragment.shading_normal);
-        }
-        let (code, offset) = self.nth_place(fragment, n);
-        let Some((facet, back)) = item::decode(code) else {
+        let Some((place, (point, flat))) = self.nth_spot(fragment, n) else {
             return (fragment.point, fragment.shading_normal);
         };
-        let placed = self.placed(facet);
-        let at = self.within(&placed, fragment.pixel, offset);
-        let (point, flat) = placed.spot(back, at);
-        let (world, facet) = (&self.placing.world, FacetIndex(facet));
+        if !self.is_mapped(fragment) {
+            return (point, fragment.shading_normal);
+        }
+        let FacetPlace { facet, back, at } = place;
         let (source, at) = (self.cut.source(facet), self.cut.to_source(facet, at));
         let side = if back { -1.0 } else { 1.0 };
-        (point, world.shading_normal(source, at, flat, side))
+        (point, self.placing.world.shading_normal(source, at, flat, side))
     }
 
     /// Whether a map tilts the normals of a fragment.
@@ -44,7 +37,16 @@ impl VisibleSurfaces {
             })
     }
 
-    /// Facet and side, and the place in the pixel.
+    /// Where on its facet that is, the point, and the unit normal of the facet on that side.
+    fn nth_spot(&self, fragment: &Fragment, n: u32) -> Option<(FacetPlace, (Vec3, Vec3))> {
+        let (code, offset) = self.nth_place(fragment, n);
+        let (facet, back) = item::decode(code)?;
+        let placed = self.placed(facet);
+        let at = self.within(&placed, fragment.pixel, offset);
+        Some((FacetPlace { facet: FacetIndex(facet), back, at }, placed.spot(back, at)))
+    }
+
+    /// Code of facet and side, and the place in the pixel.
     fn nth_place(&self, fragment: &Fragment, n: u32) -> (u32, Vec2) {
         let (code, offset) = self.nth_sample(fragment, n);
         let round = n / self.count(fragment);
