@@ -12,7 +12,9 @@ use rayon::prelude::*;
 const ENOUGH_TO_AGREE: u32 = 9;
 
 impl DirectLighting {
-    /// Marks the fragments whose own or neighbouring rays disagree, or are too few to tell.
+    /// Marks the fragments whose own or neighbouring rays disagree, or are too few to tell; and those whose light
+    /// is divided up in another way than that of one beside them, as where a place begins that sees the sky
+    /// through openings: neither says anything of what the other's rays found.
     pub(super) fn mark_disputed(&mut self, visible: &VisibleSurfaces) {
         let sums = &self.sums;
         let disputed: Vec<bool> = (0..sums.len())
@@ -25,8 +27,9 @@ impl DirectLighting {
                 }
                 let (mut disagrees, mut rays) = (false, mine.rays);
                 around(visible, index, NEIGHBOUR_REACH, |other, _, _| {
-                    disagrees |= mine.differs_from(&sums[other]);
-                    rays = rays.saturating_add(sums[other].rays);
+                    let other = &sums[other];
+                    disagrees |= mine.differs_from(other) || mine.division() != other.division();
+                    rays = rays.saturating_add(other.rays);
                 });
                 // What is black or in the dark has none at all, and needs none.
                 disagrees || mine.rays > 0 && rays < ENOUGH_TO_AGREE
@@ -207,5 +210,34 @@ mod tests {
             assert!(deviation < 0.001, "{deviation} tells nothing");
             assert!((mean - 1.0).abs() < most, "{filtered}: {mean} ± {deviation}");
         }
+    }
+    /// Rays of fragments that see the sky through openings say nothing of one that sees it as a whole, however many
+    /// these are: a pixel of a window's sill may be the only one of its kind.
+    #[test]
+    fn rays_of_what_is_lit_in_another_way_do_not_agree_with_ones_own() {
+        let specimen = Specimen::furnace();
+        let (visible, lights) = (specimen.visible(), &specimen.lights);
+        let is_disputed = |middle: usize, is_alone: bool| {
+            let mut direct = DirectLighting::new(lights, &visible, true, false);
+            for (index, sums) in direct.sums.iter_mut().enumerate() {
+                sums.rays = 2;
+                match is_alone && index != middle {
+                    true => sums.apart.is_any = true,
+                    false => (sums.known.rays, sums.known.first) = (2, 0.0),
+                }
+            }
+            direct.mark_disputed(&visible);
+            direct.sums[middle].disputed
+        };
+        let mut count = 0;
+        for middle in (0..visible.fragments.len()).step_by(41) {
+            let mut others = 0;
+            around(&visible, middle, NEIGHBOUR_REACH, |_, _, _| others += 1);
+            if others >= ENOUGH_TO_AGREE {
+                assert!(is_disputed(middle, true) && !is_disputed(middle, false), "{middle}");
+                count += 1;
+            }
+        }
+        assert!(count >= 5, "{count} of {}", visible.fragments.len());
     }
 }
