@@ -6,7 +6,13 @@ use bytemuck::{Pod, Zeroable};
 /// Most passes of lobe rays in an iteration.
 const MOST_LOBE_PASSES: u32 = 12;
 /// Most passes of shadow rays in an iteration.
-const MOST_SHADOW_PASSES: u32 = 4;
+const MOST_SHADOW_PASSES: u32 = 8;
+/// How many times as long as those before the iterations after each of the first ones are: the first is as short
+/// as the first picture asks for; later what an iteration does beside its rays, and records that get ever more of
+/// them, had better be spread over more.
+const LONGER: f64 = 1.4;
+/// The first iterations.
+const GROW_UNTIL: u64 = 3;
 /// Time of a gather ray and of a shadow ray, in that of a lobe ray with its ray to the lights, as
 /// measured in four scenes: .2 to .9, most often .7, and .2 to .3.
 const RAY_COSTS: [f64; 2] = [0.7, 0.2];
@@ -70,9 +76,9 @@ pub struct WorkDone {
     /// Gather rays.
     pub gather_rays: u64,
     /// Passes of shadow rays, and these.
-    pub shadows: (u32, u64),
-    /// Passes of lobe rays, and the time of these in that of one.
-    pub lobes: (u32, f64),
+    pub shadows: (f64, u64),
+    /// Passes of lobe rays for all lobes, and the time of these in that of one ray.
+    pub lobes: (f64, f64),
     /// Mean number of rays of a record.
     pub rays_per_record: f64,
     /// At edges.
@@ -163,10 +169,11 @@ impl Balance {
         let edge_worth = worth(edges, edge_time);
         let by_rest = gather + shadow_time + lobe_time;
         let of_all = |time: f64| time * until as f64 / done.iterations as f64;
-        let time_then = of_all(by_rest);
-        let passes = |error: f64, passes: u32, time: f64| {
+        let longer = if done.iterations <= GROW_UNTIL { LONGER } else { 1.0 };
+        let time_then = longer * of_all(by_rest);
+        let passes = |error: f64, passes: f64, time: f64| {
             let wanted = time_then * worth(error, time) / all_worth.max(least);
-            ((wanted - time).max(0.0) / more * f64::from(passes) / time.max(least)).round() as u32
+            ((wanted - time).max(0.0) / more * passes / time.max(least)).round() as u32
         };
         let squares = |causes: &[f64]| causes.iter().map(|cause| cause * cause).sum::<f64>();
         let time = by_rest / done.iterations as f64;
@@ -218,8 +225,8 @@ mod tests {
     const DONE: WorkDone = WorkDone {
         iterations: 4,
         gather_rays: 1_000_000,
-        shadows: (4, 3_500_000),
-        lobes: (4, 700_000.0),
+        shadows: (4.0, 3_500_000),
+        lobes: (4.0, 700_000.0),
         rays_per_record: 200.0,
         edges: EdgeWork { pixels: 1000, samples: 16, rays: 0 },
     };
@@ -252,7 +259,7 @@ mod tests {
         let errors = Errors { by_cause: [0.01, 0.0, 0.0, 0.0, 0.01], ..Errors::default() };
         assert_eq!(Balance::of(&errors, WorkDone { edges: many, ..DONE }).edge_rays, 69);
         // Where nothing but edges takes time, as many again as there were samples, in two iterations.
-        let nothing = WorkDone { gather_rays: 0, shadows: (4, 0), lobes: (0, 0.0), ..DONE };
+        let nothing = WorkDone { gather_rays: 0, shadows: (4.0, 0), lobes: (0.0, 0.0), ..DONE };
         let errors = Errors { by_cause: [0.0, 0.0, 0.0, 0.0, 0.01], ..Errors::default() };
         assert_eq!(Balance::of(&errors, nothing).edge_rays, 4);
         // Lobes have a third of the time and are worth three quarters: all of what two iterations take.
@@ -261,9 +268,22 @@ mod tests {
         let shadows = balance([0.015, 0.0, 0.03, 0.01, 0.0]);
         assert_eq!((shadows.shadow_passes, shadows.lobe_passes), (2, 0));
         // What costs a tenth is worth less, for the same error, but done more often.
-        let cheap = WorkDone { shadows: (4, 350_000), ..DONE };
+        let cheap = WorkDone { shadows: (4.0, 350_000), ..DONE };
         let errors = Errors { by_cause: [0.015, 0.0, 0.03, 0.01, 0.0], ..Errors::default() };
-        assert_eq!(Balance::of(&errors, cheap).shadow_passes, 4);
+        assert_eq!(Balance::of(&errors, cheap).shadow_passes, 8);
+    }
+
+    /// The time of another iteration is that of those so far, and after the first ones more.
+    #[test]
+    fn iterations_become_longer_at_first() {
+        let errors = Errors { by_cause: [0.0, 0.0, 0.0, 0.03, 0.0], ..Errors::default() };
+        let passes = |iterations| {
+            let done = WorkDone { iterations, lobes: (2.0, 700_000.0), ..DONE };
+            Balance::of(&errors, done).lobe_passes
+        };
+        // All of 2.1 million rays' time goes to lobes, of which a pass takes .35: for one more iteration
+        // 1.4 · 4/3 · 2.1 altogether, for two 1.5 · 2.1, of which they have had .7.
+        assert_eq!([3, 4].map(passes), [9, 4]);
     }
 
     #[test]

@@ -16,19 +16,9 @@ use crate::surface::{Reflection, World};
 use crate::transport::hemilux::coarse::CoarseSolution;
 use crate::transport::hemilux::fragments::{Lobe, VisibleSurfaces};
 use rayon::prelude::*;
-use std::f64::consts::GOLDEN_RATIO;
 
-/// Lobe rays of a whole pixel in a pass, with as many rays to the lights.
-const RAYS_PER_PIXEL: f32 = 2.0;
-/// Rays of each lobe in the first pass: as few as tell scatter, by which the passes after it find where
-/// rays are worth their time.
-const FIRST_RAYS: u32 = 2;
-/// Batches of directions to an open sky of a lobe that sees any, in the first pass.
-const FIRST_BATCHES: u32 = 1;
-/// Time of such a batch, in that of a ray with its ray to the lights.
-const BATCH_COST: f32 = 1.5;
-/// Rays from which on a lobe may have none in a pass.
-const RAYS_TO_REST: u32 = 8;
+/// Time of a batch of directions to an open sky, in that of a ray with its ray to the lights.
+pub(super) const BATCH_COST: f32 = 1.5;
 /// Error of the lobes, relative to the mean radiance, that is negligible in the first picture;
 /// after n iterations it is this over √n.
 const NEGLIGIBLE_ERROR: f64 = 0.006;
@@ -36,12 +26,8 @@ const NEGLIGIBLE_ERROR: f64 = 0.006;
 const MOST_LOOKED_AT: usize = 4096;
 /// Each so-manieth of them then: no multiple of the pixels in a row of most pictures.
 const LOOKED_AT_EVERY: usize = 13;
-/// Most lobe rays in a pass, as a multiple of the mean, where lobes scatter most.
-const MOST_RAYS_FACTOR: f32 = 128.0;
-/// Least rays of a lobe in a pass, likewise: what all rays have missed so far must not be missed for ever.
-const LEAST_RAYS_FACTOR: f32 = 0.05;
 /// Pixels in each direction that share rays.
-const NEIGHBOUR_REACH: i32 = 2;
+pub(super) const NEIGHBOUR_REACH: i32 = 2;
 /// What these have found together is shared again with pixels so many times as far away.
 const WIDE_STRIDE: i32 = 4;
 /// Bound on rays of a lobe read from a checkpoint: more than any run traces, so a larger number
@@ -50,15 +36,15 @@ const MOST_RAYS_OF_ALL: u32 = 1 << 30;
 
 /// Light that the lobes of glossy fragments reflect towards the camera.
 pub struct Gloss {
-    lobes: Vec<PlacedLobe>,
+    pub(super) lobes: Vec<PlacedLobe>,
     /// Of each of [`VisibleSurfaces::lobes`], whether narrow lights are left to others.
     leaves_narrow: Vec<bool>,
     /// Of each of them.
-    sums: Vec<LobeSums>,
+    pub(super) sums: Vec<LobeSums>,
     /// Of each of them, by how much its mean is corrected for the open sky; empty where there is none.
     factors: Vec<f32>,
     /// Of each of them, radiance over albedo with what neighbours share; empty before the first pass.
-    shown: Vec<Shown>,
+    pub(super) shown: Vec<Shown>,
     /// Passes that are in `shown`, and [`Gloss::cost`] then.
     shared: u32,
     cost_shared: f64,
@@ -66,6 +52,8 @@ pub struct Gloss {
     is_shared: bool,
     /// Lobes of pixel p: `start[p]..start[p + 1]`.
     start: Vec<u32>,
+    /// Lobes that have rays of their own in the first pass, where faint ones take turns.
+    pub(super) beginning: f32,
     /// Passes so far.
     pub passes: u32,
     /// Mean radiance of the picture, by what was known after the first pass.
@@ -73,12 +61,12 @@ pub struct Gloss {
 }
 
 /// What a lobe gets in a pass.
-#[derive(Clone, Copy)]
-struct Work {
+#[derive(Clone, Copy, Default)]
+pub(super) struct Work {
     /// Rays.
-    rays: u32,
+    pub rays: u32,
     /// Batches of directions to an open sky, if it sees any.
-    batches: u32,
+    pub batches: u32,
 }
 
 impl Gloss {
@@ -121,7 +109,7 @@ impl Gloss {
                 start[pixel] += start[pixel - 1];
             }
         }
-        Self {
+        let mut gloss = Self {
             sums: vec![LobeSums::default(); lobes.len()],
             leaves_narrow: vec![false; lobes.len()],
             lobes,
@@ -131,9 +119,13 @@ impl Gloss {
             cost_shared: 0.0,
             is_shared,
             start,
+            beginning: 0.0,
             passes: 0,
             brightness: 0.0,
-        }
+        };
+        let all = gloss.lobes.iter().zip(&visible.lobes);
+        gloss.beginning = all.filter(|own| gloss.begins(visible, *own)).count() as f32;
+        gloss
     }
 
     /// Leaves narrow lights out of what opaque lobes of such exponents show.
@@ -196,8 +188,9 @@ impl Gloss {
         all * (iterations + 1) as f64 > enough * enough
     }
 
-    /// Casts another pass of rays: of all lobes alike at first; later, if `adaptive`, by how much
-    /// they scatter, and then, about, no more than `most` of [`Gloss::cost`] altogether.
+    /// Casts another pass of rays: of all lobes alike at first, but that of faint ones only some begin; later,
+    /// if `adaptive`, by how much they scatter, and then, about, no more than `most` of [`Gloss::cost`]
+    /// altogether.
     pub fn pass(
         &mut self,
         coarse: &CoarseSolution,
@@ -205,16 +198,34 @@ impl Gloss {
         (seed, adaptive): (Seed, bool),
         most: f64,
     ) {
-        let share = most / (f64::from(RAYS_PER_PIXEL) * self.len() as f64).max(1.0);
-        let share = share.min(1.0) as f32;
-        let work_by_scatter =
-            (adaptive && self.passes > 0).then(|| self.work_by_scatter(visible, share));
+        let work = match adaptive && self.passes > 0 {
+            true => self.work_by_scatter(visible, self.share_of_pass(most)),
+            false => self.first_work(visible, !(adaptive && self.is_shared)),
+        };
+        self.cast((coarse, visible, seed), &work);
+        if let Some(more) = self.work_of_lonely(visible) {
+            self.cast((coarse, visible, seed), &more);
+        }
+        self.passes += 1;
+        self.find_factors(visible);
+        // The next pass goes by it already.
+        if self.passes == 1 {
+            self.share(visible);
+        }
+    }
+
+    /// Casts rays, and looks at the open sky, as often as `work` says of each lobe.
+    fn cast(
+        &mut self,
+        (coarse, visible, seed): (&CoarseSolution, &VisibleSurfaces, Seed),
+        work: &[Work],
+    ) {
         let all = self.sums.par_iter_mut().zip(&visible.lobes).enumerate().with_max_len(256);
         all.for_each(|(index, (sums, lobe))| {
-            let work = work_by_scatter.as_ref().map_or_else(
-                || Work { rays: FIRST_RAYS, batches: FIRST_BATCHES },
-                |work_by_scatter| work_by_scatter[index],
-            );
+            let work = work[index];
+            if work.rays == 0 && work.batches == 0 {
+                return;
+            }
             // Pixels of a tile take the points of a sequence in turn.
             let fragment = &visible.fragments[lobe.fragment as usize];
             let (pixel, is_told) = (fragment.pixel, fragment.lobe_albedo.is_some());
@@ -239,12 +250,6 @@ impl Gloss {
                 sums.add_batch(open_sky::batch(lit, visible, (lobe, batch), &sequence), is_told);
             }
         });
-        self.passes += 1;
-        self.find_factors(visible);
-        // The next pass goes by it already.
-        if self.passes == 1 {
-            self.share(visible);
-        }
     }
 
     /// Finds by how much each lobe's mean is corrected for the open sky: as the rays of those beside
@@ -255,7 +260,8 @@ impl Gloss {
         }
         let covariances: Vec<[f32; 2]> = self.sums.par_iter().map(LobeSums::covariance).collect();
         let factor = |lobe: usize| {
-            if !self.sums[lobe].knows_open_sky() {
+            // One that has no rays goes by those beside it in any case.
+            if self.sums[lobe].rays > 0 && !self.sums[lobe].knows_open_sky() {
                 return 0.0;
             }
             let mut beside = Vec::new();
@@ -268,7 +274,7 @@ impl Gloss {
         self.factors = (0..self.len()).into_par_iter().with_min_len(1024).map(factor).collect();
     }
 
-    fn factor(&self, lobe: usize) -> f32 {
+    pub(super) fn factor(&self, lobe: usize) -> f32 {
         self.factors.get(lobe).copied().unwrap_or_default()
     }
 
@@ -284,59 +290,9 @@ impl Gloss {
     }
 
     /// How much of the variance of a lobe's own mean is left by sharing.
-    fn left_by_sharing(&self, lobe: usize) -> f32 {
+    pub(super) fn left_by_sharing(&self, lobe: usize) -> f32 {
         let (shown, own) = (self.shown[lobe].rays, self.sums[lobe].rays as f32);
         own / shown.max(1.0)
-    }
-
-    /// Work at each lobe in the next pass: about as much altogether in each, or this share of it, in
-    /// proportion to the standard deviation that each adds to the picture, which minimises variance
-    /// (Neyman allocation).
-    fn work_by_scatter(&self, visible: &VisibleSurfaces, share: f32) -> Vec<Work> {
-        // Of a ray, and of a batch of directions to an open sky.
-        let scatter = |lobe: usize| {
-            let sums = &self.sums[lobe];
-            let factor = self.factor(lobe);
-            let left = self.left_by_sharing(lobe);
-            [sums.ray_variance(factor), sums.batch_variance(factor)]
-                .map(|variance| visible.share(&visible.lobes[lobe]) * (left * variance).sqrt())
-        };
-        let own: Vec<[f32; 2]> = (0..self.len()).into_par_iter().map(scatter).collect();
-        // By what those beside it found as much as by its own rays: dark ones, which have missed a
-        // highlight, would get no more by these and remain dark, while bright ones would be corrected.
-        // But where those beside it see nothing in the way, as at an outline, its own alone tell.
-        let around = |lobe: usize| {
-            let (mut squares, mut count) = (own[lobe].map(|own| own * own), 1.0);
-            self.around(visible, lobe, (NEIGHBOUR_REACH, 1), |other, _, _| {
-                for (sum, scatter) in squares.iter_mut().zip(own[other]) {
-                    *sum += scatter * scatter;
-                }
-                count += 1.0;
-            });
-            let [rays, batches] = squares.map(|sum| (sum / count).sqrt());
-            [rays, batches / BATCH_COST.sqrt()]
-        };
-        let around: Vec<[f32; 2]> =
-            (0..self.len()).into_par_iter().with_min_len(1024).map(around).collect();
-        let cost = |[ray, batch]: &[f32; 2]| f64::from(ray + BATCH_COST * batch);
-        let mean = around.iter().map(cost).sum::<f64>() as f32 / self.len() as f32;
-        let work = |(index, [ray, batch]): (usize, &[f32; 2])| {
-            let (lobe, sums) = (&visible.lobes[index], &self.sums[index]);
-            let times = |scatter: &f32| {
-                let times = scatter / mean.max(f32::MIN_POSITIVE);
-                let times = times.clamp(LEAST_RAYS_FACTOR, MOST_RAYS_FACTOR);
-                share * RAYS_PER_PIXEL * times
-            };
-            // Rounded up or down in turn, so that what is worth a fourth of a ray gets one in every
-            // fourth pass.
-            let turn = GOLDEN_RATIO * (index as f64 + f64::from(self.passes));
-            let rounded = |times: f32| (times + turn.fract() as f32).floor();
-            let least = if sums.rays < RAYS_TO_REST && share == 1.0 { 1.0 } else { 0.0 };
-            let most = MOST_RAYS_FACTOR * mean_rays(visible, lobe) as f32;
-            let rays = rounded(times(ray)).max(least).min(most) as u32;
-            Work { rays, batches: rounded(times(batch)).max(least) as u32 }
-        };
-        around.iter().enumerate().map(work).collect()
     }
 
     /// Radiance that each fragment's lobes reflect to the camera, with its variance.
@@ -356,10 +312,11 @@ impl Gloss {
     }
 
     /// Radiance that a lobe reflects to the camera, and its variance.
-    fn reflected(&self, visible: &VisibleSurfaces, lobe: usize) -> [Rgb; 2] {
+    pub(super) fn reflected(&self, visible: &VisibleSurfaces, lobe: usize) -> [Rgb; 2] {
         let Shown { mean, variance, .. } = self.shown.get(lobe).copied().unwrap_or_default();
         let fragment = &visible.fragments[visible.lobes[lobe].fragment as usize];
-        self.sums[lobe].reflected((mean, variance), fragment.lobe_albedo)
+        let placed = (self.sums[lobe].rays == 0).then_some(self.lobes[lobe].albedo);
+        self.sums[lobe].reflected((mean, variance), fragment.lobe_albedo.or(placed))
     }
 
     /// Finds what each lobe shows after the passes so far: with what neighbours found, if they share it, and
@@ -384,8 +341,12 @@ impl Gloss {
     /// same place: one through what rays find beside the open sky's share, the other through the open sky.
     fn with_neighbours(&self, visible: &VisibleSurfaces, index: usize) -> Shown {
         let (mine, factor) = (&self.sums[index], self.factor(index));
-        let mut rest = Shared::new(mine.rest(factor), mine.rays as f32);
-        let mut open = Shared::new(mine.open_sky(), mine.batches as f32);
+        let of = |own, times: u32| match times {
+            0 => Shared::of_others(),
+            _ => Shared::new(own, times as f32),
+        };
+        let mut rest = of(mine.rest(factor), mine.rays);
+        let mut open = of(mine.open_sky(), mine.batches);
         let near = (NEIGHBOUR_REACH, 1);
         self.around(visible, index, near, |other, across, down| {
             let same = self.looks_at_the_same(index, other);
@@ -445,7 +406,7 @@ impl Gloss {
 
     /// Calls `each` with the lobes of neighbouring pixels, and how many strides they are to the
     /// right and down: up to `reach`.
-    fn around(
+    pub(super) fn around(
         &self,
         visible: &VisibleSurfaces,
         index: usize,
@@ -472,8 +433,12 @@ impl Gloss {
 
     /// Weight of two lobes for each other, 0 to 1. What they look at is as far away as the harmonic mean
     /// distance of their rays.
-    fn looks_at_the_same(&self, one: usize, other: usize) -> f32 {
-        let nearness = 0.5 * (self.sums[one].nearness() + self.sums[other].nearness());
+    pub(super) fn looks_at_the_same(&self, one: usize, other: usize) -> f32 {
+        let (mine, theirs) = (&self.sums[one], &self.sums[other]);
+        let nearness = match mine.rays {
+            0 => theirs.nearness(),
+            _ => 0.5 * (mine.nearness() + theirs.nearness()),
+        };
         self.lobes[one].looks_at_the_same(&self.lobes[other], nearness)
     }
 }
@@ -505,11 +470,6 @@ fn trace(
         radiance_by_lobe(coarse, surface, viewer, path_numbers);
     let albedo = surface.lobe_only().reflection().albedo(viewer);
     Found { radiance, sky, open_sky, albedo, nearness }
-}
-
-/// Rays of a lobe in a pass if all scatter alike: by the share of the pixel.
-fn mean_rays(visible: &VisibleSurfaces, lobe: &Lobe) -> u32 {
-    (RAYS_PER_PIXEL * visible.share(lobe)).ceil().max(FIRST_RAYS as f32) as u32
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Glossy reflection: radiance by the lobes of surfaces that the camera sees or that other rays
 //! meet.
 
+mod allocation;
 mod lobe_rays;
 mod lobes;
 mod open_sky;

@@ -1,6 +1,7 @@
 //! Where the lobes of glossy fragments are and look to, by which it is told whether two of them look at the
 //! same place.
 
+use crate::radiometry::{Rgb, importance};
 use crate::surface::{Reflection, World, is_same_normal};
 use crate::transport::hemilux::fragments::{Lobe, VisibleSurfaces};
 use glam::Vec3;
@@ -17,6 +18,10 @@ const MOST_STEP: f32 = 0.3;
 /// Lobes share rays if their exponents, at least 1, differ by less than this factor.
 const LIKE_EXPONENTS: f32 = 1.3;
 
+/// A lobe is faint that reflects at most this share of what the diffuse part of its fragment does, as that of a
+/// painted wall looked at from before.
+const FAINT: f32 = 0.2;
+
 /// The lobe of a fragment: its place, and the mirrored direction to the camera.
 #[derive(Clone, Copy)]
 pub struct PlacedLobe {
@@ -28,6 +33,10 @@ pub struct PlacedLobe {
     /// Unit vector.
     direction: Vec3,
     exponent: f32,
+    /// Albedo towards the camera; 1 of what is clear.
+    pub albedo: Rgb,
+    /// Whether it shows little beside what its fragment reflects diffusely.
+    pub is_faint: bool,
 }
 
 impl PlacedLobe {
@@ -41,7 +50,12 @@ impl PlacedLobe {
         let normal = fragment.normal;
         let is_flat = world.has_one_normal(surface.triangle);
         let (point, direction) = (surface.spot.point, surface.mirrored(viewer));
-        Self { point, normal, is_flat, direction, exponent }
+        let albedo = match surface.clear {
+            Some(_) => Rgb::ONE,
+            None => surface.lobe_only().reflection().albedo(viewer),
+        };
+        let is_faint = is_faint(visible, lobe, albedo);
+        Self { point, normal, is_flat, direction, exponent, albedo, is_faint }
     }
 
     /// Exponent of the narrowest of its lobes.
@@ -70,10 +84,16 @@ impl PlacedLobe {
     }
 }
 
+/// Whether a lobe of that albedo is faint in its fragment.
+fn is_faint(visible: &VisibleSurfaces, lobe: &Lobe, albedo: Rgb) -> bool {
+    let fragment = &visible.fragments[lobe.fragment as usize];
+    let albedo = fragment.lobe_albedo.unwrap_or(albedo) * fragment.lobe_factor;
+    importance(albedo) <= FAINT * importance(fragment.diffuse)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::radiometry::Rgb;
     use crate::scene::made::revolved::hollow_ball;
     use crate::scene::{Material, Vertex};
     use std::sync::Arc;
@@ -82,7 +102,8 @@ mod tests {
     fn lobe(angle: f32, point: Vec3, is_flat: bool) -> PlacedLobe {
         let normal = Vec3::new(angle.sin(), angle.cos(), 0.0);
         let direction = Vec3::new((2.0 * angle).sin(), (2.0 * angle).cos(), 0.0);
-        PlacedLobe { point, normal, is_flat, direction, exponent: 1.0 }
+        let (albedo, is_faint) = (Rgb::ONE, false);
+        PlacedLobe { point, normal, is_flat, direction, exponent: 1.0, albedo, is_faint }
     }
 
     /// Lobes of surfaces one behind the other do not share what is close by to one of them alone.

@@ -41,6 +41,11 @@ impl Shared {
         Self { plane, mean, variance, rays, noise: rays * variance }
     }
 
+    /// The value of a lobe that has no rays of its own: whatever others say.
+    pub fn of_others() -> Self {
+        Self { plane: Plane::new(), mean: Rgb::ZERO, variance: 0.0, rays: 0.0, noise: 0.0 }
+    }
+
     /// Adds that of a neighbour, so many pixels to the right and down, unless chance does not explain
     /// by how much it differs.
     pub fn add(&mut self, [across, down]: [i32; 2], (mean, variance): (Rgb, f32), weight: f32) {
@@ -48,7 +53,8 @@ impl Shared {
         let chance = self.variance + variance;
         let alike = (UNLIKE_VARIANCES - off / chance.max(f32::MIN_POSITIVE))
             / (UNLIKE_VARIANCES - ALIKE_VARIANCES);
-        let weight = weight * alike.clamp(0.0, 1.0);
+        let alike = if self.rays > 0.0 { alike.clamp(0.0, 1.0) } else { 1.0 };
+        let weight = weight * alike;
         if weight > 0.0 {
             self.plane.add(across, down, mean, weight);
             self.noise += weight * variance;
@@ -58,8 +64,13 @@ impl Shared {
     /// The plane's value, its variance, and the weight of all that is in it.
     pub fn center(self) -> Shown {
         let rays = self.plane.weight();
+        // That of one value, where these are too few for a plane.
+        let own = match self.rays > 0.0 {
+            true => self.variance,
+            false => self.noise / rays.max(f32::MIN_POSITIVE),
+        };
         let (mean, variance) = self.plane.center();
-        Shown { mean, variance: variance.map_or(self.variance, Rgb::element_sum), rays }
+        Shown { mean, variance: variance.map_or(own, Rgb::element_sum), rays }
     }
 
     /// The same, as far as values lie about the plane no more than by chance; else the lobe's own.

@@ -354,8 +354,8 @@ impl Tiers {
         let done = WorkDone {
             iterations: self.done,
             gather_rays: self.cache.rays(),
-            shadows: (self.direct.passes, self.direct.rays),
-            lobes: (self.gloss.passes, self.gloss.cost()),
+            shadows: (f64::from(self.direct.passes), self.direct.rays),
+            lobes: (self.gloss.whole_passes(), self.gloss.cost()),
             rays_per_record: self.cache.rays() as f64 / self.cache.len().max(1) as f64,
             edges: self.edge_work(),
         };
