@@ -124,7 +124,8 @@ impl Gloss {
             brightness: 0.0,
         };
         let all = gloss.lobes.iter().zip(&visible.lobes);
-        gloss.beginning = all.filter(|own| gloss.begins(visible, *own)).count() as f32;
+        gloss.beginning =
+            all.filter(|own| !is_shared || gloss.begins(visible, *own)).count() as f32;
         gloss
     }
 
