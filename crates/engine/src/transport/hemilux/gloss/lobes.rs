@@ -261,8 +261,7 @@ impl Gloss {
         }
         let covariances: Vec<[f32; 2]> = self.sums.par_iter().map(LobeSums::covariance).collect();
         let factor = |lobe: usize| {
-            // One that has no rays goes by those beside it in any case.
-            if self.sums[lobe].rays > 0 && !self.sums[lobe].knows_open_sky() {
+            if !self.sums[lobe].knows_open_sky() {
                 return 0.0;
             }
             let mut beside = Vec::new();
@@ -342,12 +341,11 @@ impl Gloss {
     /// same place: one through what rays find beside the open sky's share, the other through the open sky.
     fn with_neighbours(&self, visible: &VisibleSurfaces, index: usize) -> Shown {
         let (mine, factor) = (&self.sums[index], self.factor(index));
-        let of = |own, times: u32| match times {
-            0 => Shared::of_others(),
-            _ => Shared::new(own, times as f32),
-        };
-        let mut rest = of(mine.rest(factor), mine.rays);
-        let mut open = of(mine.open_sky(), mine.batches);
+        if mine.rays == 0 {
+            return self.of_neighbours(visible, index);
+        }
+        let mut rest = Shared::new(mine.rest(factor), mine.rays as f32);
+        let mut open = Shared::new(mine.open_sky(), mine.batches as f32);
         let near = (NEIGHBOUR_REACH, 1);
         self.around(visible, index, near, |other, across, down| {
             let same = self.looks_at_the_same(index, other);
@@ -369,6 +367,18 @@ impl Gloss {
             variance: rest.variance + factor * factor * open.variance,
             rays: rest.rays,
         }
+    }
+
+    /// The same of a lobe that has no rays: through what neighbours found, each corrected for the open sky by its
+    /// own factor, since some of them know nothing of that.
+    fn of_neighbours(&self, visible: &VisibleSurfaces, index: usize) -> Shown {
+        let mut all = Shared::of_others();
+        self.around(visible, index, (NEIGHBOUR_REACH, 1), |other, across, down| {
+            let weight = self.looks_at_the_same(index, other) * self.sums[other].rays as f32;
+            let theirs = self.own(other);
+            all.add([across, down], (theirs.mean, theirs.variance), weight);
+        });
+        all.center()
     }
 
     /// The same through what pixels farther away have found with their neighbours: broad lobes show much
