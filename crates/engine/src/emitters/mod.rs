@@ -2,6 +2,7 @@
 //! form with a tree for very many, and disks in place of them; the sky, the sun, and lights without
 //! extent, or of a small one.
 
+mod all_unoccluded;
 mod cells;
 mod direct_lights;
 mod disks;
@@ -21,7 +22,8 @@ mod sun;
 mod triangles;
 mod unoccluded;
 
-pub use direct_lights::{AllUnoccluded, DirectLights};
+pub use all_unoccluded::AllUnoccluded;
+pub use direct_lights::DirectLights;
 pub use disks::{DiskPoints, Disks};
 pub use light_tree::{LightBounds, LightTree};
 pub use polygons::{ShadowSample, TRIES};

@@ -1,7 +1,8 @@
 //! Lights that broad lobes see in one direction: points, spots and directions without extent, and the sun.
 //! What a lobe reflects of these is known without a ray, but for what is in between.
 
-use super::direct_lights::{AllUnoccluded, DirectLights};
+use super::all_unoccluded::AllUnoccluded;
+use super::direct_lights::DirectLights;
 use super::unoccluded::LobeAxis;
 use crate::radiometry::Rgb;
 use glam::Vec3;

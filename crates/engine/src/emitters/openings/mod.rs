@@ -13,6 +13,7 @@ mod rectangle;
 mod search;
 
 use super::sky::SkyLight;
+use crate::radiometry::importance;
 use crate::surface::World;
 use fitting::Fitted;
 use glam::Vec3;
@@ -71,6 +72,41 @@ pub fn sample_sky(
         false => sky.sample(normal, [xi.y, xi.z]).0,
     };
     (direction, sky_pdf(sky, Some(lookout), normal, direction))
+}
+
+/// The same by two directions through openings at once, one of which is picked by what the sky shines through
+/// each (resampled importance sampling: Talbot, Cline, Egbert 2005): bright and dark parts of the sky
+/// behind a window get rays by their light. `lookout` has openings to draw directions through; `pick` is
+/// uniform. What arrives from the direction over the density has the mean of all that arrives, but the density
+/// hangs on both draws and is none of other ways to find a direction.
+pub fn sample_sky_of_two(
+    sky: &SkyLight,
+    lookout: &Lookout,
+    normal: Vec3,
+    (xi, pick): ([Vec3; 2], f32),
+) -> (Vec3, f32) {
+    // What either way finds counts by how many directions it draws (the balance heuristic), so that
+    // a sun in the map is the sky's own draws'.
+    let density = |direction| {
+        2.0 * THROUGH_OPENINGS * lookout.pdf(direction)
+            + (1.0 - THROUGH_OPENINGS) * sky.pdf(normal, direction)
+    };
+    if xi[0].x >= THROUGH_OPENINGS {
+        let direction = sky.sample(normal, [xi[0].y, xi[0].z]).0;
+        return (direction, density(direction));
+    }
+    let drawn = [0, 1].map(|k| {
+        let x = 0.5 * (k as f32 + xi[0].x / THROUGH_OPENINGS);
+        let direction = lookout.sample(Vec3::new(x, xi[k].y, xi[k].z));
+        let density = density(direction);
+        let shines = importance(sky.radiance(direction)) * normal.dot(direction).max(0.0);
+        (direction, density, if density > 0.0 { shines / density } else { 0.0 })
+    });
+    let [first, second] = drawn.map(|(.., worth)| worth);
+    let is_second = second > 0.0 && pick * (first + second) >= first;
+    let (direction, density, worth) = drawn[usize::from(is_second)];
+    let both = first + second;
+    (direction, if both > 0.0 { density * worth / both } else { 0.0 })
 }
 
 /// Density of [`sample_sky`], 1/sr, for a unit direction.

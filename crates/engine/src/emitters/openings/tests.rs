@@ -1,9 +1,11 @@
 use super::*;
 use crate::emitters::DirectLights;
-use crate::radiometry::importance;
+use crate::radiometry::Rgb;
 use crate::random::{Numbers, Stream};
+use crate::scene::environment::{Environment, PlacedMap, Sky};
 use crate::scene::gltf::{ImportLimits, Resources, import};
 use crate::scene::made::real::{RealScene, checker, wide_window, window};
+use crate::scene::sky_map::SkyMap;
 use std::f32::consts::TAU;
 use std::sync::Arc;
 
@@ -120,4 +122,47 @@ fn light_through_a_window_is_the_same_with_less_noise() {
         assert!((mean - other).abs() < 3.5 * deviation, "{place}: {mean} {other} ± {deviation}");
         assert!(5.0 * variance < other_variance, "{place}: {variance} {other_variance}");
     }
+}
+
+/// Of two directions the brighter is picked more often, and yet as much arrives in the mean, with less noise, from
+/// a sky that is bright behind one corner of a window.
+#[test]
+fn two_directions_to_pick_from_have_the_same_mean_and_less_noise() {
+    let glow = Vec3::new(0.4, 0.8, 0.3).normalize();
+    let map = SkyMap::from_fn(128, 64, |direction| {
+        Rgb::new(1.0, 0.7, 0.5) * (1.0 + 60.0 * f32::from(direction.dot(glow) > 0.995))
+    });
+    let map = Arc::new(map.expect("it shines"));
+    let sky = Sky::Map(PlacedMap { map, rotation: 0.0, scale: Rgb::ONE });
+    let sky = SkyLight::new(&Environment { sky, ..Environment::none() }).expect("it shines");
+    let edges = [Vec3::new(0.0, 0.0, 0.9), Vec3::new(0.6, 0.0, 0.0)];
+    let rectangle = |corner| Rectangle { corner, edges };
+    let both = [Vec3::new(0.4, 1.2, 0.0), Vec3::new(-1.0, 0.4, -0.8)].map(rectangle);
+    let lookout = Lookout::new(both.into_iter(), Vec3::ZERO, Vec3::Y).expect("above");
+    // What is seen of the sky: all that is through an opening, and a part beside them.
+    let arrives = |(direction, density): (Vec3, f32)| {
+        let is_seen = lookout.pdf(direction) > 0.0 || direction.x < -0.8;
+        let light = importance(sky.radiance(direction)) * direction.y.max(0.0) / density;
+        if is_seen && density > 0.0 { f64::from(light) } else { 0.0 }
+    };
+    const SAMPLES: u32 = 200_000;
+    let mut numbers = Numbers::new(1, Stream::Light, 0);
+    let (mut sums, mut squares) = ([0.0; 2], [0.0; 2]);
+    for _ in 0..SAMPLES {
+        let mut next = || numbers.uniform();
+        let xi = [0, 1].map(|_| Vec3::new(next(), next(), next()));
+        let one = sample_sky(&sky, Some(&lookout), Vec3::Y, xi[0]);
+        let of_two = sample_sky_of_two(&sky, &lookout, Vec3::Y, (xi, next()));
+        for (k, drawn) in [one, of_two].into_iter().enumerate() {
+            let light = arrives(drawn);
+            sums[k] += light;
+            squares[k] += light * light;
+        }
+    }
+    let means = sums.map(|sum| sum / f64::from(SAMPLES));
+    let variance = |k: usize| squares[k] / f64::from(SAMPLES) - means[k] * means[k];
+    let deviation = ((variance(0) + variance(1)) / f64::from(SAMPLES)).sqrt();
+    assert!((means[0] - means[1]).abs() < 3.5 * deviation, "{means:?} ± {deviation}");
+    assert!(deviation < 0.01 * means[0], "{means:?} ± {deviation}");
+    assert!(1.3 * variance(1) < variance(0), "{} {}", variance(1), variance(0));
 }

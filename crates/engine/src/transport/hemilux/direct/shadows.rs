@@ -12,6 +12,7 @@ use crate::random::Stream;
 use crate::rays::Segment;
 use crate::sampling::{BAYER, Shifted};
 use crate::transport::hemilux::fragments::{Fragment, VisibleSurfaces};
+use glam::Vec3;
 use rayon::prelude::*;
 use std::f64::consts::GOLDEN_RATIO;
 
@@ -33,6 +34,9 @@ const MANY_RAYS: u32 = 4;
 const ORDINARY_PIXELS: u32 = 250_000;
 /// A fragment where rays agree gets another one once in so many passes.
 const RECHECK_PASSES: u32 = 4;
+/// A fragment's first rays to the sky through openings have two directions to pick from. More of them
+/// are spread well enough.
+const RAYS_OF_TWO: u32 = 32;
 /// Pixels in each direction whose rays are compared, and shared.
 pub(super) const NEIGHBOUR_REACH: i32 = 2;
 /// Cosine between normals of fragments in one plane, at least.
@@ -266,10 +270,19 @@ impl Caster<'_> {
                 let xi = if tries == 0 { at.triple() } else { at.again(tries) };
                 lights.sample(picked, from, normal, xi)
             };
+            let through_openings = || {
+                let [first, second] = [0, 1].map(|k| sequence.of_pixel(place * TRIES, 2 * n + k));
+                let first = Vec3 { x: at.triple().x, ..first.triple() };
+                let numbers = ([first, second.triple()], at.again(1).x);
+                lights.sample_of_two(picked, (from, normal), numbers)
+            };
             // Where the horizon cuts a light, the ratio of seen to cast asks for points above it;
             // light apart is no such ratio.
-            let tries = if unoccluded.looks_out() { 1 } else { TRIES };
-            let light = (0..tries).find_map(sample);
+            let light = match unoccluded.looks_out() {
+                true if n < RAYS_OF_TWO => through_openings(),
+                true => sample(0),
+                false => (0..TRIES).find_map(sample),
+            };
             if light.as_ref().is_some_and(|light| light.is_apart) {
                 part = Part::Apart;
             }
