@@ -3,6 +3,7 @@
 
 use super::lobes::{BATCH_COST, Gloss, NEIGHBOUR_REACH, Work};
 use super::placed_lobe::PlacedLobe;
+use super::sums::LobeSums;
 use crate::transport::hemilux::fragments::{Lobe, VisibleSurfaces};
 use rayon::prelude::*;
 use std::f64::consts::GOLDEN_RATIO;
@@ -22,6 +23,11 @@ const MOST_RAYS_FACTOR: f32 = 128.0;
 const LEAST_RAYS_FACTOR: f32 = 0.05;
 /// Of the pixels of a square so wide, one has rays for its faint lobes in the first pass.
 const FAINT_STRIDE: u32 = 2;
+/// A lobe is an outlier where its variance is so many times the mean one.
+const OUTLIER_FACTOR: f64 = 100.0;
+/// It gets so many times the rays that it had, if these were few.
+const OUTLIER_TIMES: u32 = 4;
+const FEW_RAYS: u32 = 32;
 
 /// What a lobe gets in the first pass.
 const FIRST: Work = Work { rays: FIRST_RAYS, batches: FIRST_BATCHES };
@@ -60,6 +66,28 @@ impl Gloss {
         let work = |lobe| if is_lonely(lobe) { FIRST } else { Work::default() };
         let all: Vec<Work> = (0..self.len()).into_par_iter().with_min_len(1024).map(work).collect();
         all.iter().any(|work| work.rays > 0).then_some(all)
+    }
+
+    /// More rays for the few lobes whose chance makes most of what is off in the picture: rays late in a pass may
+    /// be the first to find a light that lobes see in one another, and nothing follows the last one. `None` where
+    /// there are none.
+    pub(super) fn work_of_outliers(&self, visible: &VisibleSurfaces) -> Option<Vec<Work>> {
+        let variance = |lobe: usize| {
+            let sums = &self.sums[lobe];
+            let share = visible.share(&visible.lobes[lobe]);
+            let one = sums.ray_variance(self.factor(lobe)) / sums.rays.max(1) as f32;
+            share * share * self.left_by_sharing(lobe) * one
+        };
+        let all = (0..self.len()).into_par_iter().with_min_len(1024);
+        let all: Vec<f32> = all.map(variance).collect();
+        let sum: f64 = all.iter().map(|own| f64::from(*own)).sum();
+        let much = OUTLIER_FACTOR * sum / all.len().max(1) as f64;
+        let work = |(variance, sums): (&f32, &LobeSums)| {
+            let is_outlier = f64::from(*variance) > much && (1..FEW_RAYS).contains(&sums.rays);
+            Work { rays: if is_outlier { OUTLIER_TIMES * sums.rays } else { 0 }, batches: 0 }
+        };
+        let work: Vec<Work> = all.iter().zip(&self.sums).map(work).collect();
+        work.iter().any(|work| work.rays > 0).then_some(work)
     }
 
     /// Lobes that a pass has rays for: all, but those that have begun where it is the second one, which follows
