@@ -26,7 +26,7 @@ pub use all_unoccluded::AllUnoccluded;
 pub use direct_lights::DirectLights;
 pub use disks::{DiskPoints, Disks};
 pub use light_tree::{LightBounds, LightTree};
-pub use polygons::{ShadowSample, TRIES};
+pub use polygons::{LightPoint, ShadowSample, TRIES};
 pub use scene_lights::SceneLights;
 pub use sky::SkyLight;
 pub use triangles::{EmissionSample, LightSample, TriangleLights};

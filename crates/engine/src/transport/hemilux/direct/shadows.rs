@@ -6,7 +6,7 @@ use super::caster::Caster;
 use super::highlights::Highlights;
 use super::sums::{Part, ShadowSums, StoredShadowSums, StoredShares};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
-use crate::emitters::{AllUnoccluded, DirectLights, TRIES};
+use crate::emitters::{AllUnoccluded, DirectLights, LightPoint, TRIES};
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::rays::Segment;
@@ -265,23 +265,15 @@ impl Caster<'_> {
                 Some(split) => (Part::Known, &split.others),
                 None => (Part::Known, &unoccluded),
             };
-            let at = sequence.of_pixel(place * TRIES, n);
-            let sample = |tries: u32| {
-                let xi = if tries == 0 { at.triple() } else { at.again(tries) };
-                lights.sample(picked, from, normal, xi)
-            };
-            let through_openings = || {
-                let [first, second] = [0, 1].map(|k| sequence.of_pixel(place * TRIES, 2 * n + k));
-                let first = Vec3 { x: at.triple().x, ..first.triple() };
-                let numbers = ([first, second.triple()], at.again(1).x);
-                lights.sample_of_two(picked, (from, normal), numbers)
-            };
             // Where the horizon cuts a light, the ratio of seen to cast asks for points above it;
             // light apart is no such ratio.
             let light = match unoccluded.looks_out() {
-                true if n < RAYS_OF_TWO => through_openings(),
-                true => sample(0),
-                false => (0..TRIES).find_map(sample),
+                true => self.look_out(picked, (from, normal), (sequence, place, n)),
+                false => {
+                    let at = sequence.of_pixel(place * TRIES, n);
+                    let xi = |tries| if tries == 0 { at.triple() } else { at.again(tries) };
+                    (0..TRIES).find_map(|tries| lights.sample(picked, from, normal, xi(tries)))
+                }
             };
             if light.as_ref().is_some_and(|light| light.is_apart) {
                 part = Part::Apart;
@@ -291,6 +283,25 @@ impl Caster<'_> {
             let (irradiance, narrow) = (light.irradiance, light.narrow);
             to.add(Segment { from, to: light.end }, End { index, irradiance, part, narrow });
         }
+    }
+
+    /// A light point for the n-th ray of a pixel from which the sky is seen through openings, if at all.
+    fn look_out(
+        &self,
+        all: &AllUnoccluded,
+        (from, normal): (Vec3, Vec3),
+        (sequence, pixel, n): (Shifted, u32, u32),
+    ) -> Option<LightPoint> {
+        let at = |k: u32| sequence.of_pixel(pixel * TRIES, k).triple();
+        let group = at(n).x;
+        if n >= RAYS_OF_TWO {
+            // Those before have taken two points each.
+            let xi = Vec3 { x: group, ..at(n + RAYS_OF_TWO) };
+            return self.lights.sample(all, from, normal, xi);
+        }
+        let pick = sequence.of_pixel(pixel * TRIES, n).again(1).x;
+        let xi = [Vec3 { x: group, ..at(2 * n) }, at(2 * n + 1)];
+        self.lights.sample_of_two(all, (from, normal), (xi, pick))
     }
 }
 
