@@ -174,7 +174,7 @@ fn mean_rays(visible: &VisibleSurfaces, lobe: &Lobe) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::transport::hemilux::specimen::{SEED, Specimen};
+    use crate::transport::hemilux::specimen::Specimen;
 
     /// Of faint lobes few have rays at first; the others show what those beside them found, and that is as much
     /// as rays of their own say.
@@ -184,12 +184,7 @@ mod tests {
         let (world, cut) = (&specimen.world, specimen.cut.clone());
         let visible = VisibleSurfaces::new(world, cut, &world.scene.cameras[0], [240, 240], 8);
         let found = |passes: u32, adaptive: bool| {
-            let mut gloss = Gloss::new(world, &visible, true);
-            for _ in 0..passes {
-                gloss.pass(&specimen.coarse, &visible, (SEED, adaptive), f64::INFINITY);
-            }
-            gloss.share(&visible);
-            gloss
+            Gloss::after(&specimen, &visible, true, (passes, adaptive))
         };
         let (begun, known) = (found(1, true), found(16, false));
         let all = 0..begun.len();

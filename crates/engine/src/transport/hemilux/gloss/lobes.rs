@@ -491,4 +491,23 @@ fn trace(
 }
 
 #[cfg(test)]
+impl Gloss {
+    /// What so many passes find, `adaptive` or not, when it has been shared if it is to be.
+    pub(super) fn after(
+        specimen: &crate::transport::hemilux::specimen::Specimen,
+        visible: &VisibleSurfaces,
+        is_shared: bool,
+        (passes, adaptive): (u32, bool),
+    ) -> Self {
+        let how = (crate::transport::hemilux::specimen::SEED, adaptive);
+        let mut gloss = Self::new(&specimen.world, visible, is_shared);
+        for _ in 0..passes {
+            gloss.pass(&specimen.coarse, visible, how, f64::INFINITY);
+        }
+        gloss.share(visible);
+        gloss
+    }
+}
+
+#[cfg(test)]
 mod tests;

@@ -11,14 +11,7 @@ fn neighbours_share_what_they_found() {
     let specimen = Specimen::new(&crate::scene::made::kitchen(), 2000);
     let (world, cut) = (&specimen.world, specimen.cut.clone());
     let visible = VisibleSurfaces::new(world, cut, &world.scene.cameras[0], [240, 240], 8);
-    let found = |is_shared: bool| {
-        let mut gloss = Gloss::new(world, &visible, is_shared);
-        for _ in 0..4 {
-            gloss.pass(&specimen.coarse, &visible, (SEED, false), f64::INFINITY);
-        }
-        gloss.share(&visible);
-        gloss
-    };
+    let found = |is_shared: bool| Gloss::after(&specimen, &visible, is_shared, (4, false));
     let sums = |shown: &[Shown]| {
         let sum = |of: &dyn Fn(&Shown) -> f32| shown.iter().map(of).sum::<f32>();
         [sum(&|own| own.mean.element_sum()), sum(&|own| own.variance)]
@@ -104,15 +97,8 @@ fn lobes_that_wait_are_right_below_slats() {
     let specimen = below_slats();
     let (world, cut) = (&specimen.world, specimen.cut.clone());
     let visible = VisibleSurfaces::new(world, cut, &world.scene.cameras[0], [120, 120], 8);
-    let found = |passes: u32, adaptive: bool| {
-        let mut gloss = Gloss::new(world, &visible, true);
-        for _ in 0..passes {
-            gloss.pass(&specimen.coarse, &visible, (SEED, adaptive), f64::INFINITY);
-        }
-        gloss.share(&visible);
-        gloss
-    };
-    let (begun, known) = (found(1, true), found(32, false));
+    let [begun, known] =
+        [(1, true), (32, false)].map(|passes| Gloss::after(&specimen, &visible, true, passes));
     let waiting = (0..begun.len()).filter(|lobe| begun.sums[*lobe].rays == 0);
     let waiting: Vec<usize> = waiting.collect();
     let knows = (0..begun.len()).filter(|lobe| begun.sums[*lobe].knows_open_sky()).count();
