@@ -211,6 +211,38 @@ mod tests {
             assert!((mean - 1.0).abs() < most, "{filtered}: {mean} ± {deviation}");
         }
     }
+
+    /// In a room full of sky, the edges of a patch of sun get many more rays than what the sun does not reach: what
+    /// is looked for in the sky and not found there says nothing of the sun, and where all rays to it agree, the
+    /// next one is expected to do so.
+    #[test]
+    fn the_edge_of_a_patch_of_sun_gets_most_rays() {
+        let house = made::real::window();
+        let specimen = Specimen::surrounded(&house.glb, house.environment, 1000);
+        let Specimen { world, lights, cut, .. } = &specimen;
+        let camera = &world.scene.cameras[0];
+        let visible = VisibleSurfaces::new(world, cut.clone(), camera, [160, 120], 16);
+        let seed = Seed { number: 1, well_spread: true };
+        let caster = Caster { world, lights, visible: &visible, seed };
+        let mut direct = DirectLighting::new(lights, &visible, true, false);
+        (0..3).for_each(|_| direct.pass(&caster, f64::INFINITY));
+        let (mut edges, mut others) = (Vec::new(), Vec::new());
+        for sums in direct.sums.iter().filter(|sums| sums.apart.is_any && sums.known.rays > 0) {
+            if sums.known.mixed {
+                edges.push(f64::from(sums.rays));
+                continue;
+            }
+            let off = sums.known.blocked_share() - sums.known.first;
+            assert!(off.abs() < 1e-3, "{off} of the sun after {} rays", sums.known.rays);
+            if !sums.disputed {
+                others.push(f64::from(sums.rays));
+            }
+        }
+        assert!(edges.len() >= 20 && others.len() >= 1000, "{} {}", edges.len(), others.len());
+        let mean = |all: &[f64]| all.iter().sum::<f64>() / all.len() as f64;
+        assert!(mean(&edges) > 15.0 * mean(&others), "{} {}", mean(&edges), mean(&others));
+    }
+
     /// Rays of fragments that see the sky through openings say nothing of one that sees it as a whole, however many
     /// these are: a pixel of a window's sill may be the only one of its kind.
     #[test]

@@ -275,11 +275,15 @@ impl Caster<'_> {
                     (0..TRIES).find_map(|tries| lights.sample(picked, from, normal, xi(tries)))
                 }
             };
-            if light.as_ref().is_some_and(|light| light.is_apart) {
+            let Some(light) = light else {
+                // It says nothing of what is in the way.
+                sums.rays += 1;
+                continue;
+            };
+            if light.is_apart {
                 part = Part::Apart;
             }
-            sums.aim(part, light.as_ref().map_or(Rgb::ZERO, |light| light.irradiance));
-            let Some(light) = light else { continue };
+            sums.aim(part, light.irradiance);
             let (irradiance, narrow) = (light.irradiance, light.narrow);
             to.add(Segment { from, to: light.end }, End { index, irradiance, part, narrow });
         }

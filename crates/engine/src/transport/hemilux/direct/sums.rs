@@ -22,9 +22,6 @@ const UNLIKE_VARIANCES: f32 = 24.0;
 /// more of light that crosses them at another angle.
 const SAME_SHARE: f32 = 0.02;
 
-/// Fragments, this one among them, whose rays are compared to tell whether they agree.
-const RAYS_AROUND: f32 = 25.0;
-
 /// What rays of a fragment found, as checkpoints store it: without the closed form.
 /// The order of the fields is part of the format.
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -264,9 +261,10 @@ impl ShareSums {
         self.rays > 0 && other.rays > 0 && off.abs() > SAME_SHARE
     }
 
-    /// Variance of what one ray says of the irradiance, importance, with that much of a ray unknown.
-    fn variance_of_one(&self, unknown: f32) -> f32 {
-        let share = (self.blocked + unknown) / (self.rays as f32 + 2.0 * unknown);
+    /// Variance of what one ray says of the irradiance, importance; where all agree, as if one half of a ray
+    /// did not.
+    fn variance_of_one(&self) -> f32 {
+        let share = (self.blocked + 0.5) / (self.rays + 1) as f32;
         importance(self.unoccluded).powi(2) * share * (1.0 - share)
     }
 
@@ -311,8 +309,7 @@ impl ShadowSums {
         }
     }
 
-    /// Counts a ray that is sent to a part of the light, to a point that stands for that irradiance; zero
-    /// where there is no such point above the horizon.
+    /// Counts a ray that is sent to a part of the light, to a point that stands for that irradiance.
     pub fn aim(&mut self, part: Part, irradiance: Rgb) {
         self.rays += 1;
         let shares = match (part, &mut self.sky) {
@@ -366,11 +363,14 @@ impl ShadowSums {
 
     /// Standard deviation of what one ray says of the irradiance, importance.
     pub fn deviation(&self) -> f32 {
-        // Where all rays agree, and those around with them, another one hardly says otherwise.
-        let unknown = if self.is_disputed() { 0.5 } else { 0.5 / RAYS_AROUND };
-        let sky = self.sky.as_ref().map_or(0.0, |sky| sky.variance_of_one(unknown));
         let apart = self.apart_scatter() / (self.rays.max(2) - 1) as f32;
-        (self.known.variance_of_one(unknown) + sky + apart).sqrt()
+        // Where all rays agree, and those around with them, another one hardly says otherwise: in a room full
+        // of sky, to suspect the sun everywhere would take nearly all rays from the edges of its patch.
+        if !self.is_disputed() {
+            return apart.sqrt();
+        }
+        let sky = self.sky.as_ref().map_or(0.0, |sky| sky.variance_of_one());
+        (self.known.variance_of_one() + sky + apart).sqrt()
     }
 
     /// Whether more rays are worth while.
