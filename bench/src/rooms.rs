@@ -1,5 +1,5 @@
 //! `rooms`: predicted against actual error in rooms that a generator makes by chance
-//! ([`random_room`], [`odd_room`]), so that nothing was tuned to them: each room after several numbers of
+//! ([`random_room`], [`sunny_room`], [`odd_room`]), so that nothing was tuned to them: each room after several numbers of
 //! iterations against path tracing in two halves. Figures go to a JSON file as they come.
 
 use crate::page::percent;
@@ -11,7 +11,7 @@ use hemilux_charts::statistics::median;
 use hemilux_charts::table::Table;
 use hemilux_engine::device::{self, Device};
 use hemilux_engine::render::{Limits, Rendered};
-use hemilux_engine::scene::made::real::{odd_room, random_room};
+use hemilux_engine::scene::made::real::{odd_room, random_room, sunny_room};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -61,6 +61,8 @@ enum Kind {
     /// Furniture, lamps, windows, textures.
     #[default]
     Furnished,
+    /// The same in the sun.
+    Sunny,
     /// One-sided plates, hollow things, glass and what is half there, through each other.
     Odd,
 }
@@ -148,6 +150,7 @@ fn measure(room: u32, arguments: &Arguments, device: &mut dyn Device) -> Result<
     let side = arguments.side;
     let made = match arguments.kind {
         Kind::Furnished => random_room(room),
+        Kind::Sunny => sunny_room(room),
         Kind::Odd => odd_room(room),
     };
     std::fs::write(arguments.references.join(format!("{}.glb", made.name)), &made.glb)?;

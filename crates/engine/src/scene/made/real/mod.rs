@@ -19,7 +19,7 @@ pub use foliage::{LEAVES, foliage};
 pub use mirrors::mirrors;
 pub use odd_room::odd_room;
 pub use parts::RealScene;
-pub use random_room::random_room;
+pub use random_room::{random_room, sunny_room};
 pub use screens::screens;
 pub use water::water;
 #[cfg(test)]

@@ -179,7 +179,7 @@ impl Making {
         let corner = Vec3::new(x - 0.01, low, near - width);
         let sheet = panel(corner, width * Vec3::Z, height * Vec3::Y);
         let mesh = Mesh::quads([&sheet]).with_uvs(|p| Vec2::new(p.z, p.y) - Vec2::new(near, low));
-        if kind < 0.25 {
+        if kind < 0.25 && !self.is_sunny {
             self.has_mirror = true;
             let silver = self.writer.material(&metal("mirror", Rgb::splat(0.9), 0.0));
             self.writer.body("mirror", &mesh, silver);

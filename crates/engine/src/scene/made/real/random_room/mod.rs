@@ -6,13 +6,16 @@ mod lamps;
 use super::super::glb::GlbWriter;
 use super::super::mesh::{Mesh, Quad, boundary};
 use super::super::texture;
-use super::parts::{Chance, RealScene, metal, seen_from};
+use super::parts::{Chance, RealScene, daylight, metal, seen_from};
 use crate::radiometry::Rgb;
+use crate::scene::environment::Sun;
 use crate::scene::{Environment, Material, Sky};
 use glam::{Vec2, Vec3};
 
 /// Thickness of the walls of rooms that have an outside, metres.
 const WALL: f32 = 0.2;
+/// Half the angle that the sun covers, radians.
+const SUN_RADIUS: f32 = 0.00465;
 
 /// A room that is being made. Its inside goes from the origin to `size`; the camera stands at the
 /// end of large z.
@@ -22,6 +25,8 @@ struct Making {
     size: Vec3,
     /// Whether something in it is a mirror, in which path tracing can't find lights without extent.
     has_mirror: bool,
+    /// Whether the sun shines in.
+    is_sunny: bool,
 }
 
 /// A closed room with furniture, one to three lamps of several kinds, in a third of the seeds a
@@ -31,10 +36,22 @@ struct Making {
 /// What path tracing, the reference, can't find is left out: glass, polished metal that is curved,
 /// and lights without extent beside a mirror.
 pub fn random_room(seed: u32) -> RealScene {
-    let mut chance = Chance::new(texture::hash(seed, 0x0400));
+    let chance = Chance::new(texture::hash(seed, 0x0400));
+    let name = format!("room-{seed}");
+    made((chance, false), name, "furniture, lamps, mirrors and textures by chance")
+}
+
+/// The same with a window through which sun and sky shine in, and no mirror: path tracing finds no sun in one.
+pub fn sunny_room(seed: u32) -> RealScene {
+    let chance = Chance::new(texture::hash(seed, 0x0501));
+    let name = format!("sunny-{seed}");
+    made((chance, true), name, "furniture, lamps and textures by chance in the sun")
+}
+
+fn made((mut chance, is_sunny): (Chance, bool), name: String, why: &'static str) -> RealScene {
     let mut length = |low, high| chance.between(low, high);
     let size = Vec3::new(length(3.0, 6.0), length(2.3, 3.2), length(3.2, 6.5));
-    let mut making = Making { writer: GlbWriter::default(), chance, size, has_mirror: false };
+    let mut making = Making { writer: GlbWriter::default(), chance, size, has_mirror: false, is_sunny };
     let environment = making.shell();
     making.furnish();
     making.lamps(environment.is_dark());
@@ -45,8 +62,8 @@ pub fn random_room(seed: u32) -> RealScene {
     let across = chance.between(0.35, 0.65) * size.x;
     let target = [across, chance.between(0.4, 1.0), chance.between(0.1, 0.4) * size.z];
     RealScene {
-        name: format!("room-{seed}"),
-        why: "furniture, lamps, mirrors and textures by chance",
+        name,
+        why,
         glb: seen_from(writer, eye, target, chance.between(0.7, 1.15)),
         environment,
     }
@@ -56,7 +73,7 @@ impl Making {
     /// Walls, floor and ceiling; what surrounds them.
     fn shell(&mut self) -> Environment {
         let materials = self.finishes();
-        if self.chance.unit() < 0.35 {
+        if self.is_sunny || self.chance.unit() < 0.35 {
             return self.house(materials);
         }
         let Vec3 { x, y, z } = self.size;
@@ -79,11 +96,32 @@ impl Making {
         let top = (low + self.chance.between(0.5, 1.3)).min(y - 0.1);
         let quads = self.thick_walls(Some([low, top, start, start + width]));
         self.cover(&quads, materials);
+        if self.is_sunny {
+            return self.sun_and_sky();
+        }
         if self.chance.unit() < 0.3 {
             return Environment::studio();
         }
         let sky = Sky::Uniform(self.chance.color(1.0, 3.0));
         Environment { sky, ..Environment::none() }
+    }
+
+    /// A sun that shines in through the window and a sky: of an afternoon somewhere, or both by chance.
+    fn sun_and_sky(&mut self) -> Environment {
+        let chance = &mut self.chance;
+        if chance.unit() < 0.5 {
+            let (latitude, month) = (chance.between(20.0, 55.0), 1.0 + chance.between(0.0, 11.9));
+            let (hour, minute) = (chance.between(13.0, 16.0), chance.between(0.0, 59.0));
+            return daylight(&format!(
+                "{latitude:.1},0.0,2026-{:02}-15T{:02}:{:02}:00Z",
+                month as u32, hour as u32, minute as u32
+            ));
+        }
+        let towards = Vec3::new(-1.0, chance.between(0.2, 1.2), chance.between(-0.8, 0.8));
+        let tint = Rgb::new(1.0, chance.between(0.7, 1.0), chance.between(0.4, 1.0));
+        let sun = Sun::towards(towards, tint * chance.between(10.0, 60.0), SUN_RADIUS);
+        let sky = Sky::Uniform(chance.color(0.5, 2.0));
+        Environment { sky, sun: Some(sun), ..Environment::none() }
     }
 
     /// Walls that have an outside; the window from and to which height, from and to which z.
