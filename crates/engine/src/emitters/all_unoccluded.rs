@@ -2,7 +2,7 @@
 
 use super::openings::Lookout;
 use super::unoccluded::{LobeAxis, Unoccluded};
-use crate::radiometry::Rgb;
+use crate::radiometry::{Rgb, importance};
 
 /// Number of groups: polygons, sky, sun, and lights without extent.
 pub const GROUPS: usize = 4;
@@ -12,11 +12,11 @@ const LEAST_PART: f32 = 1e-3;
 const BLIND_SKY_SHARE: f32 = 0.2;
 
 /// What lights shine in two parts, each to be sampled by itself.
-pub struct BesideSky {
-    /// All but the sky.
+pub struct Split {
+    /// All but one.
     pub others: AllUnoccluded,
-    /// The sky.
-    pub sky: AllUnoccluded,
+    /// The one that is looked at by itself: the sky or, where that is seen through openings, the sun.
+    pub one: AllUnoccluded,
 }
 
 /// What all lights shine on a surface without occlusion, by which they are picked.
@@ -34,23 +34,33 @@ pub struct AllUnoccluded {
     pub(super) lookout: Option<Lookout>,
     /// What the sky shines without occlusion.
     pub(super) sky: Rgb,
+    /// What the sun does.
+    pub(super) sun: Rgb,
 }
 
 impl AllUnoccluded {
-    /// The sky's part of it and that of all other lights, where both shine; `None` where either does not, or
-    /// the sky is seen through openings.
-    pub fn beside_sky(&self) -> Option<BesideSky> {
-        let share = self.shares[1];
-        if self.looks_out() || !(LEAST_PART..=1.0 - LEAST_PART).contains(&share) {
+    /// The sky's part of it and that of all other lights, where both shine; where the sky is seen through
+    /// openings, the sun's and that of lamps: a sun that hardly any ray finds would leave none for these.
+    pub fn split(&self) -> Option<Split> {
+        let (group, light, all) = match self.looks_out() {
+            true => (2, self.sun, importance(self.irradiance)),
+            false => (1, self.sky, importance(self.irradiance)),
+        };
+        if !(LEAST_PART..=1.0 - LEAST_PART).contains(&(importance(light) / all)) {
             return None;
         }
-        let (mut others, mut sky) = (*self, *self);
-        others.irradiance -= self.sky;
-        others.shares = self.shares.map(|own| own / (1.0 - share));
-        others.shares[1] = 0.0;
-        sky.irradiance = self.sky;
-        sky.shares = [0.0, 1.0, 0.0, 0.0];
-        Some(BesideSky { others, sky })
+        let (mut others, mut one) = (*self, *self);
+        others.irradiance -= light;
+        others.shares[group] = 0.0;
+        // Half of the rays stay the sky's where it is seen through openings.
+        let kept = if self.looks_out() { self.shares[1] } else { 0.0 };
+        let left: f32 = others.shares.iter().sum::<f32>() - kept;
+        for (number, share) in others.shares.iter_mut().enumerate() {
+            *share *= if self.looks_out() && number == 1 { 1.0 } else { (1.0 - kept) / left };
+        }
+        one.irradiance = light;
+        one.shares = std::array::from_fn(|number| if number == group { 1.0 } else { 0.0 });
+        Some(Split { others, one })
     }
 
     /// Whether it is dark, so that the sky is seen through openings if at all: its light is no part of
@@ -70,15 +80,27 @@ impl AllUnoccluded {
                 if others > 0.0 { (wanted, (1.0 - wanted) / others) } else { (1.0, 0.0) };
             self.shares = self.shares.map(|share| share * factor);
             self.shares[1] = sky;
+            // Nor do lamps leave all other rays to a sun that hardly any of them finds.
+            let sun = self.shares[2];
+            let lamps = 1.0 - sky - sun;
+            if sun > lamps && lamps > LEAST_PART * sun {
+                let half = 0.5 * (1.0 - sky);
+                self.shares = self.shares.map(|share| share * (half / lamps));
+                (self.shares[1], self.shares[2]) = (sky, half);
+            }
         }
     }
 
     /// The group for a uniform number, and the number that is left for picks within it.
-    /// `None` where no light is to be sampled this time.
+    /// `None` where no light is to be sampled this time. A sky that is seen through openings comes first
+    /// ([`DirectLights::in_turn`](super::DirectLights::in_turn)).
     pub(super) fn group(&self, x: f32) -> Option<(usize, f32)> {
         let (mut sum, mut last) = (0.0, None);
-        for (group, share) in self.shares.into_iter().enumerate().filter(|(_, share)| *share > 0.0)
-        {
+        let order = if self.looks_out() { [1, 0, 3, 2] } else { [0, 1, 2, 3] };
+        for (group, share) in order.map(|group| (group, self.shares[group])) {
+            if share <= 0.0 {
+                continue;
+            }
             last = Some((group, ((x - sum) / share).clamp(0.0, 1.0 - f32::EPSILON)));
             sum += share;
             if x < sum {

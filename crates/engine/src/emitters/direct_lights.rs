@@ -174,6 +174,7 @@ impl DirectLights {
             lobe: None,
             lookout: self.lookout(point, normal),
             sky: Rgb::ZERO,
+            sun: Rgb::ZERO,
         };
         if self.has_only_polygons() {
             return all;
@@ -185,7 +186,7 @@ impl DirectLights {
         ];
         let known = if all.looks_out() { &others[1..] } else { &others };
         all.irradiance += known.iter().sum::<Rgb>();
-        all.sky = others[0];
+        (all.sky, all.sun) = (others[0], others[1]);
         let [sky, sun, punctual] = others.map(importance);
         all.shares = self.shares([importance(polygons.irradiance), sky, sun, punctual]);
         all.give_half_to_sky();
@@ -209,6 +210,7 @@ impl DirectLights {
             lobe: Some(axis),
             lookout: self.lookout(point, normal),
             sky: Rgb::ZERO,
+            sun: Rgb::ZERO,
         };
         if self.has_only_polygons() {
             return all;
@@ -323,6 +325,18 @@ impl DirectLights {
         Some(LightPoint { is_apart: true, ..light? })
     }
 
+    /// Numbers for the n-th of few samples of one place by [`DirectLights::sample_by_shadow_ray`]: where a sky is
+    /// seen through openings, that and all other lights take turns. Whether any other light is seen at all is
+    /// not left to chance then: of two samples by plain numbers both may be the sky's, and what lamps shine
+    /// would count as blocked.
+    pub fn in_turn(&self, xi: Vec3, n: u32) -> Vec3 {
+        if self.openings.is_none() {
+            return xi;
+        }
+        let stratum = [0.0, 2.0, 1.0, 3.0][n as usize % 4];
+        Vec3 { x: 0.25 * (xi.x + stratum), ..xi }
+    }
+
     /// A point of the sky.
     fn far(
         &self,
@@ -378,13 +392,16 @@ impl DirectLights {
             return ShadowSample { unoccluded, cast, visibility, apart, direction, density };
         }
         let all = self.unoccluded(point, normal);
-        let mut sample = ShadowSample { unoccluded: all.irradiance, ..ShadowSample::default() };
+        // Lamps and a sun in a room full of sky have no share of all light in common.
+        let is_all_apart = all.looks_out() && all.split().is_some();
+        let unoccluded = if is_all_apart { Rgb::ZERO } else { all.irradiance };
+        let mut sample = ShadowSample { unoccluded, ..ShadowSample::default() };
         let any = all.irradiance != Rgb::ZERO || all.looks_out();
         if let Some(light) = any.then(|| self.sample(&all, point, normal, xi)).flatten() {
             let visibility = world.visibility(point, light.end);
             sample.direction = (light.end - point).normalize_or_zero();
             sample.density = light.density;
-            match light.is_apart {
+            match light.is_apart || is_all_apart {
                 true => sample.apart = light.irradiance * visibility,
                 false => (sample.cast, sample.visibility) = (light.irradiance, visibility),
             }

@@ -22,9 +22,9 @@ pub use parts::RealScene;
 pub use random_room::{random_room, sunny_room};
 pub use screens::screens;
 pub use water::water;
-#[cfg(test)]
-pub use window::wide_window;
 pub use window::{glazed, window};
+#[cfg(test)]
+pub use window::{lamp_beside_window, wide_window};
 
 /// All of them, the random ones by a seed.
 pub fn all(seed: u32) -> Vec<RealScene> {

@@ -91,6 +91,24 @@ fn random_rooms_differ() {
     assert!(counts.iter().all(|count| (3..38).contains(count)), "{counts:?}");
 }
 
+/// Sunny rooms of many seeds load without a warning, each with a sun that comes in by the window, a sky, and no
+/// mirror; some have lamps. The same seed makes the same room.
+#[test]
+fn sunny_rooms_differ() {
+    let mut lit = 0;
+    for seed in 0..40 {
+        let made = sunny_room(seed);
+        assert!(made.glb == sunny_room(seed).glb, "{seed}");
+        assert!(made.environment == sunny_room(seed).environment, "{seed}");
+        let sun = made.environment.sun.expect("a sun");
+        assert!(sun.direction.x < 0.0 && sun.direction.y > 0.0, "{seed}: {}", sun.direction);
+        let loaded = imported(&made);
+        assert!(loaded.materials.iter().all(|material| material.name != "mirror"), "{seed}");
+        lit += u32::from(loaded.emissive_triangles() > 0 || !loaded.lights.is_empty());
+    }
+    assert!((8..33).contains(&lit), "{lit}");
+}
+
 /// Odd rooms of many seeds load without a warning, each with a lamp, some open; the same seed makes the same
 /// room, and materials of all kinds are among them.
 #[test]

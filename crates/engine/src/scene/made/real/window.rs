@@ -3,6 +3,8 @@
 use super::super::glb::GlbWriter;
 use super::super::mesh::{Mesh, Quad, boundary, union_of};
 use super::parts::{RealScene, daylight, matte, panel, seen_from};
+#[cfg(test)]
+use crate::radiometry::Rgb;
 use crate::scene::Material;
 use glam::Vec3;
 
@@ -30,7 +32,17 @@ pub fn wide_window() -> RealScene {
     house("wide_window", "a room lit through a wide window by sun and sky", WIDE_WINDOW, |_| ())
 }
 
-/// The same with a pane in the middle of the window's wall, before which the wall is in the sun; frosted where
+/// The room with its small window and a lamp under the ceiling, which shines far less than the sun does on what
+/// that reaches, and far more on all else.
+#[cfg(test)]
+pub fn lamp_beside_window() -> RealScene {
+    house("lamp_beside_window", "a room with a window and a lamp", WINDOW, |writer| {
+        let quad = panel(Vec3::new(1.6, 2.69, 1.4), 0.8 * Vec3::X, 0.8 * Vec3::Z);
+        super::parts::lamp(writer, &quad, Rgb::splat(3e4));
+    })
+}
+
+/// The room with a pane in the middle of the window's wall, before which the wall is in the sun; frosted where
 /// it has a roughness.
 pub fn glazed(roughness: f32) -> RealScene {
     house("glazed", "the same window with a pane of glass", WINDOW, |writer| {

@@ -80,8 +80,9 @@ impl SampledLight {
         let mut sequence = sequence.at(self.points);
         let side = elements.side(world, element);
         let (is_flat, is_part) = (elements.is_one_patch(cut, element), elements.is_part(element));
+        let first = self.points + element.0;
         self.points += points;
-        for _ in 0..points {
+        for n in first..first + points {
             let xi = sequence.next_pair();
             let from = elements.points(world, cut, element, sequence.apart().light.x);
             let LitPoint { start, normal, lit_normal } =
@@ -101,7 +102,8 @@ impl SampledLight {
             };
             self.open += 1;
             let sums = if hidden { &mut self.hidden } else { &mut self.visible };
-            let sample = lights.sample_by_shadow_ray(world, start, lit_normal, sequence.triple());
+            let xi = lights.in_turn(sequence.triple(), n);
+            let sample = lights.sample_by_shadow_ray(world, start, lit_normal, xi);
             sums.add(sample);
             self.arrived += sample.arrived();
             if finish.is_glossy() && !lighting.follows_mirrors {
@@ -128,8 +130,45 @@ impl SampledLight {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::radiometry::importance;
     use crate::transport::hemilux::specimen::{EMISSION, SEED, Specimen, is_near};
     use std::f32::consts::PI;
+
+    /// Of lamp, sun and sky through a window few points know what each brings to a room's elements.
+    #[test]
+    fn few_points_know_lamp_sun_and_sky() {
+        let room = crate::scene::made::real::lamp_beside_window();
+        let specimen = Specimen::surrounded(&room.glb, room.environment, 2000);
+        let lighting = Lighting {
+            world: &specimen.world,
+            lights: &specimen.lights,
+            cut: &specimen.coarse.mesh.cut,
+            elements: &specimen.coarse.mesh.elements,
+            follows_mirrors: false,
+        };
+        let after = |points: u32, number: u64, element| {
+            let mut sampled = SampledLight::default();
+            let seed = Seed { number, well_spread: true };
+            sampled.add(&lighting, element, points, seed);
+            importance(sampled.mean(Rgb::splat(0.5)).irradiance)
+        };
+        // What the sun does not reach.
+        let (mut squares, mut sum, mut right_sum, mut count) = (0.0, 0.0, 0.0, 0.0);
+        for element in specimen.coarse.mesh.elements.all().filter(|element| element.0 % 7 == 0) {
+            let right = after(2048, 99, element);
+            if !(500.0..20_000.0).contains(&right) {
+                continue;
+            }
+            for seed in 1..=8 {
+                let own = after(4, seed, element);
+                squares += (own - right).powi(2);
+                (sum, right_sum, count) = (sum + own, right_sum + right, count + 1.0);
+            }
+        }
+        let off = (squares / count).sqrt() / (right_sum / count);
+        assert!(count >= 1000.0 && off < 0.2, "{off} {count}");
+        assert!((sum / right_sum - 1.0).abs() < 0.05, "{}", sum / right_sum);
+    }
 
     /// In a furnace the walls shine from everywhere: E = π L^e, and nothing is in between.
     #[test]

@@ -243,6 +243,49 @@ mod tests {
         assert!(mean(&edges) > 15.0 * mean(&others), "{} {}", mean(&edges), mean(&others));
     }
 
+    /// A lamp lights what the sun does not reach at once, though without anything in between the sun would be most of
+    /// the light everywhere: rays that find it hidden leave enough for the lamp.
+    #[test]
+    fn a_hidden_sun_leaves_rays_for_a_lamp() {
+        let room = made::real::lamp_beside_window();
+        let specimen = Specimen::surrounded(&room.glb, room.environment, 1000);
+        let Specimen { world, lights, .. } = &specimen;
+        let visible = specimen.visible();
+        let after = |passes: u32, number: u64| {
+            let seed = Seed { number, well_spread: true };
+            let caster = Caster { world, lights, visible: &visible, seed };
+            let mut direct = DirectLighting::new(lights, &visible, true, false);
+            (0..passes).for_each(|_| direct.pass(&caster, f64::INFINITY));
+            direct
+        };
+        let light = |direct: &DirectLighting, index| {
+            f64::from(importance(direct.irradiance(lights, &visible, index, true).0))
+        };
+        let exact = after(100, 9);
+        let all = 0..visible.fragments.len();
+        let shaded: Vec<usize> = all
+            .filter(|index| {
+                let sums = &exact.sums[*index];
+                sums.apart.is_any
+                    && sums.by_itself.as_ref().is_some_and(|sun| sun.seen == Rgb::ZERO)
+            })
+            .collect();
+        assert!(shaded.len() >= 300, "{} of {}", shaded.len(), visible.fragments.len());
+        let (mut squares, mut sums, mut exact_sums) = (0.0, 0.0, 0.0);
+        for seed in 1..=4 {
+            let once = after(1, seed);
+            for index in &shaded {
+                let [own, right] = [&once, &exact].map(|direct| light(direct, *index));
+                squares += (own - right).powi(2);
+                (sums, exact_sums) = (sums + own, exact_sums + right);
+            }
+        }
+        let count = 4.0 * shaded.len() as f64;
+        let off = (squares / count).sqrt() / (exact_sums / count);
+        assert!(off < 0.2, "{off}");
+        assert!((sums / exact_sums - 1.0).abs() < 0.02, "{}", sums / exact_sums);
+    }
+
     /// Rays of fragments that see the sky through openings say nothing of one that sees it as a whole, however many
     /// these are: a pixel of a window's sill may be the only one of its kind.
     #[test]

@@ -36,8 +36,9 @@ impl DirectLighting {
         let exact = lights.is_exact();
         let (mut light, mut variance) =
             self.by_share(Part::Known, exact, visible, (index, filtered));
-        if sums.sky.is_some() {
-            let (sky, other_variance) = self.by_share(Part::Sky, exact, visible, (index, filtered));
+        if sums.by_itself.is_some() {
+            let (sky, other_variance) =
+                self.by_share(Part::ByItself, exact, visible, (index, filtered));
             (light, variance) = (light + sky, variance + other_variance);
         }
         if sums.apart.is_any {
@@ -71,11 +72,11 @@ impl DirectLighting {
         // Of a ray; one fragment's rays are too few to tell.
         let all = others.iter().map(|(other, ..)| *other).chain([sums]);
         let (squares, rays) = all.fold((0.0, 0.0), |(squares, rays), sums| {
-            (squares + sums.apart_scatter(), rays + (sums.rays as f32 - 1.0))
+            (squares + sums.apart_scatter(), rays + (sums.rays_to_apart() as f32 - 1.0))
         });
         let of_one = squares / rays.max(1.0);
         let chance = |sums: &ShadowSums| {
-            let rays = sums.rays as f32;
+            let rays = sums.rays_to_apart() as f32;
             of_one * well_spread(rays) / rays
         };
         let (mut plane, mut noise) = (Plane::new(), 0.0);
@@ -83,7 +84,7 @@ impl DirectLighting {
             let off = importance(other.apart_mean()) - importance(own.0);
             let both = MORE_CHANCE * (chance(sums) + chance(other));
             let weight = 1.0 / (1.0 + (across * across + down * down) as f32 * 0.5);
-            let weight = weight * other.rays as f32 * alike(off, both);
+            let weight = weight * other.rays_to_apart() as f32 * alike(off, both);
             plane.add(across, down, other.apart_mean(), weight);
             noise += weight * chance(other);
         }
@@ -117,7 +118,7 @@ impl DirectLighting {
             return self.share_around(part, visible, index);
         }
         let share = own.share(exact);
-        let rays = if sums.sky.is_some() { own.rays } else { sums.rays };
+        let rays = if sums.by_itself.is_some() { own.rays } else { sums.rays };
         if !(filtered && sums.is_disputed()) {
             return (factor * share, own.own_variance(exact));
         }
@@ -161,7 +162,7 @@ impl DirectLighting {
         let (mut sum, mut rays) = (Rgb::ZERO, 0.0);
         around(visible, index, NEIGHBOUR_REACH, |other, _, _| {
             let other = &self.sums[other];
-            let is_alike = other.sky.is_some() == sums.sky.is_some();
+            let is_alike = other.by_itself.is_some() == sums.by_itself.is_some();
             let theirs = other.part(part).filter(|own| is_alike && own.cast != Rgb::ZERO);
             if let Some(theirs) = theirs {
                 sum += theirs.share(true) * theirs.rays as f32;
@@ -236,7 +237,7 @@ mod tests {
             importance(direct.irradiance(lights, visible, index, true).0)
         };
         let sky = |index: usize| {
-            exact.sums[index].sky.as_ref().map_or(0.0, |sky| importance(sky.unoccluded))
+            exact.sums[index].by_itself.as_ref().map_or(0.0, |sky| importance(sky.unoccluded))
         };
         let all = 0..visible.fragments.len();
         let sun = |index: usize| importance(exact.sums[index].known.share(true));
@@ -367,7 +368,7 @@ mod tests {
 
     /// Takes all light as one part.
     fn together(sums: &mut ShadowSums) {
-        if let Some(sky) = sums.sky.take() {
+        if let Some(sky) = sums.by_itself.take() {
             sums.known.unoccluded += sky.unoccluded;
         }
     }

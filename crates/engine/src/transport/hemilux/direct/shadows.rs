@@ -69,7 +69,7 @@ impl DirectLighting {
     ) -> Self {
         let unoccluded = |fragment: &Fragment| {
             let all = lights.unoccluded(fragment.point, fragment.shading_normal);
-            ShadowSums::new(&all, lights.is_exact())
+            ShadowSums::new(&all, ShadowSums::splits((lights, visible), fragment, &all))
         };
         let fragments = visible.fragments.par_iter().with_min_len(CHUNK);
         let sums: Vec<ShadowSums> = fragments.map(unoccluded).collect();
@@ -88,7 +88,7 @@ impl DirectLighting {
         to.value(self.passes);
         to.value(self.rays);
         to.slice(&self.sums.iter().map(StoredShadowSums::of).collect::<Vec<_>>());
-        let skies = self.sums.iter().filter_map(|sums| sums.sky.as_deref());
+        let skies = self.sums.iter().filter_map(|sums| sums.by_itself.as_deref());
         to.slice(&skies.map(StoredShares::of).collect::<Vec<_>>());
         let highlights = self.sums.iter().filter_map(|sums| sums.highlights.as_deref());
         Highlights::save(&highlights.collect::<Vec<_>>(), to);
@@ -102,7 +102,7 @@ impl DirectLighting {
         let mut pairs = self.sums.iter_mut().zip(stored);
         pairs.try_for_each(|(sums, stored)| stored.restore(sums))?;
         let skies: Vec<_> =
-            self.sums.iter_mut().filter_map(|sums| sums.sky.as_deref_mut()).collect();
+            self.sums.iter_mut().filter_map(|sums| sums.by_itself.as_deref_mut()).collect();
         let stored: Vec<StoredShares> = from.exactly(skies.len())?;
         skies.into_iter().zip(stored).try_for_each(|(sums, stored)| stored.restore(sums))?;
         let highlights = self.sums.iter_mut().filter_map(|sums| sums.highlights.as_deref_mut());
@@ -237,8 +237,8 @@ impl Caster<'_> {
         // where that is no guide.
         let at_middle = lights.unoccluded(fragment.point, fragment.shading_normal);
         let is_alike = |there: &AllUnoccluded| {
-            (there.looks_out(), there.beside_sky().is_some())
-                == (at_middle.looks_out(), at_middle.beside_sky().is_some())
+            (there.looks_out(), there.split().is_some())
+                == (at_middle.looks_out(), at_middle.split().is_some())
         };
         let is_diffuse = fragment.diffuse != Rgb::ZERO;
         for _ in 0..count {
@@ -258,10 +258,11 @@ impl Caster<'_> {
             let there =
                 (sums.more_places > 0).then(|| lights.unoccluded(from, normal)).filter(is_alike);
             let unoccluded = there.unwrap_or(at_middle);
-            // The sky and all other lights take turns.
-            let split = unoccluded.beside_sky().filter(|_| sums.sky.is_some());
+            // The sky or the sun and all other lights take turns. What the sky shows in a lobe its own rays find.
+            let split = unoccluded.split().filter(|_| sums.by_itself.is_some());
+            let is_wanted = is_diffuse || unoccluded.looks_out();
             let (mut part, picked) = match &split {
-                Some(split) if is_diffuse && !n.is_multiple_of(2) => (Part::Sky, &split.sky),
+                Some(split) if is_wanted && sums.is_turn_of_one(n) => (Part::ByItself, &split.one),
                 Some(split) => (Part::Known, &split.others),
                 None => (Part::Known, &unoccluded),
             };

@@ -3,8 +3,9 @@
 use super::caster::MOST_RAYS_OF_ALL;
 use super::highlights::Highlights;
 use crate::checkpoint::CheckpointError;
-use crate::emitters::AllUnoccluded;
+use crate::emitters::{AllUnoccluded, DirectLights};
 use crate::radiometry::{Rgb, importance};
+use crate::transport::hemilux::fragments::{Fragment, VisibleSurfaces};
 use bytemuck::{Pod, Zeroable};
 
 /// Factor by which few well-spread points are taken to lower the variance of random ones where there is no
@@ -36,8 +37,8 @@ pub struct StoredShares {
     mixed: u32,
 }
 
-/// The rest of [`ShadowSums`], with the closed form of the light that is not the sky's: that may be a mean
-/// over many places. The sky's is computed again.
+/// The rest of [`ShadowSums`], with the closed form of the light that is not looked at by itself: that may be a
+/// mean over many places. The other is computed again.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub struct StoredShadowSums {
@@ -56,9 +57,11 @@ pub struct StoredShadowSums {
 pub struct ShadowSums {
     /// Of rays to light whose irradiance without occlusion is known.
     pub known: ShareSums,
-    /// Of rays to the sky where other light shines, too: in a sun's shadow all light is the sky's, of which
-    /// few rays would tell anything if lights were picked by what they shine. Then `known` is without it.
-    pub sky: Option<Box<ShareSums>>,
+    /// Of rays to the one light that is looked at by itself ([`AllUnoccluded::split`]). The sky where other
+    /// light shines, too: in a sun's shadow all light is the sky's, of which few rays would tell anything if
+    /// lights were picked by what they shine. And the sun in a room full of sky, for the lamps' sake. Then
+    /// `known` is without it.
+    pub by_itself: Option<Box<ShareSums>>,
     /// Light of the sky through openings, of the same rays, if it is seen so.
     pub apart: LightApart,
     /// What the fragment's lobe reflects of narrow lights, if that is found here.
@@ -79,8 +82,8 @@ pub struct ShadowSums {
 pub enum Part {
     /// [`ShadowSums::known`].
     Known,
-    /// [`ShadowSums::sky`].
-    Sky,
+    /// [`ShadowSums::by_itself`].
+    ByItself,
     /// [`ShadowSums::apart`].
     Apart,
 }
@@ -157,7 +160,7 @@ impl StoredShares {
 }
 
 impl StoredShadowSums {
-    /// The sums to be stored, but for those of [`ShadowSums::sky`].
+    /// The sums to be stored, but for those of [`ShadowSums::by_itself`].
     pub fn of(sums: &ShadowSums) -> Self {
         Self {
             known: StoredShares::of(&sums.known),
@@ -284,18 +287,28 @@ impl ShareSums {
 }
 
 impl ShadowSums {
-    /// No rays yet, of a fragment on which that shines.
-    pub fn new(all: &AllUnoccluded, exact: bool) -> Self {
+    /// Whether one light may be looked at by itself there. Not the sun in a room full of sky where a map tilts the
+    /// normals: what it shines without occlusion is a mean over places then.
+    pub fn splits(
+        (lights, visible): (&DirectLights, &VisibleSurfaces),
+        fragment: &Fragment,
+        all: &AllUnoccluded,
+    ) -> bool {
+        lights.is_exact() && !(all.looks_out() && visible.is_mapped(fragment))
+    }
+
+    /// No rays yet, of a fragment on which that shines; `splits` where one light may be looked at by itself.
+    pub fn new(all: &AllUnoccluded, splits: bool) -> Self {
         let apart = LightApart { is_any: all.looks_out(), ..LightApart::default() };
-        let (known, sky) = Self::unoccluded(all, exact);
-        let sky = sky.map(|sky| Box::new(ShareSums::new(sky)));
-        Self { known: ShareSums::new(known), sky, apart, ..Self::default() }
+        let (known, one) = Self::unoccluded(all, splits);
+        let by_itself = one.map(|one| Box::new(ShareSums::new(one)));
+        Self { known: ShareSums::new(known), by_itself, apart, ..Self::default() }
     }
 
     /// What shines without occlusion of the parts that have shares.
-    pub fn unoccluded(all: &AllUnoccluded, exact: bool) -> (Rgb, Option<Rgb>) {
-        match all.beside_sky().filter(|_| exact) {
-            Some(split) => (split.others.irradiance, Some(split.sky.irradiance)),
+    pub fn unoccluded(all: &AllUnoccluded, splits: bool) -> (Rgb, Option<Rgb>) {
+        match all.split().filter(|_| splits) {
+            Some(split) => (split.others.irradiance, Some(split.one.irradiance)),
             None => (all.irradiance, None),
         }
     }
@@ -304,7 +317,7 @@ impl ShadowSums {
     pub fn part(&self, part: Part) -> Option<&ShareSums> {
         match part {
             Part::Known => Some(&self.known),
-            Part::Sky => self.sky.as_deref(),
+            Part::ByItself => self.by_itself.as_deref(),
             Part::Apart => None,
         }
     }
@@ -312,9 +325,9 @@ impl ShadowSums {
     /// Counts a ray that is sent to a part of the light, to a point that stands for that irradiance.
     pub fn aim(&mut self, part: Part, irradiance: Rgb) {
         self.rays += 1;
-        let shares = match (part, &mut self.sky) {
+        let shares = match (part, &mut self.by_itself) {
             (Part::Apart, _) => return,
-            (Part::Sky, Some(sky)) => sky,
+            (Part::ByItself, Some(one)) => one,
             _ => &mut self.known,
         };
         shares.rays += 1;
@@ -323,31 +336,41 @@ impl ShadowSums {
 
     /// Adds what a ray to some light point found; `irradiance` is what the point stands for.
     pub fn add(&mut self, part: Part, irradiance: Rgb, visibility: Rgb, exact: bool) {
-        match (part, &mut self.sky) {
+        match (part, &mut self.by_itself) {
             (Part::Apart, _) if exact => self.apart.add(irradiance * visibility),
-            (Part::Sky, Some(sky)) => sky.add_ray(irradiance, visibility, exact),
+            (Part::ByItself, Some(one)) => one.add_ray(irradiance, visibility, exact),
             _ => self.known.add_ray(irradiance, visibility, exact),
         }
     }
 
-    /// Which parts beside the first the light is divided up into: the sky, and light apart.
+    /// Which parts beside the first the light is divided up into: one that is looked at by itself, and light apart.
     pub fn division(&self) -> [bool; 2] {
-        [self.sky.is_some(), self.apart.is_any]
+        [self.by_itself.is_some(), self.apart.is_any]
+    }
+
+    /// Whether its n-th ray goes to the one light that is looked at by itself: that and all others take turns.
+    pub fn is_turn_of_one(&self, n: u32) -> bool {
+        self.by_itself.is_some() && !n.is_multiple_of(2)
+    }
+
+    /// Rays that may have gone to light apart.
+    pub fn rays_to_apart(&self) -> u32 {
+        self.rays - if self.by_itself.is_some() { self.rays / 2 } else { 0 }
     }
 
     /// Rays that a fragment needs for each of its parts to have one.
     pub fn least_rays(&self) -> u32 {
-        1 + u32::from(self.sky.is_some())
+        1 + u32::from(self.by_itself.is_some())
     }
 
     /// Whether rays here or around disagreed when they were last compared, or do so here since.
     pub fn is_disputed(&self) -> bool {
-        self.disputed || self.known.mixed || self.sky.as_ref().is_some_and(|sky| sky.mixed)
+        self.disputed || self.known.mixed || self.by_itself.as_ref().is_some_and(|one| one.mixed)
     }
 
     /// Whether rays say different things than a neighbour's.
     pub fn differs_from(&self, other: &Self) -> bool {
-        let skies = self.sky.as_ref().zip(other.sky.as_ref());
+        let skies = self.by_itself.as_ref().zip(other.by_itself.as_ref());
         self.known.differs_from(&other.known)
             || skies.is_some_and(|(mine, theirs)| mine.differs_from(theirs))
     }
@@ -363,14 +386,14 @@ impl ShadowSums {
 
     /// Standard deviation of what one ray says of the irradiance, importance.
     pub fn deviation(&self) -> f32 {
-        let apart = self.apart_scatter() / (self.rays.max(2) - 1) as f32;
+        let apart = self.apart_scatter() / (self.rays_to_apart().max(2) - 1) as f32;
         // Where all rays agree, and those around with them, another one hardly says otherwise: in a room full
         // of sky, to suspect the sun everywhere would take nearly all rays from the edges of its patch.
         if !self.is_disputed() {
             return apart.sqrt();
         }
-        let sky = self.sky.as_ref().map_or(0.0, |sky| sky.variance_of_one());
-        (self.known.variance_of_one() + sky + apart).sqrt()
+        let one = self.by_itself.as_ref().map_or(0.0, |one| one.variance_of_one());
+        (self.known.variance_of_one() + one + apart).sqrt()
     }
 
     /// Whether more rays are worth while.
@@ -380,25 +403,25 @@ impl ShadowSums {
 
     /// Whether nothing shines on the fragment.
     pub fn is_dark(&self) -> bool {
-        self.known.unoccluded == Rgb::ZERO && self.sky.is_none() && !self.apart.is_any
+        self.known.unoccluded == Rgb::ZERO && self.by_itself.is_none() && !self.apart.is_any
     }
 
     /// Mean irradiance through openings.
     pub fn apart_mean(&self) -> Rgb {
-        self.apart.seen / self.rays.max(1) as f32
+        self.apart.seen / self.rays_to_apart().max(1) as f32
     }
 
     /// Σ squared difference of the rays' irradiances through openings from their mean, importance.
     pub fn apart_scatter(&self) -> f32 {
         let mean = importance(self.apart_mean());
-        (self.apart.squares - mean * mean * self.rays as f32).max(0.0)
+        (self.apart.squares - mean * mean * self.rays_to_apart() as f32).max(0.0)
     }
 
     /// Variance of the mean irradiance through openings, by the fragment's rays alone.
     pub fn apart_variance(&self) -> Rgb {
-        let (mean, rays) = (self.apart_mean(), self.rays as f32);
+        let (mean, rays) = (self.apart_mean(), self.rays_to_apart() as f32);
         let square = importance(mean).powi(2);
-        if self.rays < 2 || square <= 0.0 {
+        if rays < 2.0 || square <= 0.0 {
             return mean * mean;
         }
         mean * mean * (self.apart_scatter() / (rays * (rays - 1.0) * square) * well_spread(rays))

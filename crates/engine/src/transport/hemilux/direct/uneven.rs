@@ -70,12 +70,13 @@ fn look_at_places(
     fragment: &Fragment,
     count: u32,
 ) {
-    let (exact, division) = (lights.is_exact(), sums.division());
+    let division = sums.division();
     let at = |n| {
         let (point, normal) = visible.start_of_ray(fragment, n);
         let all = lights.unoccluded(point, normal);
-        let (known, sky) = ShadowSums::unoccluded(&all, exact);
-        ([sky.is_some(), all.looks_out()] == division).then_some(known)
+        let splits = ShadowSums::splits((lights, visible), fragment, &all);
+        let (known, one) = ShadowSums::unoccluded(&all, splits);
+        ([one.is_some(), all.looks_out()] == division).then_some(known)
     };
     let end = sums.places + count;
     let alike = (sums.places..end).filter_map(at);

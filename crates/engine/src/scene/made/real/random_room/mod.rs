@@ -51,7 +51,8 @@ pub fn sunny_room(seed: u32) -> RealScene {
 fn made((mut chance, is_sunny): (Chance, bool), name: String, why: &'static str) -> RealScene {
     let mut length = |low, high| chance.between(low, high);
     let size = Vec3::new(length(3.0, 6.0), length(2.3, 3.2), length(3.2, 6.5));
-    let mut making = Making { writer: GlbWriter::default(), chance, size, has_mirror: false, is_sunny };
+    let mut making =
+        Making { writer: GlbWriter::default(), chance, size, has_mirror: false, is_sunny };
     let environment = making.shell();
     making.furnish();
     making.lamps(environment.is_dark());
