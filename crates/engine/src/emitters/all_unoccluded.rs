@@ -6,6 +6,8 @@ use crate::radiometry::{Rgb, importance};
 
 /// Number of groups: polygons, sky, sun, and lights without extent.
 pub const GROUPS: usize = 4;
+const SKY: usize = 1;
+const SUN: usize = 2;
 /// Share of all light below which neither the sky nor all else is looked at by itself.
 const LEAST_PART: f32 = 1e-3;
 /// Share of the rays that go to the sky from dark places that know no opening.
@@ -42,25 +44,28 @@ impl AllUnoccluded {
     /// The sky's part of it and that of all other lights, where both shine; where the sky is seen through
     /// openings, the sun's and that of lamps: a sun that hardly any ray finds would leave none for these.
     pub fn split(&self) -> Option<Split> {
-        let (group, light, all) = match self.looks_out() {
-            true => (2, self.sun, importance(self.irradiance)),
-            false => (1, self.sky, importance(self.irradiance)),
-        };
-        if !(LEAST_PART..=1.0 - LEAST_PART).contains(&(importance(light) / all)) {
+        let group = if self.looks_out() { SUN } else { SKY };
+        let parts = self.in_parts();
+        let share = importance(parts[1]) / importance(self.irradiance);
+        if !(LEAST_PART..=1.0 - LEAST_PART).contains(&share) {
             return None;
         }
         let (mut others, mut one) = (*self, *self);
-        others.irradiance -= light;
+        [others.irradiance, one.irradiance] = parts;
         others.shares[group] = 0.0;
         // Half of the rays stay the sky's where it is seen through openings.
-        let kept = if self.looks_out() { self.shares[1] } else { 0.0 };
+        let kept = others.shares[SKY];
         let left: f32 = others.shares.iter().sum::<f32>() - kept;
-        for (number, share) in others.shares.iter_mut().enumerate() {
-            *share *= if self.looks_out() && number == 1 { 1.0 } else { (1.0 - kept) / left };
-        }
-        one.irradiance = light;
+        others.shares = others.shares.map(|share| share * (1.0 - kept) / left);
+        others.shares[SKY] = kept;
         one.shares = std::array::from_fn(|number| if number == group { 1.0 } else { 0.0 });
         Some(Split { others, one })
+    }
+
+    /// What all lights but one shine, and that one: the sky, or the sun where the sky is seen through openings.
+    pub fn in_parts(&self) -> [Rgb; 2] {
+        let one = if self.looks_out() { self.sun } else { self.sky };
+        [self.irradiance - one, one]
     }
 
     /// Whether it is dark, so that the sky is seen through openings if at all: its light is no part of
@@ -79,15 +84,16 @@ impl AllUnoccluded {
             let (sky, factor) =
                 if others > 0.0 { (wanted, (1.0 - wanted) / others) } else { (1.0, 0.0) };
             self.shares = self.shares.map(|share| share * factor);
-            self.shares[1] = sky;
-            // Nor do lamps leave all other rays to a sun that hardly any of them finds.
-            let sun = self.shares[2];
+            // Nor do lamps leave all other rays to a sun that hardly any of them finds, where they are split: picks
+            // that are not by what shines would give their rays together no share in common.
+            let sun = self.shares[SUN];
             let lamps = 1.0 - sky - sun;
-            if sun > lamps && lamps > LEAST_PART * sun {
+            if sun > lamps && lamps > 2.0 * LEAST_PART * sun {
                 let half = 0.5 * (1.0 - sky);
                 self.shares = self.shares.map(|share| share * (half / lamps));
-                (self.shares[1], self.shares[2]) = (sky, half);
+                self.shares[SUN] = half;
             }
+            self.shares[SKY] = sky;
         }
     }
 

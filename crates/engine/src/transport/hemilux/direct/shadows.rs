@@ -69,7 +69,7 @@ impl DirectLighting {
     ) -> Self {
         let unoccluded = |fragment: &Fragment| {
             let all = lights.unoccluded(fragment.point, fragment.shading_normal);
-            ShadowSums::new(&all, ShadowSums::splits((lights, visible), fragment, &all))
+            ShadowSums::new(&all, lights.is_exact())
         };
         let fragments = visible.fragments.par_iter().with_min_len(CHUNK);
         let sums: Vec<ShadowSums> = fragments.map(unoccluded).collect();
@@ -88,8 +88,8 @@ impl DirectLighting {
         to.value(self.passes);
         to.value(self.rays);
         to.slice(&self.sums.iter().map(StoredShadowSums::of).collect::<Vec<_>>());
-        let skies = self.sums.iter().filter_map(|sums| sums.by_itself.as_deref());
-        to.slice(&skies.map(StoredShares::of).collect::<Vec<_>>());
+        let ones = self.sums.iter().filter_map(|sums| sums.by_itself.as_deref());
+        to.slice(&ones.map(StoredShares::of).collect::<Vec<_>>());
         let highlights = self.sums.iter().filter_map(|sums| sums.highlights.as_deref());
         Highlights::save(&highlights.collect::<Vec<_>>(), to);
     }
@@ -101,10 +101,10 @@ impl DirectLighting {
         let stored: Vec<StoredShadowSums> = from.exactly(self.sums.len())?;
         let mut pairs = self.sums.iter_mut().zip(stored);
         pairs.try_for_each(|(sums, stored)| stored.restore(sums))?;
-        let skies: Vec<_> =
+        let ones: Vec<_> =
             self.sums.iter_mut().filter_map(|sums| sums.by_itself.as_deref_mut()).collect();
-        let stored: Vec<StoredShares> = from.exactly(skies.len())?;
-        skies.into_iter().zip(stored).try_for_each(|(sums, stored)| stored.restore(sums))?;
+        let stored: Vec<StoredShares> = from.exactly(ones.len())?;
+        ones.into_iter().zip(stored).try_for_each(|(sums, stored)| stored.restore(sums))?;
         let highlights = self.sums.iter_mut().filter_map(|sums| sums.highlights.as_deref_mut());
         Highlights::restore(highlights.collect(), from)
     }

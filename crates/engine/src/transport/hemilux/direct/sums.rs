@@ -3,9 +3,8 @@
 use super::caster::MOST_RAYS_OF_ALL;
 use super::highlights::Highlights;
 use crate::checkpoint::CheckpointError;
-use crate::emitters::{AllUnoccluded, DirectLights};
+use crate::emitters::AllUnoccluded;
 use crate::radiometry::{Rgb, importance};
-use crate::transport::hemilux::fragments::{Fragment, VisibleSurfaces};
 use bytemuck::{Pod, Zeroable};
 
 /// Factor by which few well-spread points are taken to lower the variance of random ones where there is no
@@ -37,13 +36,13 @@ pub struct StoredShares {
     mixed: u32,
 }
 
-/// The rest of [`ShadowSums`], with the closed form of the light that is not looked at by itself: that may be a
-/// mean over many places. The other is computed again.
+/// The rest of [`ShadowSums`], with the closed forms, which may be means over many places: of what is known, and
+/// of the one light that is looked at by itself.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub struct StoredShadowSums {
     known: StoredShares,
-    unoccluded: Rgb,
+    unoccluded: [Rgb; 2],
     places: u32,
     rays: u32,
     disputed: u32,
@@ -162,9 +161,10 @@ impl StoredShares {
 impl StoredShadowSums {
     /// The sums to be stored, but for those of [`ShadowSums::by_itself`].
     pub fn of(sums: &ShadowSums) -> Self {
+        let one = sums.by_itself.as_ref().map(|one| one.unoccluded);
         Self {
             known: StoredShares::of(&sums.known),
-            unoccluded: sums.known.unoccluded,
+            unoccluded: [sums.known.unoccluded, one.unwrap_or_default()],
             places: sums.places,
             rays: sums.rays,
             disputed: u32::from(sums.disputed),
@@ -179,11 +179,13 @@ impl StoredShadowSums {
         if self.rays > MOST_RAYS_OF_ALL || self.apart_rays > self.rays {
             return Err(CheckpointError::damaged("there can't be that many rays"));
         }
-        if self.places > MOST_RAYS_OF_ALL || !self.unoccluded.is_finite() {
+        if self.places > MOST_RAYS_OF_ALL || !self.unoccluded.iter().all(|light| light.is_finite())
+        {
             return Err(CheckpointError::damaged("light is not finite, or of too many places"));
         }
         self.known.restore(&mut sums.known)?;
-        (sums.known.unoccluded, sums.places) = (self.unoccluded, self.places);
+        sums.set_unoccluded(self.unoccluded);
+        sums.places = self.places;
         (sums.rays, sums.disputed) = (self.rays, self.disputed != 0);
         (sums.apart.seen, sums.apart.squares) = (self.apart, self.apart_squares);
         sums.apart.rays = self.apart_rays;
@@ -287,29 +289,30 @@ impl ShareSums {
 }
 
 impl ShadowSums {
-    /// Whether one light may be looked at by itself there. Not the sun in a room full of sky where a map tilts the
-    /// normals: what it shines without occlusion is a mean over places then.
-    pub fn splits(
-        (lights, visible): (&DirectLights, &VisibleSurfaces),
-        fragment: &Fragment,
-        all: &AllUnoccluded,
-    ) -> bool {
-        lights.is_exact() && !(all.looks_out() && visible.is_mapped(fragment))
-    }
-
-    /// No rays yet, of a fragment on which that shines; `splits` where one light may be looked at by itself.
-    pub fn new(all: &AllUnoccluded, splits: bool) -> Self {
+    /// No rays yet, of a fragment on which that shines.
+    pub fn new(all: &AllUnoccluded, exact: bool) -> Self {
         let apart = LightApart { is_any: all.looks_out(), ..LightApart::default() };
-        let (known, one) = Self::unoccluded(all, splits);
-        let by_itself = one.map(|one| Box::new(ShareSums::new(one)));
+        let split = all.split().filter(|_| exact);
+        let known = split.as_ref().map_or(all.irradiance, |split| split.others.irradiance);
+        let by_itself = split.map(|split| Box::new(ShareSums::new(split.one.irradiance)));
         Self { known: ShareSums::new(known), by_itself, apart, ..Self::default() }
     }
 
-    /// What shines without occlusion of the parts that have shares.
-    pub fn unoccluded(all: &AllUnoccluded, splits: bool) -> (Rgb, Option<Rgb>) {
-        match all.split().filter(|_| splits) {
-            Some(split) => (split.others.irradiance, Some(split.one.irradiance)),
-            None => (all.irradiance, None),
+    /// What shines at a place of the fragment without occlusion: of what is known, and of the one light that is
+    /// looked at by itself. `None` where the place sees the sky in another way than the fragment as a whole.
+    pub fn unoccluded(&self, all: &AllUnoccluded) -> Option<[Rgb; 2]> {
+        let is_alike = all.looks_out() == self.apart.is_any;
+        is_alike.then(|| match self.by_itself {
+            Some(_) => all.in_parts(),
+            None => [all.irradiance, Rgb::ZERO],
+        })
+    }
+
+    /// Puts that in place of what shines without occlusion.
+    pub fn set_unoccluded(&mut self, [known, one]: [Rgb; 2]) {
+        self.known.unoccluded = known;
+        if let Some(own) = &mut self.by_itself {
+            own.unoccluded = one;
         }
     }
 
@@ -370,9 +373,9 @@ impl ShadowSums {
 
     /// Whether rays say different things than a neighbour's.
     pub fn differs_from(&self, other: &Self) -> bool {
-        let skies = self.by_itself.as_ref().zip(other.by_itself.as_ref());
+        let ones = self.by_itself.as_ref().zip(other.by_itself.as_ref());
         self.known.differs_from(&other.known)
-            || skies.is_some_and(|(mine, theirs)| mine.differs_from(theirs))
+            || ones.is_some_and(|(mine, theirs)| mine.differs_from(theirs))
     }
 
     /// Whether its rays tell which share arrives of the light that `other` knows: any has gone to

@@ -70,22 +70,22 @@ fn look_at_places(
     fragment: &Fragment,
     count: u32,
 ) {
-    let division = sums.division();
     let at = |n| {
         let (point, normal) = visible.start_of_ray(fragment, n);
-        let all = lights.unoccluded(point, normal);
-        let splits = ShadowSums::splits((lights, visible), fragment, &all);
-        let (known, one) = ShadowSums::unoccluded(&all, splits);
-        ([one.is_some(), all.looks_out()] == division).then_some(known)
+        sums.unoccluded(&lights.unoccluded(point, normal))
     };
     let end = sums.places + count;
-    let alike = (sums.places..end).filter_map(at);
-    let (sum, alike) =
-        alike.fold((Rgb::ZERO, 0u32), |(sum, count), known| (sum + known, count + 1));
-    if alike > 0 {
+    let alike: Vec<[Rgb; 2]> = (sums.places..end).filter_map(at).collect();
+    if !alike.is_empty() {
         let new = count as f32 / end as f32;
-        let mean = sum / alike as f32;
-        sums.known.unoccluded += (mean - sums.known.unoccluded) * new;
+        let one = sums.by_itself.as_ref().map(|one| one.unoccluded);
+        let before = [sums.known.unoccluded, one.unwrap_or_default()];
+        let mean = |part: usize| {
+            let mean = alike.iter().map(|own| own[part]).sum::<Rgb>() / alike.len() as f32;
+            before[part] + (mean - before[part]) * new
+        };
+        let means = [mean(0), mean(1)];
+        sums.set_unoccluded(means);
     }
     sums.places = end;
 }
