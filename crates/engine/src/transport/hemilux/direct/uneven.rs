@@ -114,7 +114,9 @@ fn beside(visible: &VisibleSurfaces, index: usize, mut each: impl FnMut(usize)) 
 mod tests {
     use super::*;
     use crate::random::{Numbers, Stream};
-    use crate::scene::environment::{PlacedMap, Sky};
+    use crate::scene::environment::{PlacedMap, Sky, Sun};
+    use crate::scene::gltf::{ImportLimits, Resources, import};
+    use crate::scene::made;
     use crate::scene::sky_map::SkyMap;
     use crate::scene::{Camera, Environment, Material, NormalMap, Scene};
     use crate::scene::{Texture, TextureSlot, Triangle, Vertex};
@@ -183,16 +185,26 @@ mod tests {
         assert!(last < 0.2 * first, "{first} before, {last} after");
     }
 
-    /// A ground whose normals a map tilts by 45° to the left and to the right, many times in each pixel, under
-    /// a sky of radiance 1 + sinθ, θ the height above the horizon.
-    fn ribbed() -> Specimen {
-        let corner = |x: f32, z: f32| Vertex {
-            uv: [Vec2::new(40.0 * x, 40.0 * z); 2],
-            tangent: Vec4::new(1.0, 0.0, 0.0, 1.0),
-            ..Vertex::new(30.0 * Vec3::new(x, 0.0, z), Vec3::Y)
-        };
+    /// A map that tilts normals by 45° to the left and to the right.
+    fn ribs() -> (Texture, NormalMap) {
         let (width, height, texels) = (2, 1, vec![[218, 128, 218, 255], [37, 128, 218, 255]]);
         let slot = TextureSlot { nearest: true, ..TextureSlot::data(0) };
+        (Texture { width, height, texels }, NormalMap { slot, scale: 1.0 })
+    }
+
+    /// A vertex of a ground with many such ribs in each pixel.
+    fn on_ribs(position: Vec3) -> Vertex {
+        Vertex {
+            uv: [Vec2::new(position.x, position.z) * 4.0 / 3.0; 2],
+            tangent: Vec4::new(1.0, 0.0, 0.0, 1.0),
+            ..Vertex::new(position, Vec3::Y)
+        }
+    }
+
+    /// A ribbed ground under a sky of radiance 1 + sinθ, θ the height above the horizon.
+    fn ribbed(sun: Option<Sun>) -> Specimen {
+        let corner = |x: f32, z: f32| on_ribs(30.0 * Vec3::new(x, 0.0, z));
+        let (texture, ribs) = ribs();
         let grey = Material::lambertian("grey", Rgb::splat(0.5));
         let eye = Vec3::new(0.0, 9.0, 9.0);
         let scene = Scene {
@@ -205,39 +217,86 @@ mod tests {
             triangles: [[0, 1, 2], [0, 2, 3]]
                 .map(|vertices| Triangle { vertices, material: 0 })
                 .to_vec(),
-            materials: vec![Material { normal_map: Some(NormalMap { slot, scale: 1.0 }), ..grey }],
-            textures: vec![Texture { width, height, texels }],
+            materials: vec![Material { normal_map: Some(ribs), ..grey }],
+            textures: vec![texture],
             cameras: vec![Camera::look_at("camera", eye, Vec3::ZERO, Vec3::Y, 0.9)],
             ..Scene::default()
         };
         let map = SkyMap::from_fn(64, 32, |direction| Rgb::splat(1.0 + direction.y));
         let map = Arc::new(map.expect("it shines"));
         let sky = Sky::Map(PlacedMap { map, rotation: 0.0, scale: Rgb::ONE });
-        Specimen::of(scene, Environment { sky, ..Environment::default() }, 300)
+        Specimen::of(scene, Environment { sky, sun, ..Environment::default() }, 300)
+    }
+
+    /// Light of these fragments, summed: what was found, and what single rays see arrive.
+    fn found_and_arrived(
+        direct: &DirectLighting,
+        &Caster { world, lights, visible, .. }: &Caster<'_>,
+        fragments: &[usize],
+    ) -> [f32; 2] {
+        let mut random = Numbers::new(5, Stream::Light, 0);
+        let (mut found, mut arrived) = (0.0, 0.0);
+        const RAYS: u32 = 512;
+        for index in fragments {
+            found += importance(direct.irradiance(lights, visible, *index, true).0);
+            for n in 0..RAYS {
+                let (point, normal) = visible.start_of_ray(&visible.fragments[*index], n);
+                let xi = Vec3::from_array([0; 3].map(|_| random.uniform()));
+                let sample = lights.sample_by_shadow_ray(world, point, normal, xi);
+                arrived += importance(sample.arrived()) / RAYS as f32;
+            }
+        }
+        [found, arrived]
+    }
+
+    /// A sun that is above the horizon of every other rib shines on half of them, under an open sky as in a room with
+    /// a lamp that it hardly reaches.
+    #[test]
+    fn ribs_turn_away_from_the_sun() {
+        let sun = Sun::towards(Vec3::new(0.8, 0.6, 0.0), Rgb::splat(9.0), 0.005);
+        let room = made::real::lamp_beside_window();
+        let mut scene = import(&room.glb, &Resources::default(), &ImportLimits::default()).unwrap();
+        let floor = scene.materials.iter().position(|material| material.name == "floor").unwrap();
+        let (texture, mut ribs) = ribs();
+        ribs.slot.texture = scene.textures.len() as u32;
+        scene.textures.push(texture);
+        scene.materials[floor].normal_map = Some(ribs);
+        for triangle in scene.triangles.iter().filter(|own| own.material == floor as u32) {
+            for vertex in triangle.vertices {
+                let own = &mut scene.vertices[vertex as usize];
+                *own = on_ribs(own.position);
+            }
+        }
+        let inside = Specimen::of(scene, room.environment, 1000);
+        for (specimen, is_room) in [(ribbed(Some(sun)), false), (inside, true)] {
+            let (visible, lights, world) = (specimen.visible(), &*specimen.lights, &specimen.world);
+            let mut direct = DirectLighting::new(lights, &visible, true, false);
+            let caster = Caster { world, lights, visible: &visible, seed: SEED };
+            (0..24).for_each(|_| direct.pass(&caster, f64::INFINITY));
+            let ribbed = (0..visible.fragments.len()).filter(|index| {
+                visible.is_mapped(&visible.fragments[*index])
+                    && direct.sums[*index].division() == [true, is_room]
+            });
+            let ribbed: Vec<usize> = ribbed.collect();
+            assert!(ribbed.len() >= 50, "{}", ribbed.len());
+            let [found, arrived] = found_and_arrived(&direct, &caster, &ribbed);
+            assert!((found / arrived - 1.0).abs() < 0.02, "{is_room}: {found} {arrived}");
+        }
     }
 
     /// Where a map tilts the normals within a pixel, its light is the mean over them, not that of their mean:
     /// E(n) = π + 2π/3 n_y without occlusion, and what of it is above the ground arrives.
     #[test]
     fn tilted_normals_have_light_of_their_own() {
-        let specimen = ribbed();
+        let specimen = ribbed(None);
         let (visible, lights, world) = (specimen.visible(), &*specimen.lights, &specimen.world);
         let mut direct = DirectLighting::new(lights, &visible, true, false);
         let caster = Caster { world, lights, visible: &visible, seed: SEED };
         (0..24).for_each(|_| direct.pass(&caster, f64::INFINITY));
-        let (mut unoccluded, mut found, mut arrived) = (0.0, 0.0, 0.0);
-        let mut random = Numbers::new(5, Stream::Light, 0);
-        const RAYS: u32 = 512;
-        for (index, fragment) in visible.fragments.iter().enumerate() {
-            unoccluded += importance(direct.sums[index].known.unoccluded);
-            found += importance(direct.irradiance(lights, &visible, index, true).0);
-            for n in 0..RAYS {
-                let (point, normal) = visible.start_of_ray(fragment, n);
-                let xi = Vec3::from_array([0; 3].map(|_| random.uniform()));
-                let sample = lights.sample_by_shadow_ray(world, point, normal, xi);
-                arrived += importance(sample.arrived()) / RAYS as f32;
-            }
-        }
+        let all: Vec<usize> = (0..visible.fragments.len()).collect();
+        let known = |index: &usize| importance(direct.sums[*index].known.unoccluded);
+        let unoccluded: f32 = all.iter().map(known).sum();
+        let [found, arrived] = found_and_arrived(&direct, &caster, &all);
         let count = visible.fragments.len() as f32;
         let exact = PI + 2.0 * PI / 3.0 * FRAC_1_SQRT_2;
         assert!((unoccluded / count / exact - 1.0).abs() < 0.01, "{} {exact}", unoccluded / count);
