@@ -44,14 +44,12 @@ impl AllUnoccluded {
     /// The sky's part of it and that of all other lights, where both shine; where the sky is seen through
     /// openings, the sun's and that of lamps: a sun that hardly any ray finds would leave none for these.
     pub fn split(&self) -> Option<Split> {
-        let group = if self.looks_out() { SUN } else { SKY };
-        let parts = self.in_parts();
-        let share = importance(parts[1]) / importance(self.irradiance);
-        if !(LEAST_PART..=1.0 - LEAST_PART).contains(&share) {
+        if !self.is_split() {
             return None;
         }
+        let group = if self.looks_out() { SUN } else { SKY };
         let (mut others, mut one) = (*self, *self);
-        [others.irradiance, one.irradiance] = parts;
+        [others.irradiance, one.irradiance] = self.in_parts();
         others.shares[group] = 0.0;
         // Half of the rays stay the sky's where it is seen through openings.
         let kept = others.shares[SKY];
@@ -60,6 +58,12 @@ impl AllUnoccluded {
         others.shares[SKY] = kept;
         one.shares = std::array::from_fn(|number| if number == group { 1.0 } else { 0.0 });
         Some(Split { others, one })
+    }
+
+    /// Whether both parts shine, so that either is sampled by itself.
+    pub fn is_split(&self) -> bool {
+        let share = importance(self.in_parts()[1]) / importance(self.irradiance);
+        (LEAST_PART..=1.0 - LEAST_PART).contains(&share)
     }
 
     /// What all lights but one shine, and that one: the sky, or the sun where the sky is seen through openings.

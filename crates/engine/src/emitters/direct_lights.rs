@@ -393,7 +393,7 @@ impl DirectLights {
         }
         let all = self.unoccluded(point, normal);
         // Lamps and a sun in a room full of sky have no share of all light in common.
-        let is_all_apart = all.looks_out() && all.split().is_some();
+        let is_all_apart = all.looks_out() && all.is_split();
         let unoccluded = if is_all_apart { Rgb::ZERO } else { all.irradiance };
         let mut sample = ShadowSample { unoccluded, ..ShadowSample::default() };
         let any = all.irradiance != Rgb::ZERO || all.looks_out();

@@ -134,18 +134,22 @@ mod tests {
     use crate::transport::hemilux::specimen::{EMISSION, SEED, Specimen, is_near};
     use std::f32::consts::PI;
 
-    /// Of lamp, sun and sky through a window few points know what each brings to a room's elements.
-    #[test]
-    fn few_points_know_lamp_sun_and_sky() {
-        let room = crate::scene::made::real::lamp_beside_window();
-        let specimen = Specimen::surrounded(&room.glb, room.environment, 2000);
-        let lighting = Lighting {
+    fn lighting(specimen: &Specimen) -> Lighting<'_> {
+        Lighting {
             world: &specimen.world,
             lights: &specimen.lights,
             cut: &specimen.coarse.mesh.cut,
             elements: &specimen.coarse.mesh.elements,
             follows_mirrors: false,
-        };
+        }
+    }
+
+    /// Of lamp, sun and sky through a window few points know what each brings to a room's elements.
+    #[test]
+    fn few_points_know_lamp_sun_and_sky() {
+        let room = crate::scene::made::real::lamp_beside_window();
+        let specimen = Specimen::surrounded(&room.glb, room.environment, 2000);
+        let lighting = lighting(&specimen);
         let after = |points: u32, number: u64, element| {
             let mut sampled = SampledLight::default();
             let seed = Seed { number, well_spread: true };
@@ -174,13 +178,7 @@ mod tests {
     #[test]
     fn light_from_everywhere_is_known_exactly() {
         let specimen = Specimen::furnace();
-        let lighting = Lighting {
-            world: &specimen.world,
-            lights: &specimen.lights,
-            cut: &specimen.coarse.mesh.cut,
-            elements: &specimen.coarse.mesh.elements,
-            follows_mirrors: false,
-        };
+        let lighting = lighting(&specimen);
         for element in specimen.coarse.mesh.elements.all() {
             let mut sampled = SampledLight::default();
             sampled.add(&lighting, element, 8, SEED);

@@ -237,8 +237,7 @@ impl Caster<'_> {
         // where that is no guide.
         let at_middle = lights.unoccluded(fragment.point, fragment.shading_normal);
         let is_alike = |there: &AllUnoccluded| {
-            (there.looks_out(), there.split().is_some())
-                == (at_middle.looks_out(), at_middle.split().is_some())
+            (there.looks_out(), there.is_split()) == (at_middle.looks_out(), at_middle.is_split())
         };
         let is_diffuse = fragment.diffuse != Rgb::ZERO;
         for _ in 0..count {
