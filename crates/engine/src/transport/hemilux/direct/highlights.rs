@@ -41,6 +41,8 @@ pub struct PlaceSums {
 pub struct Highlight {
     /// Σ over places: radiance if nothing is in between, beside that by the fragment's diffuse albedo.
     open: Rgb,
+    /// Σ squares of that, over the channels.
+    squares: f32,
     /// Σ over shadow rays: share that arrives.
     seen: Rgb,
     /// Shadow rays so far.
@@ -48,6 +50,11 @@ pub struct Highlight {
 }
 
 impl Highlight {
+    /// Variance of the radiance if nothing is in between over so many places, the mean of the channels.
+    fn scatter(&self, places: f32) -> f32 {
+        (self.squares / places - (self.open / places).length_squared()).max(0.0) / 3.0
+    }
+
     /// Share that arrives, and its variance; of a light without such a ray `all`. `rays_of_all`
     /// go to all narrow lights.
     fn share(&self, all: Rgb, rays_of_all: u32) -> (Rgb, Rgb) {
@@ -116,6 +123,12 @@ impl Highlights {
         Ok(())
     }
 
+    /// Whether a few shadow rays to a narrow light found nothing of it.
+    #[cfg(test)]
+    pub fn hides(&self, light: usize) -> bool {
+        self.lights[light].rays >= 4 && self.lights[light].seen == Rgb::ZERO
+    }
+
     /// Adds a shadow ray to a narrow light.
     pub fn add_ray(&mut self, light: u8, visibility: Rgb) {
         let own = &mut self.lights[usize::from(light)];
@@ -147,6 +160,7 @@ impl Highlights {
                 let light = lights.narrow(number, start, xi);
                 let reflected = light.map_or(Rgb::ZERO, |light| here.reflects(light));
                 own.open += reflected;
+                own.squares += reflected.length_squared();
                 all += reflected;
             }
             self.sums.squares += all.length_squared();
@@ -172,12 +186,18 @@ impl Highlights {
         }
         let count = self.sums.places.max(1) as f32;
         let (mut sum, mut by_shadows) = (Rgb::ZERO, Rgb::ZERO);
+        // Where a light is hidden, places tell nothing of it.
+        let (mut scatter, mut arrives) = (0.0, Rgb::ZERO);
         let rays = self.lights.iter().map(|own| own.rays).sum();
         for own in &self.lights {
             let (own_open, (share, chance)) = (own.open / count, own.share(all, rays));
             sum += own_open * share;
             by_shadows += own_open * own_open * chance;
+            let own_scatter = own.scatter(count);
+            scatter += own_scatter;
+            arrives += own_scatter * share * share;
         }
-        (sum, Rgb::splat(variance) + by_shadows)
+        let by_places = if scatter > 0.0 { arrives / scatter } else { Rgb::ONE };
+        (sum, variance * by_places + by_shadows)
     }
 }

@@ -209,6 +209,28 @@ mod tests {
         }
     }
 
+    /// Where a roof hides the sun, what its highlight would be at other places says nothing of the error.
+    #[test]
+    fn a_hidden_sun_adds_no_noise() {
+        for has_bulb in [false, true] {
+            let specimen = ground(phong(), has_bulb);
+            let visible = specimen.visible();
+            let (direct, _) = lit(&specimen, &visible, (1, true));
+            let (mut hidden, mut said, mut open) = (0, 0.0, 0.0);
+            for (index, sums) in direct.sums.iter().enumerate() {
+                let Some(own) = sums.highlights.as_ref().filter(|own| own.hides(0)) else {
+                    continue;
+                };
+                hidden += 1;
+                open += own.open().1;
+                said += direct.highlights(index).1.element_sum() / 3.0;
+            }
+            println!("bulb {has_bulb}: {hidden} fragments, open {open}, said {said}");
+            assert!(hidden > 20 && open > 0.0, "{hidden} {open}");
+            assert!(said <= if has_bulb { 0.3 * open } else { 0.0 }, "{said} of {open}");
+        }
+    }
+
     #[test]
     fn they_come_back() {
         let specimen = ground(phong(), true);
