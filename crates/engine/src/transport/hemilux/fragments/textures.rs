@@ -21,6 +21,8 @@ const AHEAD: usize = 512;
 const STILL_OFF: f64 = 1.3;
 /// How often squares are halved at most: then a pixel has 4,096 of them.
 pub const MOST_HALVINGS: u32 = 4;
+/// Albedo of lobes from which on what they show tells how much more they would show by another albedo.
+const LEAST_ALBEDO: f32 = 1e-4;
 
 /// The pixels whose textures are read more finely, and how finely.
 pub struct Textures {
@@ -135,7 +137,9 @@ impl Textures {
             let fragment = &visible.fragments[index];
             let beyond = visible.beyond(index).map(|beyond| visible.fragments[beyond].diffuse);
             let albedo = fragment.lobe_albedo.unwrap_or(read.lobe_albedo);
-            let times = read.lobe_albedo / albedo.max(Rgb::splat(f32::MIN_POSITIVE));
+            // Where nothing was reflected before, what its lobes show is no guide.
+            let is_known = albedo.cmpgt(Rgb::splat(LEAST_ALBEDO));
+            let times = Rgb::select(is_known, read.lobe_albedo / albedo, Rgb::ONE);
             Ahead {
                 fragment: index,
                 diffuse: read.diffuse - fragment.diffuse,
