@@ -26,6 +26,7 @@ pub use all_unoccluded::AllUnoccluded;
 pub use direct_lights::DirectLights;
 pub use disks::{DiskPoints, Disks};
 pub use light_tree::{LightBounds, LightTree};
+pub use narrow::NarrowLimits;
 pub use polygons::{LightPoint, ShadowSample, TRIES};
 pub use scene_lights::SceneLights;
 pub use sky::SkyLight;

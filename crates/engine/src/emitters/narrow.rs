@@ -9,11 +9,24 @@ use glam::Vec3;
 
 /// Most lights without extent of which each is looked at.
 const MOST_POINTS: usize = 8;
+/// Largest exponents of lobes that leave narrow lights to others: of broad ones, on which single places tell what
+/// they reflect, and of polished ones, whose microfacets tell. 0 where there are no narrow lights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NarrowLimits {
+    /// Of broad lobes.
+    pub broad: f32,
+    /// Of polished ones; no less.
+    pub polished: f32,
+}
+
 /// Largest exponent of a lobe that is broad.
 const MOST_EXPONENT: f32 = 1e4;
 /// The same times the square of the sun's angular radius: a lobe of exponent n has fallen to e^−nθ²/2 at an
 /// angle of θ.
 const MOST_ACROSS_SUN: f32 = 0.25;
+/// Largest angular radius of a sun that polished lobes see as a narrow light, four times the real one's: beyond that
+/// their rays meet it well.
+const MOST_RADIUS: f32 = 0.02;
 /// Group of the sun, and of lights without extent.
 const SUN: usize = 2;
 const POINTS: usize = 3;
@@ -25,13 +38,19 @@ impl DirectLights {
         points.is_some_and(|points| !points.are_soft() && points.count() <= MOST_POINTS)
     }
 
-    /// Largest exponent of lobes that are broad beside narrow lights; 0 where there are none.
-    pub fn narrow_up_to(&self) -> f32 {
+    /// Largest exponents of lobes that leave narrow lights to others.
+    pub fn narrow_up_to(&self) -> NarrowLimits {
         if !self.is_exact() || !(self.sun.is_some() || self.has_few_points()) {
-            return 0.0;
+            return NarrowLimits { broad: 0.0, polished: 0.0 };
         }
         let radius = self.sun.as_ref().map_or(0.0, |sun| sun.angular_radius());
-        MOST_EXPONENT.min(MOST_ACROSS_SUN / (radius * radius))
+        let broad = MOST_EXPONENT.min(MOST_ACROSS_SUN / (radius * radius));
+        NarrowLimits { broad, polished: if radius <= MOST_RADIUS { f32::INFINITY } else { broad } }
+    }
+
+    /// Angular radius of a narrow light, by its number.
+    pub fn narrow_radius(&self, number: usize) -> f32 {
+        self.sun.as_ref().filter(|_| number == 0).map_or(0.0, |sun| sun.angular_radius())
     }
 
     /// Number of narrow lights.
@@ -156,13 +175,18 @@ mod tests {
         let (_, soft) = lights(1, 0.1);
         assert_eq!([many, soft].map(|lights| lights.narrow_count()), [1, 1]);
         let (_, few) = lights(MOST_POINTS, 0.0);
-        assert_eq!((few.narrow_count(), few.narrow_up_to()), (MOST_POINTS + 1, MOST_EXPONENT));
+        assert_eq!(
+            (few.narrow_count(), few.narrow_up_to().broad),
+            (MOST_POINTS + 1, MOST_EXPONENT)
+        );
         let sun = Some(Sun::towards(Vec3::Y, Rgb::ONE, 0.1));
         let around = Environment { sun, ..Environment::none() };
         let glb = made::cornell();
         let scene = import(&glb, &Resources::default(), &ImportLimits::default()).unwrap();
         let world = World::surrounded(Arc::new(scene), Arc::new(around));
         let wide = DirectLights::new(&world).expect("there is light");
-        assert!((wide.narrow_up_to() - 25.0).abs() < 0.1, "{}", wide.narrow_up_to());
+        let NarrowLimits { broad, polished } = wide.narrow_up_to();
+        assert!((broad - 25.0).abs() < 0.1 && polished == broad, "{broad} {polished}");
+        assert_eq!(few.narrow_up_to().polished, f32::INFINITY);
     }
 }

@@ -11,10 +11,11 @@ use super::distribution::{density_of_visible, distribution_and_visibility, visib
 use super::ggx_albedo::{LobeShares, diffuse_loss, mean_diffuse_loss};
 use super::reflection::{Parts, Reflection, direction_about};
 use super::side::Side;
+use super::slopes::{gain_over, slope_about};
 use crate::radiometry::{Rgb, importance};
 use crate::sampling::frame;
 use crate::scene::{Appearance, Material};
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
 /// Smallest α: below it single precision can't tell the lobe from a mirror's.
@@ -154,6 +155,20 @@ impl Ggx {
 
     fn cosine(&self, direction: Vec3) -> f32 {
         self.side.shading_normal.dot(direction)
+    }
+
+    /// Width of its distribution of microfacets.
+    pub fn width(&self) -> f32 {
+        self.facets.alpha
+    }
+
+    /// By how much more its lobe reflects on the mean over a part of the surface than at its middle.
+    pub fn gain_over(&self, viewer: Vec3, source: Vec3, sides: [Vec3; 2]) -> f32 {
+        let normal = self.side.shading_normal;
+        let (tangent, bitangent) = frame(normal, 0.0);
+        let flat = |slope: Vec3| Vec2::new(tangent.dot(slope), bitangent.dot(slope));
+        let slope = slope_about(normal, viewer, source);
+        gain_over([self.facets.alpha; 2], flat(slope), sides.map(flat))
     }
 }
 

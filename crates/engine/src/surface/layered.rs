@@ -7,6 +7,7 @@ use super::ggx::{Microfacets, split};
 use super::reflection::{Parts, Reflection, direction_about};
 use super::sheen::Sheen;
 use super::side::Side;
+use super::slopes::SlopeChanges;
 use crate::radiometry::{Rgb, importance};
 use crate::scene::Layers;
 use glam::{Vec2, Vec3};
@@ -148,6 +149,59 @@ impl LayeredReflection {
         Self { layered, side }
     }
 
+    /// The coat's unit normal.
+    pub fn coat_normal(&self) -> Vec3 {
+        self.layered.coat.normal_or(self.side.shading_normal)
+    }
+
+    /// Least widths of the distributions of microfacets, of base and coat; infinite where there is none.
+    pub fn widths(&self) -> [f32; 2] {
+        let Layered { base, coat, .. } = &self.layered;
+        let base = if base.facets.is_glossy() { base.facets.alpha } else { f32::INFINITY };
+        let coat = if coat.strength > 0.0 { coat.facets().alpha } else { f32::INFINITY };
+        [base, coat]
+    }
+
+    /// f_r on the mean over a part of the surface, as far as the microfacets' distribution goes.
+    pub fn evaluate_over(&self, viewer: Vec3, source: Vec3, changes: &SlopeChanges) -> Parts {
+        let [base, coat] = *changes;
+        let coat = self.layered.coat.reflection(self.side).gain_over(viewer, source, coat);
+        let gains = [self.base().gain_over(viewer, source, base), coat];
+        self.evaluate_times((viewer, source), 1.0, gains).0
+    }
+
+    /// f_r with the lobes of base and coat times such factors, and its density without them. What the coat sends is measured by the cosine to its own normal, so it is divided by the one to
+    /// the shading normal, which callers multiply by.
+    #[cold]
+    #[inline(never)]
+    fn evaluate_times(
+        &self,
+        (viewer, source): (Vec3, Vec3),
+        diffuse_share: f32,
+        [of_base, of_coat]: [f32; 2],
+    ) -> (Parts, f32) {
+        let Layered { coat, sheen, .. } = &self.layered;
+        let (mut below, base_pdf) = self.base().evaluate_with_pdf(viewer, source);
+        below.lobe *= of_base;
+        let mut value = below.times(Rgb::splat(sheen.left(self.cosine(viewer))));
+        value.lobe += self.sheen(viewer, source);
+        let [base_share, sheen_share, coat_share] = self.shares(viewer);
+        let cosine = self.cosine(source).max(0.0);
+        let sheen_pdf = if cosine > 0.0 { Sheen::PDF } else { 0.0 };
+        let mut lobe_pdf = base_share * base_pdf + sheen_share * sheen_pdf;
+        if coat.strength > 0.0 {
+            let normal = coat.normal_or(self.side.shading_normal);
+            value = value.times(Rgb::splat(coat.left(normal.dot(viewer))));
+            let (own, pdf) = coat.reflection(self.side).evaluate_with_pdf(viewer, source, 0.0);
+            if cosine > 0.0 {
+                value.lobe +=
+                    own.lobe * (of_coat * coat.strength * normal.dot(source).max(0.0) / cosine);
+            }
+            lobe_pdf += coat_share * pdf;
+        }
+        (value, diffuse_share * cosine * FRAC_1_PI + (1.0 - diffuse_share) * lobe_pdf)
+    }
+
     fn base(&self) -> BaseReflection {
         BaseReflection::new(self.layered.base, self.side)
     }
@@ -230,29 +284,10 @@ impl Reflection for LayeredReflection {
         self.evaluate_with_pdf(viewer, source, diffuse_share).1
     }
 
-    /// What the coat sends is measured by the cosine to its own normal, so it is divided by the one to
-    /// the shading normal, which callers multiply by.
     #[cold]
     #[inline(never)]
     fn evaluate_with_pdf(&self, viewer: Vec3, source: Vec3, diffuse_share: f32) -> (Parts, f32) {
-        let Layered { coat, sheen, .. } = &self.layered;
-        let (below, base_pdf) = self.base().evaluate_with_pdf(viewer, source);
-        let mut value = below.times(Rgb::splat(sheen.left(self.cosine(viewer))));
-        value.lobe += self.sheen(viewer, source);
-        let [base_share, sheen_share, coat_share] = self.shares(viewer);
-        let cosine = self.cosine(source).max(0.0);
-        let sheen_pdf = if cosine > 0.0 { Sheen::PDF } else { 0.0 };
-        let mut lobe_pdf = base_share * base_pdf + sheen_share * sheen_pdf;
-        if coat.strength > 0.0 {
-            let normal = coat.normal_or(self.side.shading_normal);
-            value = value.times(Rgb::splat(coat.left(normal.dot(viewer))));
-            let (own, pdf) = coat.reflection(self.side).evaluate_with_pdf(viewer, source, 0.0);
-            if cosine > 0.0 {
-                value.lobe += own.lobe * (coat.strength * normal.dot(source).max(0.0) / cosine);
-            }
-            lobe_pdf += coat_share * pdf;
-        }
-        (value, diffuse_share * cosine * FRAC_1_PI + (1.0 - diffuse_share) * lobe_pdf)
+        self.evaluate_times((viewer, source), diffuse_share, [1.0; 2])
     }
 
     /// By the lobe that the first number picks.

@@ -12,6 +12,8 @@ mod ggx_albedo;
 
 mod distribution;
 
+mod slopes;
+
 mod layered;
 
 mod model;
@@ -48,4 +50,5 @@ pub use model::Parameters;
 pub use passage::{Passage, PassageEnd, mirrored_share};
 pub use point::Surface;
 pub use reflection::{Parts, Reflection};
+pub use slopes::{SlopeChanges, Slopes};
 pub use world::{World, is_same_normal};

@@ -6,6 +6,7 @@ use super::layered::{Layered, LayeredReflection};
 use super::phong::Phong;
 use super::reflection::{Parts, Reflection};
 use super::side::Side;
+use super::slopes::{SlopeChanges, Slopes, slope_about};
 use crate::radiometry::{Reflectance, Rgb};
 use crate::scene::{Appearance, Material, Model};
 use glam::Vec3;
@@ -147,6 +148,46 @@ impl AnyReflection {
             Parameters::Phong(reflectance) => Self::Phong(Phong::new(reflectance, side)),
             Parameters::Ggx(facets) => Self::Ggx(Ggx::new(facets, side)),
             Parameters::Layered(layered) => Self::Layered(LayeredReflection::new(layered, side)),
+        }
+    }
+}
+
+impl AnyReflection {
+    /// Whether all its lobes are of microfacets.
+    pub fn has_slopes(&self) -> bool {
+        !matches!(self, Self::Phong(_))
+    }
+
+    /// Slopes of the half vector of two unit vectors.
+    pub fn slopes(&self, viewer: Vec3, source: Vec3) -> Slopes {
+        let normal = self.side().shading_normal;
+        let coat = match self {
+            Self::Layered(layered) => layered.coat_normal(),
+            _ => normal,
+        };
+        [normal, coat].map(|normal| slope_about(normal, viewer, source))
+    }
+
+    /// Least width of the distribution of microfacets of each lobe; infinite where there is none.
+    pub fn widths(&self) -> [f32; 2] {
+        match self {
+            Self::Phong(_) => [f32::INFINITY; 2],
+            Self::Ggx(ggx) => [ggx.width(), f32::INFINITY],
+            Self::Layered(layered) => layered.widths(),
+        }
+    }
+
+    /// f_r on the mean over a part of the surface, as far as the microfacets' distribution goes; a lobe of Phong's is
+    /// what it is in the middle.
+    pub fn evaluate_over(&self, viewer: Vec3, source: Vec3, changes: &SlopeChanges) -> Parts {
+        match self {
+            Self::Phong(phong) => phong.evaluate(viewer, source),
+            Self::Ggx(ggx) => {
+                let mut value = ggx.evaluate(viewer, source);
+                value.lobe *= ggx.gain_over(viewer, source, changes[0]);
+                value
+            }
+            Self::Layered(layered) => layered.evaluate_over(viewer, source, changes),
         }
     }
 }

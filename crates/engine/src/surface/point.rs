@@ -64,6 +64,11 @@ impl Surface {
         self.parameters.diffuse_and_lobe_factor(self.shading_normal, viewer)
     }
 
+    /// Whether it has layers, of which a coat may have a normal of its own.
+    pub fn has_layers(&self) -> bool {
+        matches!(self.parameters, Parameters::Layered(_))
+    }
+
     /// The mirror direction of `viewer`.
     pub fn mirrored(&self, viewer: Vec3) -> Vec3 {
         self.side().mirrored(viewer)

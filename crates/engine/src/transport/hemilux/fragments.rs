@@ -4,6 +4,7 @@
 mod band;
 mod beyond;
 mod borders;
+pub mod cells;
 pub mod edges;
 mod lamps;
 mod samples;
@@ -378,13 +379,18 @@ impl VisibleSurfaces {
     /// that follow each other are well spread over the pixel.
     fn nth_sample(&self, fragment: &Fragment, n: u32) -> (u32, Vec2) {
         let bit = nth_bit(self.all_samples(fragment), n).min(self.samples.len() as u32 - 1);
+        let code = self.code_of_sample(fragment, bit);
+        (code, self.samples[bit as usize])
+    }
+
+    /// Code of the facet and side that one of a fragment's samples sees.
+    fn code_of_sample(&self, fragment: &Fragment, bit: u32) -> u32 {
         let sees = |group: &&SampleGroup| group.mask >> bit & 1 == 1;
-        let code = match self.groups(fragment).iter().find(sees) {
+        match self.groups(fragment).iter().find(sees) {
             Some(group) if fragment.is_beyond => other_side(group.code),
             Some(group) => group.code,
             None => fragment.code,
-        };
-        (code, self.samples[bit as usize])
+        }
     }
 
     /// The surface at a lobe's n-th sample, of the part of it that a ray stands for which so many
@@ -392,19 +398,32 @@ impl VisibleSurfaces {
     pub fn surface(&self, world: &World, lobe: &Lobe, (n, before): (u32, u32)) -> Surface {
         let area = self.share(lobe) / (before + 1).max(FIRST_LOBE_RAYS) as f32;
         let (code, offset) = self.place_of_lobe(lobe, n);
-        let (facet, back) = item::decode(code).unwrap_or((0, false));
+        let (facet, _) = item::decode(code).unwrap_or((0, false));
         let pixel = self.of_lobe(lobe).pixel;
         let placed = self.placed(facet);
         let at = self.within(&placed, pixel, offset);
+        self.surface_in(world, (code, &placed, at), (pixel, offset), area.sqrt())
+    }
+
+    /// The surface of the facet of a code at such barycentric coordinates, where a pixel sees it at a place, over a
+    /// square of such a side.
+    fn surface_in(
+        &self,
+        world: &World,
+        (code, placed, at): (u32, &PictureFacet, Vec2),
+        (pixel, place): (u32, Vec2),
+        side: f32,
+    ) -> Surface {
+        let (facet, back) = item::decode(code).unwrap_or((0, false));
         let spot = placed.spot_on_front(at);
         let source = self.cut.source(FacetIndex(facet));
-        let side = if back { -1.0 } else { 1.0 };
+        let face = if back { -1.0 } else { 1.0 };
         if !world.varies(source) {
             let at = self.cut.to_source(FacetIndex(facet), at);
-            return world.surface_at(source, at, spot, side);
+            return world.surface_at(source, at, spot, face);
         }
-        let part = self.part((facet, &placed), (pixel, offset), area.sqrt());
-        world.surface_over(&self.pyramids, (source, &part), spot, side)
+        let part = self.part((facet, placed), (pixel, place), side);
+        world.surface_over(&self.pyramids, (source, &part), spot, face)
     }
 
     /// The part of the scene's triangle that a facet lies in that a square of a pixel sees, of

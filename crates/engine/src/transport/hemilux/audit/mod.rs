@@ -15,7 +15,7 @@ use super::fragments::VisibleSurfaces;
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::emitters::{DirectLights, SceneLights};
 use crate::image::Picture;
-use crate::radiometry::Rgb;
+use crate::radiometry::{Rgb, importance};
 use crate::random::{Numbers, Stream};
 use crate::sampling::{Seed, Shifted};
 use crate::surface::World;
@@ -37,6 +37,8 @@ const FINEST: usize = 8;
 const WIDE: usize = 4;
 /// Standard deviations that bound what chance may hide.
 const LIKELY: f64 = 2.0;
+/// Most of what a pixel shows that may be mirrored light where it is held against paths.
+const MOST_MIRRORED: f32 = 0.5;
 
 /// The paths so far.
 #[derive(Default)]
@@ -83,6 +85,18 @@ pub struct Audited<'a> {
     pub seed: Seed,
 }
 
+/// What paths are held against, beside the picture.
+#[derive(Clone, Copy)]
+pub struct Against<'a> {
+    /// What the camera sees.
+    pub visible: &'a VisibleSurfaces,
+    /// The audit's random numbers.
+    pub seed: Seed,
+    /// Radiance of narrow lights that polished surfaces mirror, by pixel; empty where there is none. Paths find it so
+    /// seldom that they would say it is not there.
+    pub mirrored: &'a [Rgb],
+}
+
 impl Audit {
     /// Number of paths.
     pub fn paths(&self) -> usize {
@@ -111,8 +125,8 @@ impl Audit {
     }
 
     /// Holds the paths against a picture. Pixels that see an emitter are left out, as in all errors.
-    pub fn judge(&self, visible: &VisibleSurfaces, seed: Seed, picture: &Picture) -> Verdict {
-        let mut grid = self.grid(visible, seed, picture);
+    pub fn judge(&self, against: Against<'_>, picture: &Picture) -> Verdict {
+        let mut grid = self.grid(against, picture);
         let mut verdict = Verdict::default();
         loop {
             if let Some(beyond) = grid.beyond_noise() {
@@ -131,15 +145,10 @@ impl Audit {
     }
 
     /// Takes off the picture what is surely wrong with it over wide areas.
-    pub fn correct(
-        &self,
-        visible: &VisibleSurfaces,
-        seed: Seed,
-        picture: &mut Picture,
-    ) -> Corrected {
+    pub fn correct(&self, against: Against<'_>, picture: &mut Picture) -> Corrected {
         let mut corrected = Corrected::default();
-        let exact = exact(visible);
-        let mut finest = self.grid(visible, seed, picture);
+        let exact = exact(against);
+        let mut finest = self.grid(against, picture);
         for side in correction::SIDES {
             let mut grid = finest.clone();
             while grid.side > side {
@@ -150,16 +159,22 @@ impl Audit {
             if let Some(correction) = correction::correction(&grid) {
                 correction::apply(picture, &exact, &correction.factors);
                 corrected.left += correction.left;
-                finest = self.grid(visible, seed, picture);
+                finest = self.grid(against, picture);
             }
         }
         corrected
     }
 
     /// Differences of a picture from the paths.
-    fn grid(&self, visible: &VisibleSurfaces, seed: Seed, picture: &Picture) -> Grid {
+    fn grid(&self, against: Against<'_>, picture: &Picture) -> Grid {
+        let Against { visible, seed, mirrored } = against;
         let mut grid = Grid::new(FINEST);
-        let counted = visible.counted(&picture.pixels);
+        let mut counted = visible.counted(&picture.pixels);
+        for (counts, (shown, mirrored)) in
+            counted.iter_mut().zip(picture.pixels.iter().zip(mirrored))
+        {
+            *counts &= importance(*mirrored) <= MOST_MIRRORED * importance(*shown);
+        }
         for (number, brought) in self.brought.iter().enumerate() {
             let at = place(seed, number);
             let (x, y) = pixel_at(at, visible);
@@ -220,10 +235,13 @@ impl Audited<'_> {
     }
 }
 
-/// What pixels see of emitters and of the background, which is right as it is.
-fn exact(visible: &VisibleSurfaces) -> Vec<Rgb> {
+/// What pixels see of emitters, of the background and of mirrored lights, which is right as it is.
+fn exact(against: Against<'_>) -> Vec<Rgb> {
+    let Against { visible, mirrored, .. } = against;
     let mut exact = visible.shine.clone();
-    exact.iter_mut().zip(&visible.background).for_each(|(own, background)| *own += *background);
+    for more in [&visible.background[..], mirrored] {
+        exact.iter_mut().zip(more).for_each(|(own, more)| *own += *more);
+    }
     exact
 }
 
@@ -256,6 +274,10 @@ mod tests {
         (audit, visible, picture)
     }
 
+    fn against(visible: &VisibleSurfaces) -> Against<'_> {
+        Against { visible, seed: SEED, mirrored: &[] }
+    }
+
     #[test]
     fn paths_get_their_share_of_rays() {
         let (audit, ..) = furnace(300_000, [1.0; 2]);
@@ -271,7 +293,7 @@ mod tests {
         let radiance = f64::from(EMISSION / (1.0 - ALBEDO));
         let judged = |rays, halves| {
             let (audit, visible, picture) = furnace(rays, halves);
-            audit.judge(&visible, SEED, &picture)
+            audit.judge(against(&visible), &picture)
         };
         let (few, many) = (judged(30_000, [1.0; 2]), judged(600_000, [1.0; 2]));
         assert_eq!((few.found, many.found), (0.0, 0.0));
@@ -285,12 +307,29 @@ mod tests {
         }
     }
 
+    /// A light that some pixels mirror, and that no path has found, changes nothing.
+    #[test]
+    fn mirrored_lights_are_left_alone() {
+        let (audit, visible, mut picture) = furnace(600_000, [1.0; 2]);
+        let mut mirrored = vec![Rgb::ZERO; picture.pixels.len()];
+        for pixel in (0..mirrored.len()).step_by(97) {
+            mirrored[pixel] = Rgb::splat(40.0);
+            picture.pixels[pixel] += mirrored[pixel];
+        }
+        let before = picture.pixels.clone();
+        let known = Against { mirrored: &mirrored, ..against(&visible) };
+        assert_eq!(audit.judge(known, &picture).found, 0.0);
+        audit.correct(known, &mut picture);
+        assert_eq!(picture.pixels, before);
+        assert!(audit.judge(against(&visible), &picture).found > 0.0, "a planted error");
+    }
+
     /// A picture that is wrong all over or on one side comes out right, and one that is right as it was.
     #[test]
     fn a_planted_error_is_taken_off() {
         for halves in [[1.0, 1.0], [1.06, 1.06], [1.05, 0.97], [0.95, 1.0]] {
             let (audit, visible, mut picture) = furnace(600_000, halves);
-            let corrected = audit.correct(&visible, SEED, &mut picture);
+            let corrected = audit.correct(against(&visible), &mut picture);
             assert_eq!(corrected.left > 0.0, halves != [1.0; 2], "{halves:?}");
             assert!(corrected.is_suspect || halves == [1.0; 2], "{halves:?}");
             let radiance = EMISSION / (1.0 - ALBEDO);
@@ -308,7 +347,7 @@ mod tests {
     #[test]
     fn too_few_paths_say_nothing() {
         let (audit, visible, picture) = furnace(0, [2.0; 2]);
-        let verdict = audit.judge(&visible, SEED, &picture);
+        let verdict = audit.judge(against(&visible), &picture);
         assert_eq!((verdict.found, verdict.hidden), (0.0, None));
     }
 
@@ -349,7 +388,7 @@ mod tests {
         visible.background = vec![Rgb::ZERO; picture.pixels.len()];
         let before = picture.pixels[0];
         visible.background[0] = before;
-        audit.correct(&visible, SEED, &mut picture);
+        audit.correct(against(&visible), &mut picture);
         assert_eq!(picture.pixels[0], before);
         assert!(picture.pixels[1].x < 0.97 * before.x, "nothing was taken off elsewhere");
     }
@@ -361,7 +400,8 @@ mod tests {
         audit.save(&mut writer);
         let bytes = writer.finish().unwrap();
         let again = Audit::restore(&mut Reader::new(&bytes)).unwrap();
-        let [one, two] = [&audit, &again].map(|audit| audit.judge(&visible, SEED, &picture).found);
+        let [one, two] =
+            [&audit, &again].map(|audit| audit.judge(against(&visible), &picture).found);
         assert_eq!((one, audit.rays), (two, again.rays));
     }
 }

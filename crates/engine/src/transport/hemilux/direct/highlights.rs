@@ -4,20 +4,24 @@
 //! known here, the difference counts as part of a highlight.
 
 use super::caster::{Caster, MOST_RAYS_OF_ALL};
+use super::lobe_here::LobeHere;
+use super::polished::{Mirrored, Polished};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::sampling::Shifted;
-use crate::surface::{Reflection, Surface};
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
-use std::f32::consts::PI;
+
+/// Share of the squared difference between what cells and their quarters say by which these are off.
+const LEFT_OF_DIFFERENCE: f32 = 0.25;
 
 /// The highlights of a lobe.
 #[derive(Clone)]
 pub struct Highlights {
     /// Which of those that the camera sees it is.
     lobe: u32,
+    /// Whether it is polished: then cells of its pixel tell what it mirrors, once and for all, in place of places.
+    pub is_polished: bool,
     /// What was found of all lights together.
     pub sums: PlaceSums,
     /// Of each narrow light.
@@ -28,9 +32,10 @@ pub struct Highlights {
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct PlaceSums {
-    /// Σ squares of the radiance that it reflects if nothing is in between, over the channels.
+    /// Σ squares of the radiance that it reflects if nothing is in between, over the channels; of a polished lobe
+    /// [`Mirrored::squares`].
     pub squares: f32,
-    /// Places so far.
+    /// Places so far; of a polished lobe 1 once it was looked at.
     pub places: u32,
 }
 
@@ -41,7 +46,7 @@ pub struct PlaceSums {
 pub struct Highlight {
     /// Σ over places: radiance if nothing is in between, beside that by the fragment's diffuse albedo.
     open: Rgb,
-    /// Σ squares of that, over the channels.
+    /// Σ squares of that, over the channels; of a polished lobe [`Mirrored::squares`].
     squares: f32,
     /// Σ over shadow rays: share that arrives.
     seen: Rgb,
@@ -52,7 +57,7 @@ pub struct Highlight {
 impl Highlight {
     /// Variance of the radiance if nothing is in between over so many places, the mean of the channels.
     fn scatter(&self, places: f32) -> f32 {
-        (self.squares / places - (self.open / places).length_squared()).max(0.0) / 3.0
+        variance_over(self.squares, self.open, places)
     }
 
     /// Share that arrives, and its variance; of a light without such a ray `all`. `rays_of_all`
@@ -71,32 +76,17 @@ impl Highlight {
     }
 }
 
-/// A lobe where it is looked at.
-struct LobeHere {
-    surface: Surface,
-    viewer: Vec3,
-    /// What the fragment reflects of irradiance, 1/sr.
-    even: Rgb,
-}
-
-impl LobeHere {
-    /// Radiance that the surface reflects of a light in that unit direction, which shines so much on a plane
-    /// that faces it, beside what it would if it reflected all light alike.
-    fn reflects(&self, (direction, irradiance): (Vec3, Rgb)) -> Rgb {
-        let cosine = self.surface.shading_normal.dot(direction);
-        if cosine <= 0.0 || self.surface.normal.dot(direction) <= 0.0 {
-            return Rgb::ZERO;
-        }
-        let parts = self.surface.reflection().evaluate(self.viewer, direction);
-        (parts.both() - self.even) * irradiance * cosine
-    }
+/// Variance of one of so many values, of which these are the sums of squares, over the channels, and of themselves:
+/// the mean of the channels.
+fn variance_over(squares: f32, sum: Rgb, count: f32) -> f32 {
+    (squares / count - (sum / count).length_squared()).max(0.0) / 3.0
 }
 
 impl Highlights {
     /// Those of a lobe, of so many narrow lights, without anything found yet.
-    pub fn new(lobe: u32, count: usize) -> Self {
+    pub fn new((lobe, is_polished): (u32, bool), count: usize) -> Self {
         let lights = vec![Highlight::default(); count].into();
-        Self { lobe, sums: PlaceSums::default(), lights }
+        Self { lobe, is_polished, sums: PlaceSums::default(), lights }
     }
 
     /// What was found, to be stored.
@@ -140,10 +130,19 @@ impl Highlights {
     fn lobe_at(&self, caster: &Caster<'_>, n: u32) -> LobeHere {
         let Caster { world, visible, .. } = *caster;
         let lobe = &visible.lobes[self.lobe as usize];
-        let surface = visible.surface(world, lobe, (n, n));
-        let viewer = visible.frame.towards_eye(surface.spot.point);
-        let [diffuse, _] = surface.diffuse_and_lobe_factor(viewer);
-        LobeHere { surface, viewer, even: diffuse / PI }
+        LobeHere::of(visible, visible.surface(world, lobe, (n, n)))
+    }
+
+    /// Looks at what a polished lobe mirrors of each light.
+    pub fn look_at_cells(&mut self, caster: &Caster<'_>) {
+        let lobe = &caster.visible.lobes[self.lobe as usize];
+        self.sums = PlaceSums { squares: 0.0, places: 1 };
+        for (light, own) in self.lights.iter_mut().enumerate() {
+            let Mirrored { radiance, squares, .. } =
+                Polished { caster: *caster, lobe, light }.look();
+            (own.open, own.squares) = (radiance, squares);
+            self.sums.squares += own.squares;
+        }
     }
 
     /// Looks at so many more places, without a ray.
@@ -172,10 +171,12 @@ impl Highlights {
     pub fn open(&self) -> (Rgb, f32) {
         let count = self.sums.places.max(1) as f32;
         let mean = self.lights.iter().map(|own| own.open).sum::<Rgb>() / count;
-        let scatter = (self.sums.squares / count - mean.length_squared()).max(0.0) / 3.0;
+        if self.is_polished {
+            return (mean, LEFT_OF_DIFFERENCE * self.sums.squares / 3.0);
+        }
         // Light varies smoothly over a square of the pixel, of which there are so many: variances of stratified
         // places go by the square of their number.
-        (mean, scatter / (count * count))
+        (mean, variance_over(self.sums.squares, mean * count, count) / (count * count))
     }
 
     /// Radiance of all, and its variance; `all` is the share that arrives of any light.
@@ -193,7 +194,7 @@ impl Highlights {
             let (own_open, (share, chance)) = (own.open / count, own.share(all, rays));
             sum += own_open * share;
             by_shadows += own_open * own_open * chance;
-            let own_scatter = own.scatter(count);
+            let own_scatter = if self.is_polished { own.squares } else { own.scatter(count) };
             scatter += own_scatter;
             arrives += own_scatter * share * share;
         }

@@ -3,6 +3,7 @@
 use super::caster::Caster;
 use super::highlights::Highlights;
 use super::shadows::DirectLighting;
+use super::sums::ShadowSums;
 use crate::radiometry::{Rgb, importance};
 use crate::transport::hemilux::fragments::VisibleSurfaces;
 use rayon::prelude::*;
@@ -17,16 +18,17 @@ const ENOUGH: f32 = 0.003;
 const MOST_PLACES: u32 = 1 << 16;
 
 impl DirectLighting {
-    /// Finds the highlights of these lobes, too, of so many narrow lights.
+    /// Finds the highlights of these lobes, polished or not, too, of so many narrow lights.
     pub fn with_highlights(
         mut self,
         visible: &VisibleSurfaces,
-        lobes: impl Iterator<Item = u32>,
+        lobes: impl Iterator<Item = (u32, bool)>,
         count: usize,
     ) -> Self {
-        for lobe in lobes {
+        for (lobe, is_polished) in lobes {
             let fragment = visible.lobes[lobe as usize].fragment as usize;
-            self.sums[fragment].highlights = Some(Box::new(Highlights::new(lobe, count)));
+            self.sums[fragment].highlights =
+                Some(Box::new(Highlights::new((lobe, is_polished), count)));
         }
         self
     }
@@ -41,8 +43,13 @@ impl DirectLighting {
             let (open, variance) = highlights.open();
             let enough = ENOUGH * importance(open + diffuse).abs();
             match highlights.sums.places {
+                0 if highlights.is_polished => highlights.look_at_cells(caster),
                 0 => highlights.look(caster, FIRST_PLACES),
-                places if variance > enough * enough && places < MOST_PLACES => {
+                places
+                    if !highlights.is_polished
+                        && variance > enough * enough
+                        && places < MOST_PLACES =>
+                {
                     highlights.look(caster, MORE_PLACES);
                 }
                 _ => {}
@@ -56,6 +63,22 @@ impl DirectLighting {
         let all = if sums.known.rays > 0 { sums.known.share(true) } else { Rgb::ONE };
         let own = sums.highlights.as_ref();
         own.map_or_else(Default::default, |own| own.radiance(all.clamp(Rgb::ZERO, Rgb::ONE)))
+    }
+
+    /// Radiance of narrow lights that polished surfaces mirror, by pixel; empty where there are none.
+    pub fn mirrored(&self, visible: &VisibleSurfaces) -> Vec<Rgb> {
+        let is_polished = |sums: &ShadowSums| {
+            sums.highlights.as_ref().is_some_and(|highlights| highlights.is_polished)
+        };
+        let mut mirrored = Vec::new();
+        for (index, (sums, fragment)) in self.sums.iter().zip(&visible.fragments).enumerate() {
+            if is_polished(sums) {
+                mirrored.resize(visible.shine.len(), Rgb::ZERO);
+                mirrored[fragment.pixel as usize] +=
+                    fragment.share * self.highlights(index).0.max(Rgb::ZERO);
+            }
+        }
+        mirrored
     }
 }
 

@@ -5,6 +5,8 @@ mod by_neighbours;
 mod caster;
 mod highlights;
 mod lit_lobes;
+mod lobe_here;
+mod polished;
 mod shadows;
 mod sums;
 mod uneven;

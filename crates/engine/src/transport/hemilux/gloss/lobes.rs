@@ -9,6 +9,7 @@ use super::seen_through::behind_holes;
 use super::sharing::{Shared, Shown};
 use super::sums::{Found, LobeSums, open_factor};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
+use crate::emitters::NarrowLimits;
 use crate::radiometry::Rgb;
 use crate::random::Stream;
 use crate::sampling::{BAYER, Seed, Shifted};
@@ -41,6 +42,8 @@ pub struct Gloss {
     pub(super) lobes: Vec<PlacedLobe>,
     /// Of each of [`VisibleSurfaces::lobes`], whether narrow lights are left to others.
     leaves_narrow: Vec<bool>,
+    /// Largest exponent of lobes that are broad beside narrow lights.
+    broad_up_to: f32,
     /// Of each of them.
     pub(super) sums: Vec<LobeSums>,
     /// Of each of them, by how much its mean is corrected for the open sky; empty where there is none.
@@ -114,6 +117,7 @@ impl Gloss {
         let mut gloss = Self {
             sums: vec![LobeSums::default(); lobes.len()],
             leaves_narrow: vec![false; lobes.len()],
+            broad_up_to: 0.0,
             lobes,
             factors: Vec::new(),
             shown: Vec::new(),
@@ -131,27 +135,32 @@ impl Gloss {
         gloss
     }
 
-    /// Leaves narrow lights out of what opaque lobes of such exponents show.
+    /// Leaves narrow lights out of what opaque lobes show, if they are no narrower than they may be: Phong's than
+    /// the broad ones, microfacets than any.
     pub fn without_narrow(
         mut self,
         world: &World,
         visible: &VisibleSurfaces,
-        most_exponent: f32,
+        most: NarrowLimits,
     ) -> Self {
         let is_left = |(placed, lobe): (&PlacedLobe, &Lobe)| {
             let fragment = &visible.fragments[lobe.fragment as usize];
             let (triangle, ..) = visible.place_on_triangle(fragment, 0);
             let is_opaque = !world.is_clear(triangle) && !world.is_translucent(triangle);
-            placed.exponent() <= most_exponent && is_opaque
+            let most = if placed.has_slopes { most.polished } else { most.broad };
+            placed.exponent() <= most && is_opaque
         };
         self.leaves_narrow = self.lobes.iter().zip(&visible.lobes).map(is_left).collect();
+        self.broad_up_to = most.broad;
         self
     }
 
-    /// Numbers of the lobes without narrow lights.
-    pub fn leaving_narrow(&self) -> impl Iterator<Item = u32> + '_ {
-        let all = (0..).zip(&self.leaves_narrow);
-        all.filter_map(|(lobe, leaves)| leaves.then_some(lobe))
+    /// Numbers of the lobes without narrow lights, and whether they are polished, narrower than the broad ones.
+    pub fn leaving_narrow(&self) -> impl Iterator<Item = (u32, bool)> + '_ {
+        let all = (0..).zip(&self.leaves_narrow).zip(&self.lobes);
+        all.filter_map(|((lobe, leaves), placed)| {
+            leaves.then_some((lobe, placed.exponent() > self.broad_up_to))
+        })
     }
 
     /// Time of all that was done so far, in that of a ray with its ray to the lights.

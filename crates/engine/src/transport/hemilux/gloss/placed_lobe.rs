@@ -33,6 +33,8 @@ pub struct PlacedLobe {
     /// Unit vector.
     direction: Vec3,
     exponent: f32,
+    /// Whether all of it is of microfacets.
+    pub has_slopes: bool,
     /// Albedo towards the camera; 1 of what is clear.
     pub albedo: Rgb,
     /// Whether it shows little beside what its fragment reflects diffusely.
@@ -55,7 +57,8 @@ impl PlacedLobe {
             None => surface.lobe_only().reflection().albedo(viewer),
         };
         let is_faint = is_faint(visible, lobe, albedo);
-        Self { point, normal, is_flat, direction, exponent, albedo, is_faint }
+        let has_slopes = surface.clear.is_none() && surface.reflection().has_slopes();
+        Self { point, normal, is_flat, direction, exponent, has_slopes, albedo, is_faint }
     }
 
     /// Exponent of the narrowest of its lobes.
@@ -103,7 +106,17 @@ mod tests {
         let normal = Vec3::new(angle.sin(), angle.cos(), 0.0);
         let direction = Vec3::new((2.0 * angle).sin(), (2.0 * angle).cos(), 0.0);
         let (albedo, is_faint) = (Rgb::ONE, false);
-        PlacedLobe { point, normal, is_flat, direction, exponent: 1.0, albedo, is_faint }
+        let has_slopes = true;
+        PlacedLobe {
+            point,
+            normal,
+            is_flat,
+            direction,
+            exponent: 1.0,
+            has_slopes,
+            albedo,
+            is_faint,
+        }
     }
 
     /// Lobes of surfaces one behind the other do not share what is close by to one of them alone.

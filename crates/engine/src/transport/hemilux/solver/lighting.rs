@@ -7,7 +7,7 @@ use super::super::settings::HemiluxSettings;
 use crate::emitters::DirectLights;
 use crate::surface::World;
 
-/// Direct light and lobes of the fragments that a camera sees; broad lobes leave narrow lights to the shadow
+/// Direct light and lobes of the fragments that a camera sees; lobes leave narrow lights to the shadow
 /// rays of direct light, if there is any. `hasty` if the first picture had better come soon.
 pub(super) fn light_and_lobes(
     (world, lights): (&World, &DirectLights),
@@ -17,10 +17,10 @@ pub(super) fn light_and_lobes(
 ) -> (DirectLighting, Gloss) {
     let direct = DirectLighting::new(lights, visible, options.adaptive, hasty);
     let gloss = Gloss::new(world, visible, options.lobe_filter);
-    let most_exponent = lights.narrow_up_to();
-    if !options.light || most_exponent <= 0.0 {
+    let most = lights.narrow_up_to();
+    if !options.light || most.polished <= 0.0 {
         return (direct, gloss);
     }
-    let gloss = gloss.without_narrow(world, visible, most_exponent);
+    let gloss = gloss.without_narrow(world, visible, most);
     (direct.with_highlights(visible, gloss.leaving_narrow(), lights.narrow_count()), gloss)
 }

@@ -1,6 +1,6 @@
 //! The picture after an iteration, and how far it may be off.
 
-use super::super::audit::Corrected;
+use super::super::audit::{Against, Corrected};
 use super::super::draft::{Draft, Lit, loss, loss_of_light, noise_of_light, without_noise};
 use super::super::estimate::{self, PictureInputs};
 use super::Tiers;
@@ -55,14 +55,16 @@ impl Tiers {
             coarse_error: estimate::coarse_error(&self.visible, &self.coarse, &bounced),
         };
         let (mut picture, mut errors) = estimate::measure(&known);
+        let mirrored = self.direct.mirrored(&self.visible);
+        let against = Against { visible: &self.visible, seed: self.seed, mirrored: &mirrored };
         let mut corrected = Corrected::default();
         // Where a part is switched off for a study, what it lacks is to be seen.
         let is_whole = self.options.gather && self.options.light;
         if self.draft.is_none() && is_whole {
-            corrected = self.audit.correct(&self.visible, self.seed, &mut picture);
+            corrected = self.audit.correct(against, &mut picture);
         }
         if let Some(errors) = &mut errors {
-            let verdict = self.audit.judge(&self.visible, self.seed, &picture);
+            let verdict = self.audit.judge(against, &picture);
             errors.audited(verdict, corrected);
         }
         let iterations = Some(iterations);
