@@ -137,9 +137,7 @@ impl Textures {
             let fragment = &visible.fragments[index];
             let beyond = visible.beyond(index).map(|beyond| visible.fragments[beyond].diffuse);
             let albedo = fragment.lobe_albedo.unwrap_or(read.lobe_albedo);
-            // Where nothing was reflected before, what its lobes show is no guide.
-            let is_known = albedo.cmpgt(Rgb::splat(LEAST_ALBEDO));
-            let times = Rgb::select(is_known, read.lobe_albedo / albedo, Rgb::ONE);
+            let times = ratio(read.lobe_albedo, albedo);
             Ahead {
                 fragment: index,
                 diffuse: read.diffuse - fragment.diffuse,
@@ -153,6 +151,12 @@ impl Textures {
         let squares = self.squares_ahead() * some.len().max(1) as f64;
         self.seconds_each = began.elapsed().as_secs_f64() / squares;
     }
+}
+
+/// What the radiance of lobes is multiplied by where their albedo becomes another one; where nothing was reflected
+/// before, what they showed is no guide, and 1.
+fn ratio(albedo: Rgb, before: Rgb) -> Rgb {
+    Rgb::select(before.cmpgt(Rgb::splat(LEAST_ALBEDO)), albedo / before, Rgb::ONE)
 }
 
 impl VisibleSurfaces {
@@ -267,6 +271,13 @@ mod tests {
         let [shine, diffuse] = [|own: &Ahead| own.shine, |own: &Ahead| own.diffuse]
             .map(|of| root_mean_square(ahead.iter().map(of)));
         assert!(diffuse > 0.0 && (0.8..1.25).contains(&(shine / diffuse)), "{shine} {diffuse}");
+    }
+
+    /// Lobes that reflected nothing by coarse squares and something by fine ones do not make the error infinite.
+    #[test]
+    fn what_reflected_nothing_is_no_guide() {
+        let times = ratio(Rgb::new(0.2, 0.2, 0.3), Rgb::new(0.1, 0.0, 0.6));
+        assert!((times - Rgb::new(2.0, 1.0, 0.5)).length() < 1e-6, "{times}");
     }
 
     /// With squares half as long what is left is far less, and what is left is foreseen.
