@@ -125,10 +125,10 @@ impl Polished<'_> {
         // Facets may be much smaller than a cell.
         let are_known = along.iter().all(Option::is_some) || cell.side < SMALL;
         let along = along.map(Option::unwrap_or_default);
-        let changes: SlopeChanges = [0, 1].map(|lobe| along.map(|side| side[lobe]));
+        let mut changes: SlopeChanges = [0, 1].map(|lobe| along.map(|side| side[lobe]));
         let places = Places::new(
             &slopes,
-            &changes,
+            &mut changes,
             reflection.widths(),
             0.5 * lights.narrow_radius(self.light),
         );
@@ -156,8 +156,9 @@ struct Places {
 
 impl Places {
     /// Where half vectors have these slopes in the middle of a cell, which change like this over it; the light's disk
-    /// reaches so far, as a change of slope.
-    fn new(slopes: &Slopes, changes: &SlopeChanges, widths: [f32; 2], radius: f32) -> Self {
+    /// reaches so far, as a change of slope. Far from where the light is mirrored, the middle stands for all of the
+    /// cell: the changes become none.
+    fn new(slopes: &Slopes, changes: &mut SlopeChanges, widths: [f32; 2], radius: f32) -> Self {
         let (mut are_uneven, mut in_disk) = (false, 1.0f32);
         for ((slope, changes), width) in slopes.iter().zip(changes).zip(widths) {
             if !width.is_finite() {
@@ -165,7 +166,14 @@ impl Places {
             }
             let change = changes[0].length() + changes[1].length();
             let far = slope.length();
-            are_uneven |= change > EVEN_CHANGE * width && far < 2.0 * (change + radius + width);
+            // Slopes go up without bound where the half vector comes near the horizon; angles do not.
+            let turn = change / (1.0 + far * far);
+            if far.atan() > 2.0 * (turn + radius + width) {
+                *changes = [Vec3::ZERO; 2];
+            } else {
+                are_uneven |= change > EVEN_CHANGE * width;
+            }
+            let change = changes[0].length() + changes[1].length();
             if far < 2.0 * change + 6.0 * (radius + width) {
                 let ratio = radius / width.max(0.5 * change);
                 in_disk = in_disk.max(PER_WIDTH * ratio * ratio);
