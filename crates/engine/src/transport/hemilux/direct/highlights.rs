@@ -138,8 +138,7 @@ impl Highlights {
         let lobe = &caster.visible.lobes[self.lobe as usize];
         self.sums = PlaceSums { squares: 0.0, places: 1 };
         for (light, own) in self.lights.iter_mut().enumerate() {
-            let Mirrored { radiance, squares, .. } =
-                Polished { caster: *caster, lobe, light }.look();
+            let Mirrored { radiance, squares } = Polished { caster: *caster, lobe, light }.look();
             (own.open, own.squares) = (radiance, squares);
             self.sums.squares += own.squares;
         }

@@ -44,8 +44,6 @@ pub struct Mirrored {
     pub radiance: Rgb,
     /// Σ squares of the differences of that between cells and their quarters, over the channels.
     pub squares: f32,
-    /// Cells that were looked at.
-    pub cells: u32,
 }
 
 /// What a cell shows of it.
@@ -63,7 +61,7 @@ impl Polished<'_> {
         let all = self.shown_by(&PIXEL);
         // By one cell nothing is known of what a map does to normals.
         if !all.is_uneven && !visible.has_normal_map(world, self.lobe) {
-            return Mirrored { radiance: all.radiance, squares: 0.0, cells: 1 };
+            return Mirrored { radiance: all.radiance, squares: 0.0 };
         }
         let cells = visible.cells(self.lobe);
         let shown: Vec<Shown> = cells.iter().map(|cell| self.shown_by(cell)).collect();
@@ -82,7 +80,6 @@ impl Polished<'_> {
     /// Adds a cell, quartered where it is uneven, by its area in pixels; all cells together show about so much.
     fn add(&self, (cell, shown): (&Cell, &Shown), (depth, about): (u32, f32), to: &mut Mirrored) {
         let area = cell.area();
-        to.cells += 1;
         if !shown.is_uneven || depth == MOST_DEPTH {
             to.radiance += shown.radiance * area;
             return;
@@ -95,7 +92,6 @@ impl Polished<'_> {
         if depth > 0 && off * area <= enough {
             to.radiance += mean * area;
             to.squares += (off * area).powi(2);
-            to.cells += 4;
             return;
         }
         for (quarter, own) in quarters.iter().zip(&all) {
