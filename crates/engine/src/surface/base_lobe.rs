@@ -9,7 +9,7 @@ use super::film::{Film, Filmed};
 use super::ggx::{Ggx, Microfacets};
 use super::reflection::{Parts, Reflection, direction_about};
 use super::side::Side;
-use super::slopes::{gain_over, slope_about};
+use super::slopes::gain_over;
 use crate::radiometry::Rgb;
 use crate::sampling::frame;
 use crate::scene::Layers;
@@ -218,9 +218,7 @@ impl BaseReflection {
     /// By how much more its lobe reflects on the mean over a part of the surface than at its middle.
     pub fn gain_over(&self, viewer: Vec3, source: Vec3, sides: [Vec3; 2]) -> f32 {
         let (axes, widths) = self.axes();
-        let flat = |slope: Vec3| axes.local(slope).truncate();
-        let slope = slope_about(self.side.shading_normal, viewer, source);
-        gain_over(widths, flat(slope), sides.map(flat))
+        gain_over((widths, axes.0), (viewer, source), sides)
     }
 
     /// A direction by the microfacets that the viewer sees.

@@ -11,11 +11,11 @@ use super::distribution::{density_of_visible, distribution_and_visibility, visib
 use super::ggx_albedo::{LobeShares, diffuse_loss, mean_diffuse_loss};
 use super::reflection::{Parts, Reflection, direction_about};
 use super::side::Side;
-use super::slopes::{gain_over, slope_about};
+use super::slopes::gain_over;
 use crate::radiometry::{Rgb, importance};
 use crate::sampling::frame;
 use crate::scene::{Appearance, Material};
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
 /// Smallest α: below it single precision can't tell the lobe from a mirror's.
@@ -166,9 +166,8 @@ impl Ggx {
     pub fn gain_over(&self, viewer: Vec3, source: Vec3, sides: [Vec3; 2]) -> f32 {
         let normal = self.side.shading_normal;
         let (tangent, bitangent) = frame(normal, 0.0);
-        let flat = |slope: Vec3| Vec2::new(tangent.dot(slope), bitangent.dot(slope));
-        let slope = slope_about(normal, viewer, source);
-        gain_over([self.facets.alpha; 2], flat(slope), sides.map(flat))
+        let axes = [tangent, bitangent, normal];
+        gain_over(([self.facets.alpha; 2], axes), (viewer, source), sides)
     }
 }
 

@@ -170,8 +170,9 @@ impl LayeredReflection {
         self.evaluate_times((viewer, source), 1.0, gains).0
     }
 
-    /// f_r with the lobes of base and coat times such factors, and its density without them. What the coat sends is measured by the cosine to its own normal, so it is divided by the one to
-    /// the shading normal, which callers multiply by.
+    /// f_r with the lobes of base and coat times such factors, and its density without them. What the coat sends is
+    /// measured by the cosine to its own normal, so it is divided by the one to the shading normal, which callers
+    /// multiply by.
     #[cold]
     #[inline(never)]
     fn evaluate_times(

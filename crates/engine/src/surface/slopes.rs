@@ -28,9 +28,16 @@ pub fn slope_about(normal: Vec3, viewer: Vec3, source: Vec3) -> Vec3 {
     half / normal.dot(half).max(1e-3) - normal
 }
 
-/// By how much more microfacets reflect on the mean over a part of the surface than at its middle: `slope` is that
-/// of the half vector there, `sides` how it changes, along axes on which the distribution has these widths.
-pub fn gain_over(widths: [f32; 2], slope: Vec2, sides: [Vec2; 2]) -> f32 {
+/// By how much more microfacets reflect of light between two unit vectors on the mean over a part of the surface than
+/// at its middle: `sides` say how the half vector's slope changes. The distribution has these widths along the first
+/// two axes, the tangents; the third is the normal.
+pub fn gain_over(
+    (widths, [tangent, bitangent, normal]): ([f32; 2], [Vec3; 3]),
+    (viewer, source): (Vec3, Vec3),
+    sides: [Vec3; 2],
+) -> f32 {
+    let flat = |slope: Vec3| Vec2::new(tangent.dot(slope), bitangent.dot(slope));
+    let (slope, sides) = (flat(slope_about(normal, viewer, source)), sides.map(flat));
     let scaled = |slope: Vec2| slope.as_dvec2() / Vec2::from_array(widths).as_dvec2();
     let (middle, sides_scaled) = (scaled(slope), sides.map(scaled));
     if is_even(middle, sides_scaled) {
