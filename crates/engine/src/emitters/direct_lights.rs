@@ -48,7 +48,10 @@ impl DirectLights {
         let polygons = PolygonLights::new(scene, rays, cells.clone(), None);
         let mut this = Self::beside(world, polygons);
         if this.polygons.as_ref().is_some_and(|lights| lights.count() > FEW_LIGHTS) {
-            this.glow = Glow::find(world, &cells, this.surroundings());
+            let everywhere = this.surroundings();
+            let open = |point, normal| this.lookout(point, normal).is_none();
+            let there = |point, normal| if open(point, normal) { everywhere } else { 0.0 };
+            this.glow = Glow::find(world, &cells, there);
             if let Some(glow) = &this.glow {
                 this.polygons = PolygonLights::new(scene, rays, cells, Some(glow));
             }
@@ -83,12 +86,8 @@ impl DirectLights {
         (any || world.scene.has_unlit()).then_some(self)
     }
 
-    /// Mean radiance that arrives from sky and sun where nothing is in between; none where it comes
-    /// through openings, since little of it does.
+    /// Mean radiance that arrives from sky and sun where nothing is in between.
     fn surroundings(&self) -> f64 {
-        if self.openings.is_some() {
-            return 0.0;
-        }
         let irradiance = |normal: Vec3| {
             let sky = self.sky.as_ref().map_or(Rgb::ZERO, |sky| sky.unoccluded(normal));
             sky + self.sun.as_ref().map_or(Rgb::ZERO, |sun| sun.unoccluded(normal))
