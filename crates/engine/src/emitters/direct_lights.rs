@@ -387,8 +387,8 @@ impl DirectLights {
             let visibility = world.visibility(point, end);
             let (unoccluded, cast, apart) = (irradiance, irradiance, Rgb::ZERO);
             let direction = (end - point).normalize_or_zero();
-            let density = 0.0;
-            return ShadowSample { unoccluded, cast, visibility, apart, direction, density };
+            let own = ShadowSample::default();
+            return ShadowSample { unoccluded, cast, visibility, apart, direction, ..own };
         }
         let all = self.unoccluded(point, normal);
         // Lamps and a sun in a room full of sky have no share of all light in common.
@@ -399,7 +399,7 @@ impl DirectLights {
         if let Some(light) = any.then(|| self.sample(&all, point, normal, xi)).flatten() {
             let visibility = world.visibility(point, light.end);
             sample.direction = (light.end - point).normalize_or_zero();
-            sample.density = light.density;
+            (sample.density, sample.is_narrow) = (light.density, light.narrow.is_some());
             match light.is_apart || is_all_apart {
                 true => sample.apart = light.irradiance * visibility,
                 false => (sample.cast, sample.visibility) = (light.irradiance, visibility),

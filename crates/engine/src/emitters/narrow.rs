@@ -48,6 +48,11 @@ impl DirectLights {
         NarrowLimits { broad, polished: if radius <= MOST_RADIUS { f32::INFINITY } else { broad } }
     }
 
+    /// Whether there are narrow lights that rays by polished lobes meet too seldom.
+    pub fn has_narrow(&self) -> bool {
+        self.narrow_up_to().polished == f32::INFINITY
+    }
+
     /// Angular radius of a narrow light, by its number.
     pub fn narrow_radius(&self, number: usize) -> f32 {
         self.sun.as_ref().filter(|_| number == 0).map_or(0.0, |sun| sun.angular_radius())

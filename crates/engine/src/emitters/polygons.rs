@@ -74,6 +74,8 @@ pub struct ShadowSample {
     pub direction: Vec3,
     /// Density per solid angle at which it was picked; 0 where that is not known.
     pub density: f32,
+    /// Whether its light is a narrow one: [`DirectLights::narrow`](super::DirectLights::narrow).
+    pub is_narrow: bool,
 }
 
 impl ShadowSample {

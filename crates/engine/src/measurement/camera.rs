@@ -108,6 +108,15 @@ impl Frame {
         depth * 2.0 * self.half.y / height as f32
     }
 
+    /// Steps from a point to those at its depth that the pixels to the right and below show, and between the unit
+    /// directions to these, about, for a picture of so many rows.
+    pub fn pixel_steps(&self, point: Vec3, height: u32) -> [[Vec3; 2]; 2] {
+        let side = 2.0 * self.half.y / height as f32;
+        let depth = if self.perspective { self.project(point).1.abs() } else { 1.0 };
+        let turn = if self.perspective { 1.0 } else { 0.0 };
+        [depth, turn].map(|times| [self.right, -self.up].map(|axis| side * times * axis))
+    }
+
     /// The pixel of a point; `None` where it is outside the picture or behind the camera.
     pub fn pixel(&self, point: Vec3, width: u32, height: u32) -> Option<[u32; 2]> {
         let (projected, depth) = self.project(point);

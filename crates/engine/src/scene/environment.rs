@@ -4,7 +4,7 @@ use super::SceneError;
 use super::daylight::{PlaceAndTime, daylight, sun_position};
 use super::sky_map::{MAX_SKY_RADIANCE, SkyMap};
 use crate::radiometry::Rgb;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 use std::sync::Arc;
 
@@ -267,6 +267,31 @@ impl Sun {
         if sine > 0.0 { self.irradiance / (PI * sine * sine) } else { Rgb::ZERO }
     }
 
+    /// About the mean radiance of the disk over directions about a unit vector: a parallelogram of such sides, blurred
+    /// by such an angle besides. Disk and parallelogram together are taken for an ellipse of the same second moments,
+    /// so that nothing is lost of the light, and that of a single direction is exact.
+    pub fn mean_over(&self, direction: Vec3, (sides, blur): ([Vec3; 2], f32)) -> Rgb {
+        let off = self.direction - direction;
+        if self.angular_radius <= 0.0 || off.length_squared() > 1.0 {
+            return Rgb::ZERO;
+        }
+        let (across, down) = direction.any_orthonormal_pair();
+        let flat = |vector: Vec3| Vec2::new(across.dot(vector), down.dot(vector));
+        let (off, sides) = (flat(off), sides.map(flat));
+        // Second moments of a disk of radius r are r²/4, those of a square 1/12.
+        let round = 0.25 * (self.angular_radius.sin().powi(2) + 0.25 * blur * blur);
+        let moment = |of: fn(Vec2) -> f32| (of(sides[0]) + of(sides[1])) / 12.0;
+        let (xx, yy) =
+            (round + moment(|side| side.x * side.x), round + moment(|side| side.y * side.y));
+        let xy = moment(|side| side.x * side.y);
+        let determinant = xx * yy - xy * xy;
+        let far = yy * off.x * off.x - 2.0 * xy * off.x * off.y + xx * off.y * off.y;
+        if far > 4.0 * determinant {
+            return Rgb::ZERO;
+        }
+        self.irradiance / (4.0 * PI * determinant.sqrt())
+    }
+
     /// Whether a unit direction meets the disk.
     pub fn covers(&self, direction: Vec3) -> bool {
         // By the chord instead of the cosine, which can't tell angles this small apart.
@@ -310,6 +335,35 @@ mod tests {
 
     const SUN: Sun =
         Sun { direction: Vec3::Y, irradiance: Rgb::new(3.0, 2.0, 1.0), angular_radius: SUN_RADIUS };
+
+    /// Nothing is lost of the light however wide the parallelogram is, and that of a single direction is exact.
+    #[test]
+    fn a_sun_over_parallelograms_shines_as_much() {
+        const STEPS: u32 = 800;
+        let sun = Sun::towards(Vec3::new(0.3, 0.8, -0.4), SUN.irradiance, SUN_RADIUS);
+        let (across, down) = sun.direction.any_orthonormal_pair();
+        for (sides, blur) in [
+            ([Vec3::ZERO; 2], 0.0),
+            ([Vec3::ZERO; 2], 0.1),
+            ([across * 0.1, down * 0.05], 0.0),
+            ([across * 0.1, across * 0.08 + down * 0.02], 0.03),
+        ] {
+            let reach = 2.5 * (SUN_RADIUS + blur + sides[0].length() + sides[1].length());
+            let at = |k: u32| reach * ((k as f32 + 0.5) / STEPS as f32 - 0.5);
+            let row = |y: u32| -> Rgb {
+                let direction =
+                    |x: u32| (sun.direction + at(x) * across + at(y) * down).normalize();
+                (0..STEPS).map(|x| sun.mean_over(direction(x), (sides, blur))).sum()
+            };
+            let all = (0..STEPS).map(row).sum::<Rgb>() * (reach / STEPS as f32).powi(2);
+            let off = (all / sun.irradiance - Rgb::ONE).abs().max_element();
+            assert!(off < 0.03, "{sides:?} {blur}: off by {off}");
+        }
+        let middle = sun.mean_over(sun.direction, ([Vec3::ZERO; 2], 0.0));
+        assert!((middle / sun.radiance() - Rgb::ONE).abs().max_element() < 1e-4, "{middle}");
+        let dot = Sun { angular_radius: 0.0, ..sun };
+        assert_eq!(dot.mean_over(sun.direction, ([across, down], 0.0)), Rgb::ZERO);
+    }
 
     #[test]
     fn darkness_is_dark() {

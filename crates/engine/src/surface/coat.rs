@@ -29,6 +29,15 @@ impl Coat {
         Self { strength, alpha: layers.coat_alpha(), normal: Vec3::ZERO }
     }
 
+    /// Makes its distribution wider by such a difference of slopes, if it is not that wide by itself; whether it was.
+    pub fn blur(&mut self, slopes: f32) -> bool {
+        let is_narrow = self.strength > 0.0 && self.alpha < slopes;
+        if is_narrow {
+            self.alpha = self.alpha.hypot(slopes);
+        }
+        is_narrow
+    }
+
     /// Its lobe, at full strength.
     pub fn facets(&self) -> Microfacets {
         Microfacets::coat(COAT_F0, self.alpha)

@@ -122,6 +122,21 @@ impl Clear {
         self.inside.is_none() && self.alpha == 0.0
     }
 
+    /// Index of refraction of what lies beyond, from that side, over that of what lies before; 1 of a sheet, which
+    /// bends nothing.
+    pub fn index(&self, back: bool) -> f32 {
+        match self.inside {
+            Some(_) if back => 1.0 / self.ior.max(1.0),
+            Some(_) => self.ior.max(1.0),
+            None => 1.0,
+        }
+    }
+
+    /// Width of its distribution of microfacets; 0 where it is polished.
+    pub fn alpha(&self) -> f32 {
+        self.alpha
+    }
+
     /// What it bounds; `None` of a sheet.
     pub fn inside(&self) -> Option<Inside> {
         self.inside

@@ -82,6 +82,13 @@ impl Microfacets {
         }
     }
 
+    /// The same with a distribution that is wider by such a difference of slopes; `None` where it is that wide by
+    /// itself.
+    pub fn blurred(self, slopes: f32) -> Option<Self> {
+        let alpha = self.alpha.hypot(slopes);
+        (self.is_glossy() && self.alpha < slopes).then_some(Self { alpha, ..self })
+    }
+
     /// Whether its lobe reflects anything at all.
     #[inline]
     pub fn is_glossy(&self) -> bool {

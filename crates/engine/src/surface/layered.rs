@@ -67,6 +67,16 @@ impl Layered {
         self
     }
 
+    /// The same with distributions of microfacets that are wider by such a difference of slopes; `None` where all of
+    /// them are that wide by themselves.
+    #[cold]
+    pub fn blurred(mut self, slopes: f32) -> Option<Self> {
+        let base = self.base.facets.blurred(slopes);
+        let is_blurred = base.is_some() | self.coat.blur(slopes);
+        self.base.facets = base.unwrap_or(self.base.facets);
+        is_blurred.then_some(self)
+    }
+
     /// What is left of light from the base towards a viewer at an angle of that cosine to the shading
     /// normal, and of the other one to the coat's.
     fn left(&self, [cosine, to_coat]: [f32; 2]) -> f32 {

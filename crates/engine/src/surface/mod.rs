@@ -38,6 +38,8 @@ mod world;
 
 mod passage;
 
+mod differentials;
+
 mod filtered;
 
 mod far_side;
@@ -46,9 +48,10 @@ mod far_side;
 mod laws;
 
 pub use dielectric::{Clear, ExitDirection, Inside};
+pub use differentials::{Differentials, Turn};
 pub use model::Parameters;
 pub use passage::{Passage, PassageEnd, mirrored_share};
 pub use point::Surface;
-pub use reflection::{Parts, Reflection};
+pub use reflection::{Parts, Reflection, Scattered};
 pub use slopes::{SlopeChanges, Slopes};
 pub use world::{World, is_same_normal};

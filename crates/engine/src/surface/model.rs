@@ -118,6 +118,16 @@ impl Parameters {
         }
     }
 
+    /// The same with lobes of microfacets that are wider by such a difference of slopes; `None` where all of them are
+    /// that wide by themselves.
+    pub fn blurred(self, slopes: f32) -> Option<Self> {
+        match self {
+            Self::Phong(_) => None,
+            Self::Ggx(facets) => facets.blurred(slopes).map(Self::Ggx),
+            Self::Layered(layered) => layered.blurred(slopes).map(Self::Layered),
+        }
+    }
+
     /// The same without the diffuse part.
     pub fn lobe_only(mut self) -> Self {
         match &mut self {
@@ -158,14 +168,18 @@ impl AnyReflection {
         !matches!(self, Self::Phong(_))
     }
 
+    /// Unit normals of the lobes of base and coat.
+    pub fn normals(&self) -> [Vec3; 2] {
+        let normal = self.side().shading_normal;
+        match self {
+            Self::Layered(layered) => [normal, layered.coat_normal()],
+            _ => [normal; 2],
+        }
+    }
+
     /// Slopes of the half vector of two unit vectors.
     pub fn slopes(&self, viewer: Vec3, source: Vec3) -> Slopes {
-        let normal = self.side().shading_normal;
-        let coat = match self {
-            Self::Layered(layered) => layered.coat_normal(),
-            _ => normal,
-        };
-        [normal, coat].map(|normal| slope_about(normal, viewer, source))
+        self.normals().map(|normal| slope_about(normal, viewer, source))
     }
 
     /// Least width of the distribution of microfacets of each lobe; infinite where there is none.

@@ -4,6 +4,7 @@
 //! the same way.
 
 use super::dielectric::{Clear, ExitDirection, Inside};
+use super::differentials::{Differentials, Turn};
 use super::point::Surface;
 use super::reflection::Reflection;
 use super::world::World;
@@ -85,18 +86,42 @@ impl World {
     /// surfaces.
     #[inline]
     pub fn look(&self, origin: Vec3, direction: Vec3) -> Passage {
+        self.look_differing(origin, direction, || None).0
+    }
+
+    /// The same of a ray with such differentials where it starts, and what has become of them; `None` where nothing
+    /// clear was in the way.
+    pub fn look_differing(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        differentials: impl FnOnce() -> Option<Differentials>,
+    ) -> (Passage, Option<Differentials>) {
         match self.rays.closest(Eye::Light, origin, direction) {
-            Some(hit) if self.is_clear(hit.triangle) => self.pass(hit, direction),
-            Some(hit) => Passage::straight(direction, hit.distance, PassageEnd::Met(hit)),
-            None => Passage::straight(direction, f32::INFINITY, PassageEnd::Escaped),
+            Some(hit) if self.is_clear(hit.triangle) => {
+                let there = differentials().map(|own| own.after(hit.distance));
+                self.pass_differing(hit, direction, there)
+            }
+            Some(hit) => (Passage::straight(direction, hit.distance, PassageEnd::Met(hit)), None),
+            None => (Passage::straight(direction, f32::INFINITY, PassageEnd::Escaped), None),
         }
     }
 
     /// Follows a ray along the unit `direction`, which has met `hit`, through clear surfaces; where
     /// that is opaque it ends there.
     pub fn pass(&self, hit: Hit, direction: Vec3) -> Passage {
+        self.pass_differing(hit, direction, None).0
+    }
+
+    /// The same of a ray with differentials, as they are at the hit, and what has become of them.
+    pub fn pass_differing(
+        &self,
+        hit: Hit,
+        direction: Vec3,
+        differing: Option<Differentials>,
+    ) -> (Passage, Option<Differentials>) {
         let mut numbers = HashedNumbers::new(direction, &hit, 0);
-        let flight = Flight::new(hit, direction, &mut numbers);
+        let flight = Flight { differing, ..Flight::new(hit, direction, &mut numbers) };
         self.pass_from(flight, &mut numbers)
     }
 
@@ -131,29 +156,38 @@ impl World {
         None
     }
 
-    fn pass_from(&self, mut flight: Flight, numbers: &mut HashedNumbers) -> Passage {
+    fn pass_from(
+        &self,
+        mut flight: Flight,
+        numbers: &mut HashedNumbers,
+    ) -> (Passage, Option<Differentials>) {
         loop {
             let Some((surface, clear)) = self.arrive(&mut flight, numbers) else {
-                return flight.passage;
+                return (flight.passage, flight.differing);
             };
             let clear = flight.split(clear, numbers);
             let xi = [numbers.next(), numbers.next(), numbers.next()];
             let passed = clear.pass(surface.side(), -flight.passage.direction, xi);
-            if !self.leave(&mut flight, &surface, passed) {
-                return flight.passage;
+            if !self.leave(&mut flight, (&surface, &clear), passed) {
+                return (flight.passage, flight.differing);
             }
         }
     }
 
     /// Follows a camera's ray, which has met `hit`, both ways that it goes from there, mirrored and
     /// let through; each has its share in [`Passage::left`]. A ray that is traced several times goes
-    /// other ways for another `number`.
-    pub fn pass_both(&self, hit: Hit, direction: Vec3, number: u32) -> [Option<Passage>; 2] {
+    /// other ways for another `number`. Its differentials, if it has any, are those at the hit.
+    pub fn pass_both(
+        &self,
+        (hit, differing): (Hit, Option<Differentials>),
+        direction: Vec3,
+        number: u32,
+    ) -> [Option<(Passage, Option<Differentials>)>; 2] {
         let mut numbers = HashedNumbers::new(direction, &hit, number);
-        let mut flight = Flight::new(hit, direction, &mut numbers);
+        let mut flight = Flight { differing, ..Flight::new(hit, direction, &mut numbers) };
         flight.eye = Eye::Camera;
         let Some((surface, clear)) = self.arrive(&mut flight, &mut numbers) else {
-            return [Some(flight.passage), None];
+            return [Some((flight.passage, differing)), None];
         };
         let clear = flight.split(clear, &mut numbers);
         let xi = [numbers.next(), numbers.next()];
@@ -164,11 +198,10 @@ impl World {
             if share <= 0.0 {
                 return None;
             }
-            if self.leave(&mut flight, &surface, passed) {
-                let next = self.pass_from(flight, &mut numbers);
-                return Some(next);
+            if self.leave(&mut flight, (&surface, &clear), passed) {
+                return Some(self.pass_from(flight, &mut numbers));
             }
-            Some(flight.passage)
+            Some((flight.passage, flight.differing))
         };
         both.map(&mut way)
     }
@@ -228,14 +261,24 @@ impl World {
     }
 
     /// Goes on from a clear surface to the next one, or out of the scene; whether there is a next one.
-    fn leave(&self, flight: &mut Flight, surface: &Surface, passed: Option<ExitDirection>) -> bool {
-        let Flight { passage, hit, inside, eye, .. } = flight;
+    fn leave(
+        &self,
+        flight: &mut Flight,
+        (surface, clear): (&Surface, &Clear),
+        passed: Option<ExitDirection>,
+    ) -> bool {
+        let Flight { passage, hit, inside, eye, differing, .. } = flight;
         let Some(passed) = passed else {
             passage.end = PassageEnd::Lost;
             return false;
         };
         passage.left *= passed.tint;
         passage.is_bent |= !(passed.through && self.is_pane(hit.triangle));
+        *differing = differing.map(|own| {
+            let index = passed.through.then(|| clear.index(surface.back));
+            let turn = Turn::by_facets([passage.direction, passed.direction], index, clear.alpha());
+            own.leaving(self, surface, turn)
+        });
         passage.direction = passed.direction;
         let mut start = surface.start();
         if passed.through {
@@ -248,6 +291,7 @@ impl World {
             return false;
         };
         passage.way += next.distance;
+        *differing = differing.map(|own| own.after(next.distance));
         *hit = next;
         true
     }
@@ -264,13 +308,15 @@ struct Flight {
     hit: Hit,
     inside: Option<Inside>,
     crossings: u32,
+    /// Its differentials where it is, if it has any.
+    differing: Option<Differentials>,
 }
 
 impl Flight {
     fn new(hit: Hit, direction: Vec3, numbers: &mut HashedNumbers) -> Self {
         let passage = Passage::straight(direction, hit.distance, PassageEnd::Met(hit));
         let passage = Passage { chance: numbers.next(), ..passage };
-        Self { passage, eye: Eye::Light, hit, inside: None, crossings: 0 }
+        Self { passage, eye: Eye::Light, hit, inside: None, crossings: 0, differing: None }
     }
 
     /// A clear surface as the ray meets it: as one colour where that bends colours by different angles.

@@ -58,15 +58,17 @@ impl Surface {
         self
     }
 
+    /// The same with lobes of microfacets that are wider by such a difference of slopes; `None` where none of them is
+    /// narrower than that by itself.
+    pub fn blurred(mut self, slopes: f32) -> Option<Self> {
+        self.parameters = self.parameters.blurred(slopes)?;
+        Some(self)
+    }
+
     /// What irradiance over π and what the lobe's radiance towards a unit vector are multiplied by, for light
     /// without directions.
     pub fn diffuse_and_lobe_factor(&self, viewer: Vec3) -> [Rgb; 2] {
         self.parameters.diffuse_and_lobe_factor(self.shading_normal, viewer)
-    }
-
-    /// Whether it has layers, of which a coat may have a normal of its own.
-    pub fn has_layers(&self) -> bool {
-        matches!(self.parameters, Parameters::Layered(_))
     }
 
     /// The mirror direction of `viewer`.

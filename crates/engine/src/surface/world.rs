@@ -209,6 +209,18 @@ impl World {
         given.map(|given| given * side).filter(|given| given.dot(normal) > 0.0).unwrap_or(normal)
     }
 
+    /// A surface as it lies at other barycentric coordinates of its triangle, at that spot: with what it reflects, but
+    /// turned as the normals are there.
+    pub fn turned(&self, surface: &Surface, at: Vec2, spot: Spot) -> Surface {
+        let (mut turned, side) = (*surface, if surface.back { -1.0 } else { 1.0 });
+        turned.spot = spot;
+        turned.shading_normal = self.shading_normal(surface.triangle, at, surface.normal, side);
+        if let Parameters::Layered(layered) = &mut turned.parameters {
+            self.lay(layered, (surface.triangle, at), surface.normal, side);
+        }
+        turned
+    }
+
     /// Lets layers lie as they do at barycentric coordinates of a triangle, on the side on which
     /// `normal` is the geometric one.
     #[cold]

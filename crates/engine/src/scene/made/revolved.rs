@@ -37,3 +37,15 @@ pub fn hollow_ball(slices: u32, material: Material) -> Scene {
     }
     ball
 }
+
+/// The same whose outside is the front.
+pub fn ball(slices: u32, material: Material) -> Scene {
+    let mut ball = hollow_ball(slices, material);
+    for vertex in &mut ball.vertices {
+        vertex.normal = -vertex.normal;
+    }
+    for triangle in &mut ball.triangles {
+        triangle.vertices.swap(1, 2);
+    }
+    ball
+}

@@ -186,46 +186,22 @@ mod tests {
     use crate::radiometry::importance;
     use crate::random::Stream;
     use crate::sampling::Shifted;
-    use crate::scene::environment::{Environment, Sky, Sun};
-    use crate::scene::made::revolved::hollow_ball;
     use crate::scene::{Camera, Layering, Layers, Material};
     use crate::transport::hemilux::fragments::VisibleSurfaces;
-    use crate::transport::hemilux::specimen::{SEED, Specimen};
+    use crate::transport::hemilux::specimen::{SEED, Specimen, mirrored_by_ball};
 
-    const IRRADIANCE: f32 = 100.0;
     const YFOV: f32 = 0.3;
     const FAR: f32 = 40.0;
 
     /// A ball of radius 1 under a sun, which a camera sees from afar.
     fn ball(material: Material, slices: u32, sun: Vec3) -> Specimen {
-        let mut scene = hollow_ball(slices, material);
-        for vertex in &mut scene.vertices {
-            vertex.normal = -vertex.normal;
-        }
-        for triangle in &mut scene.triangles {
-            triangle.vertices.swap(1, 2);
-        }
+        let (mut scene, environment) = Specimen::sunlit_ball(material, slices, sun);
         scene.cameras = vec![Camera::look_at("camera", eye(), Vec3::ZERO, Vec3::Y, YFOV)];
-        let sun = Sun::towards(sun, Rgb::splat(IRRADIANCE), 0.004_65);
-        let environment = Environment { sky: Sky::None, sun: Some(sun), ..Environment::none() };
         Specimen::of(scene, environment, 200)
     }
 
     fn eye() -> Vec3 {
         FAR * Vec3::new(0.2, 0.1, 1.0).normalize()
-    }
-
-    /// Irradiance that a ball of radius 1 mirrors to the eye from a light in that direction, on a plane that faces it:
-    /// E/((1 + 2d cos θ) (1 + 2d/cos θ)) at a distance d from where it is mirrored at an angle of θ.
-    fn mirrored(sun: Vec3) -> f64 {
-        let (sun, eye) = (sun.as_dvec3().normalize(), eye().as_dvec3());
-        let mut normal = sun;
-        for _ in 0..20 {
-            normal = (sun + (eye - normal).normalize()).normalize();
-        }
-        let (cosine, distance) = (normal.dot(sun), eye.distance(normal));
-        let spread = (1.0 + 2.0 * distance * cosine) * (1.0 + 2.0 * distance / cosine);
-        f64::from(IRRADIANCE) / spread
     }
 
     fn visible(specimen: &Specimen, side: u32) -> VisibleSurfaces {
@@ -262,7 +238,7 @@ mod tests {
     fn share_shown((visible, sun): (&VisibleSurfaces, Vec3), of: impl Fn(&Lobe) -> Rgb) -> f64 {
         let shown = |lobe: &Lobe| f64::from(of(lobe).x * visible.share(lobe));
         let pixel = (2.0 * f64::from(YFOV / 2.0).tan() / f64::from(visible.width)).powi(2);
-        visible.lobes.iter().map(shown).sum::<f64>() * pixel / mirrored(sun)
+        visible.lobes.iter().map(shown).sum::<f64>() * pixel / mirrored_by_ball(sun, eye()).0
     }
 
     /// A ball that reflects everything, of eight pixels or more, mirrors what it should; single places miss that by far.

@@ -186,7 +186,7 @@ impl VisibleSurfaces {
     }
 
     /// Origin and unit direction of the ray through a place in a pixel.
-    pub(super) fn ray(&self, pixel: u32, offset: Vec2) -> (Vec3, Vec3) {
+    pub fn ray(&self, pixel: u32, offset: Vec2) -> (Vec3, Vec3) {
         let size = Vec2::new(self.width as f32, self.height as f32);
         let corner = Vec2::new((pixel % self.width) as f32, (pixel / self.width) as f32);
         // Offsets are from a pixel's middle.

@@ -1,6 +1,6 @@
 //! Square cells that a glossy fragment's part of a pixel is cut into, and how its surface changes over each.
 
-use super::{Fragment, Lobe, PictureFacet, VisibleSurfaces};
+use super::{Fragment, Lobe, VisibleSurfaces};
 use crate::hemicube::item;
 use crate::patches::FacetIndex;
 use crate::rays::RayOfPixel;
@@ -87,12 +87,10 @@ impl VisibleSurfaces {
         };
         let middle = at(cell.middle);
         // What it reflects may take textures, and counts in the middle alone.
-        let beside_at = |place: Vec2| match middle.has_layers() {
-            true => at(place),
-            false => {
-                let at = self.unbounded(&placed, fragment.pixel, place);
-                self.turned(world, &middle, (FacetIndex(facet), &placed, at))
-            }
+        let beside_at = |place: Vec2| {
+            let at = self.unbounded(&placed, fragment.pixel, place);
+            let source = self.cut.to_source(FacetIndex(facet), at);
+            world.turned(&middle, source, placed.spot_on_front(at))
         };
         let beside = [Vec2::X, Vec2::Y].map(|axis| {
             let steps = REACHES.iter().flat_map(|reach| [*reach, -reach]);
@@ -107,22 +105,6 @@ impl VisibleSurfaces {
             Some((step, beside_at(cell.middle + axis * step * cell.side)))
         });
         CellView { middle, beside }
-    }
-
-    /// A surface as it lies at other barycentric coordinates of its facet.
-    fn turned(
-        &self,
-        world: &World,
-        surface: &Surface,
-        (facet, placed, at): (FacetIndex, &PictureFacet, Vec2),
-    ) -> Surface {
-        let mut turned = *surface;
-        let side = if surface.back { -1.0 } else { 1.0 };
-        let source = self.cut.to_source(facet, at);
-        turned.spot = placed.spot_on_front(at);
-        turned.shading_normal =
-            world.shading_normal(surface.triangle, source, surface.normal, side);
-        turned
     }
 
     /// Code of the facet of a fragment at a place in its pixel: of the sample next to it, if that covers the place, or

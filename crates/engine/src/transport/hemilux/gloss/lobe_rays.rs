@@ -4,11 +4,11 @@
 //! solution's. The shadow ray that finds it lights the lobe of that surface, too, whether or not that is
 //! followed (docs/decisions/0087).
 
-use crate::emitters::{AllUnoccluded, LobeAxis, ShadowSample};
+use super::lobe_at::{LightsAt, LobeAt, LobeLights, LobeRadiance, Way, lit_with_diffuse};
 use crate::patches::FacetPlace;
 use crate::radiometry::Rgb;
 use crate::rays::Hit;
-use crate::sampling::{Afresh, Next, cosine_direction, power_heuristic};
+use crate::sampling::{Afresh, Next, cosine_direction};
 use crate::surface::{Passage, PassageEnd, Reflection, Surface};
 use crate::transport::hemilux::coarse::{CoarseSolution, FoundAfresh};
 use glam::Vec3;
@@ -39,161 +39,10 @@ pub struct LobePathNumbers {
     pub numbers: Afresh,
     /// Whether it is to say what an open sky would bring.
     pub tells_open_sky: bool,
-    /// Whether a map has what emitters bring along it, as long as its lobes are sharp: then it began
-    /// at a diffuse reflection.
-    pub is_mapped: bool,
-    /// How lights are sampled at its first lobe.
-    pub lights: LightsAt,
+    /// How lights are looked for at its first lobe.
+    pub lights: LobeLights,
     /// Whether the mesh says what comes from where it ends.
     pub by_mesh: bool,
-}
-
-/// How lights are sampled at a lobe of a path.
-#[derive(Clone, Copy)]
-pub enum LightsAt {
-    /// By a shadow ray of its own, to a light that is picked for the lobe.
-    Lobe,
-    /// The same but for narrow lights, of which `Highlights` tell.
-    Extended,
-    /// By the shadow ray of the diffuse part, which was cast whether or not the lobe is followed: that
-    /// is done with this probability.
-    Diffuse(f32),
-}
-
-impl LightsAt {
-    /// The probability at which the lobe is followed, of those hits at which lights are sampled: there are
-    /// so many rays by the lobe for each shadow ray.
-    fn chance(self) -> f32 {
-        match self {
-            Self::Lobe | Self::Extended => 1.0,
-            Self::Diffuse(probability) => probability,
-        }
-    }
-}
-
-/// What a lobe reflects towards its viewer, as one path found it.
-#[derive(Clone, Copy, Default)]
-pub struct LobeRadiance {
-    /// Radiance.
-    pub radiance: Rgb,
-    /// What of it is light of the sky that comes to the first lobe itself.
-    pub sky: Rgb,
-    /// What that would be if nothing were in the way, where that is asked for.
-    pub open_sky: Rgb,
-    /// 1 over the distance to what the path met first, 0 where that is nothing.
-    pub nearness: f32,
-}
-
-/// A lobe of a path: where light leaves it, and what lights are picked by there.
-struct LobeAt<'a> {
-    coarse: &'a CoarseSolution,
-    surface: Surface,
-    viewer: Vec3,
-    unoccluded: AllUnoccluded,
-    /// Whether a map has what emitters bring to it.
-    is_mapped: bool,
-    /// How lights are sampled there.
-    lights: LightsAt,
-}
-
-impl<'a> LobeAt<'a> {
-    fn new(
-        coarse: &'a CoarseSolution,
-        surface: Surface,
-        viewer: Vec3,
-        (is_mapped, lights): (bool, LightsAt),
-    ) -> Self {
-        let reflection = surface.reflection();
-        let (start, normal) = (surface.start(), surface.shading_normal);
-        let axis = || {
-            let exponent = reflection.widest_exponent();
-            LobeAxis { direction: surface.mirrored(viewer), exponent }
-        };
-        let unoccluded = match lights {
-            LightsAt::Diffuse(_) => coarse.lights.unoccluded(start, normal),
-            LightsAt::Lobe => coarse.lights.for_lobe(start, normal, axis()),
-            LightsAt::Extended => coarse.lights.extended_for_lobe(start, normal, axis()),
-        };
-        let is_mapped = is_mapped && reflection.is_sharp();
-        Self { coarse, surface, viewer, unoccluded, is_mapped, lights }
-    }
-
-    /// Weight of what a ray by the lobe brings of a light, where these are the densities at which the lobe
-    /// and the lights pick its direction.
-    fn weight(&self, by_lobe: f32, by_lights: f32) -> f32 {
-        power_heuristic(self.lights.chance() * by_lobe, by_lights)
-    }
-
-    /// What the lobe reflects of a light that is sampled.
-    fn by_lights(&self, xi: Vec3) -> LobeRadiance {
-        let mut found = LobeRadiance::default();
-        if self.is_mapped || matches!(self.lights, LightsAt::Diffuse(_)) {
-            return found;
-        }
-        let (start, normal) = (self.surface.start(), self.surface.shading_normal);
-        let Some(light) = self.coarse.lights.sample(&self.unoccluded, start, normal, xi) else {
-            return found;
-        };
-        let direction = (light.end - start).normalize_or_zero();
-        let (parts, density) =
-            self.surface.reflection().evaluate_with_pdf(self.viewer, direction, 0.0);
-        let value = parts.both();
-        if value == Rgb::ZERO || self.surface.normal.dot(direction) <= 0.0 {
-            return found;
-        }
-        let open = value * light.irradiance * power_heuristic(light.density, density);
-        found.radiance = open * self.coarse.world.visibility(start, light.end);
-        if light.is_sky {
-            (found.sky, found.open_sky) = (found.radiance, open);
-        }
-        found
-    }
-
-    /// What a ray of that density would bring of the sky if nothing were in its way.
-    fn open_sky(&self, direction: Vec3, density: f32) -> Rgb {
-        let normal = self.surface.shading_normal;
-        let [(radiance, other), _] =
-            self.coarse.lights.escaping(&self.unoccluded, normal, direction);
-        radiance * self.weight(density, other)
-    }
-
-    /// What a ray of that density brings from where it left the scene. The sun is found by rays that
-    /// were bent only where the lobe is sharp; others meet it too seldom. What the sky brings comes
-    /// first.
-    fn escaping(&self, sight: &Passage, density: f32) -> [Rgb; 2] {
-        let normal = self.surface.shading_normal;
-        let far = self.coarse.lights.escaping(&self.unoccluded, normal, sight.direction);
-        let finds_sun = !self.is_mapped
-            && match sight.is_bent {
-                true => self.surface.reflection().is_sharp(),
-                false => !matches!(self.lights, LightsAt::Extended),
-            };
-        let weighed = |(group, (radiance, other)): (usize, (Rgb, f32))| {
-            let is_found = group == 0 || finds_sun;
-            match radiance != Rgb::ZERO && is_found {
-                true if sight.is_bent || self.is_mapped => radiance,
-                true => radiance * self.weight(density, other),
-                false => Rgb::ZERO,
-            }
-        };
-        let [sky, sun] = far;
-        [(0, sky), (1, sun)].map(|far| sight.left * weighed(far))
-    }
-
-    /// What such a ray brings of the emission of what it met.
-    fn emitted(&self, sight: &Passage, hit: &Hit, met: &Surface, density: f32) -> Rgb {
-        if met.emission == Rgb::ZERO || self.is_mapped {
-            return Rgb::ZERO;
-        }
-        if sight.is_bent {
-            return sight.left * met.emission;
-        }
-        let place = (self.surface.start(), self.surface.shading_normal);
-        let hit = hit.after(sight.way);
-        let lights = &self.coarse.lights;
-        let other = lights.density(&self.unoccluded, place, &hit, met.normal, sight.direction);
-        sight.left * met.emission * self.weight(density, other)
-    }
 }
 
 /// What a surface's lobe reflects towards the unit vector `viewer`, by one ray, and by one to the
@@ -202,24 +51,25 @@ impl<'a> LobeAt<'a> {
 pub fn radiance_by_lobe(
     coarse: &CoarseSolution,
     surface: Surface,
-    mut viewer: Vec3,
+    mut way: Way,
     path_numbers: LobePathNumbers,
 ) -> LobeRadiance {
-    let LobePathNumbers { mut xi, mut numbers, tells_open_sky, mut is_mapped, mut lights, by_mesh } =
-        path_numbers;
-    let world = &*coarse.world;
-    let mut surface = surface.lobe_only();
+    let LobePathNumbers { mut xi, mut numbers, tells_open_sky, mut lights, by_mesh } = path_numbers;
+    let (world, mut surface) = (&*coarse.world, surface.lobe_only());
     let (mut found, mut carried) = (LobeRadiance::default(), Rgb::ONE);
     for lobe in 1.. {
-        let at = LobeAt::new(coarse, surface, viewer, (is_mapped, lights));
-        is_mapped = at.is_mapped;
+        let at = LobeAt::new(coarse, surface, &way, lights);
+        way.is_mapped = at.is_mapped;
         let by_lights = at.by_lights(numbers.light);
         found.radiance += carried * by_lights.radiance;
         if lobe == 1 {
             (found.sky, found.open_sky) = (by_lights.sky, by_lights.open_sky);
         }
-        let Some(scattered) = surface.reflection().sample(viewer, 0.0, false, xi) else { break };
-        let sight = world.look(surface.start(), scattered.direction);
+        let Some(scattered) = surface.reflection().sample(way.viewer, 0.0, false, xi) else {
+            break;
+        };
+        let leaving = || way.leaving(world, &surface, &scattered);
+        let (sight, bent) = world.look_differing(surface.start(), scattered.direction, leaving);
         carried *= scattered.factor.both();
         if lobe == 1 && tells_open_sky {
             found.open_sky += carried * at.open_sky(scattered.direction, scattered.pdf);
@@ -230,7 +80,7 @@ pub fn radiance_by_lobe(
         let hit = match sight.end {
             PassageEnd::Met(hit) => hit,
             PassageEnd::Escaped => {
-                let [sky, sun] = at.escaping(&sight, scattered.pdf);
+                let [sky, sun] = at.escaping((&sight, bent), scattered.pdf);
                 found.radiance += carried * (sky + sun);
                 if lobe == 1 {
                     found.sky += carried * sky;
@@ -250,13 +100,12 @@ pub fn radiance_by_lobe(
             found.radiance += carried * at_the_end(coarse, (&met, &hit), numbers, by_mesh);
             break;
         };
-        (surface, viewer) = (met.lobe_only(), -sight.direction);
-        let albedo = surface.reflection().albedo(viewer).max_element();
-        let survival = (SURVIVAL_PER_ALBEDO * albedo).clamp(LEAST_SURVIVAL, 1.0);
-        let way = (viewer, is_mapped);
-        let (beside, by) = beside_lobe(coarse, (&met, &hit), way, numbers, survival);
+        way = way.on(world, (&surface, &scattered), (&sight, bent));
+        surface = met.lobe_only();
+        let survival = survival(&surface, way.viewer);
+        let beside;
+        (beside, lights) = beside_lobe(coarse, (&met, &hit), &way, numbers, survival);
         found.radiance += carried * beside.radiance;
-        lights = by;
         if next.number() >= survival {
             break;
         }
@@ -265,6 +114,12 @@ pub fn radiance_by_lobe(
         xi = numbers.bounce;
     }
     found
+}
+
+/// Probability at which a path goes on by a surface's lobe.
+fn survival(lobe: &Surface, viewer: Vec3) -> f32 {
+    let albedo = lobe.reflection().albedo(viewer).max_element();
+    (SURVIVAL_PER_ALBEDO * albedo).clamp(LEAST_SURVIVAL, 1.0)
 }
 
 /// What the hit at the end of a path reflects to all sides, by the mesh or found out afresh.
@@ -305,7 +160,7 @@ pub fn arriving(coarse: &CoarseSolution, passage: &Passage, afresh: Option<AtThe
     let is_mapped = coarse.is_mapped();
     let reflected = passage.met().and_then(|met| Some((met, coarse.world.surface(&met)?)));
     let reflected = reflected.map_or(Arriving::default(), |(met, surface)| {
-        let way = (passage.direction, is_mapped);
+        let way = Way { viewer: -passage.direction, is_mapped, differing: None };
         let mut found = reflected_at(coarse, (&surface, &met), way, afresh);
         // What bent rays bring of emission comes below.
         if !passage.is_bent {
@@ -323,15 +178,14 @@ pub fn arriving(coarse: &CoarseSolution, passage: &Passage, afresh: Option<AtThe
     Arriving { radiance, by_mesh }
 }
 
-/// Radiance that a hit reflects against the `direction` of the ray. If asked to, the
+/// Radiance that a hit reflects back along the way of the ray. If asked to, the
 /// light there is found out afresh: the emitters' by a shadow ray, what a lobe reflects, at
 /// times, by another ray, and, where the patch is so near that its mean will not do, what has
-/// bounced by one more. With `is_mapped` the ray is from a diffuse surface, and a map has what
-/// emitters bring there by sharp lobes.
+/// bounced by one more.
 fn reflected_at(
     coarse: &CoarseSolution,
     (surface, hit): (&Surface, &Hit),
-    (direction, is_mapped): (Vec3, bool),
+    way: Way,
     afresh: Option<AtTheEnd>,
 ) -> Arriving {
     let reflection = surface.reflection();
@@ -339,13 +193,13 @@ fn reflected_at(
         let radiance = coarse.by_albedo(surface, reflection.mean_albedo(), hit, None);
         return Arriving { radiance, by_mesh: radiance };
     };
-    let found = reflected_afresh(coarse, (surface, hit), (direction, is_mapped), numbers);
+    let found = reflected_afresh(coarse, (surface, hit), way, numbers);
     let radiance = found.radiance;
     // What a mirror shows the mesh does not know.
     if !asks_mesh || reflection.is_sharp() {
         return Arriving { radiance, by_mesh: radiance };
     }
-    let is_dark = reflection.diffuse(-direction) == Rgb::ZERO;
+    let is_dark = reflection.diffuse(way.viewer) == Rgb::ZERO;
     let told_at = if is_dark { coarse.told_at(hit) } else { found.told_at };
     let told = |place| reflection.mean_albedo() * coarse.told(place) / PI;
     Arriving { radiance, by_mesh: told_at.map_or(radiance, told) }
@@ -355,17 +209,16 @@ fn reflected_at(
 pub fn reflected_afresh(
     coarse: &CoarseSolution,
     (surface, hit): (&Surface, &Hit),
-    (direction, is_mapped): (Vec3, bool),
+    way: Way,
     numbers: Afresh,
 ) -> FoundAfresh {
     let Some(next) = numbers.next.filter(|_| surface.reflection().is_glossy()) else {
         let albedo = surface.reflection().mean_albedo();
         return by_albedo(coarse, (surface, albedo), hit, numbers);
     };
-    let probability = (FOLLOWED_PER_SHARE * (1.0 - surface.reflection().diffuse_share(-direction)))
+    let probability = (FOLLOWED_PER_SHARE * (1.0 - surface.reflection().diffuse_share(way.viewer)))
         .clamp(LEAST_FOLLOWED, 1.0);
-    let way = (-direction, is_mapped);
-    let (mut found, lights) = beside_lobe(coarse, (surface, hit), way, numbers, probability);
+    let (mut found, lights) = beside_lobe(coarse, (surface, hit), &way, numbers, probability);
     if next.number() >= probability {
         return found;
     }
@@ -374,54 +227,32 @@ pub fn reflected_afresh(
         xi: numbers.bounce,
         numbers,
         tells_open_sky: false,
-        is_mapped,
         lights,
         by_mesh: false,
     };
-    let by_lobe = radiance_by_lobe(coarse, *surface, -direction, path_numbers);
+    let by_lobe = radiance_by_lobe(coarse, *surface, way, path_numbers);
     found.radiance += by_lobe.radiance / probability;
     found
 }
 
-/// What a hit on a glossy surface reflects towards the unit vector `viewer` beside what is found by following
-/// its lobe, which is done with that probability; and how lights are sampled at the lobe then.
+/// What a hit on a glossy surface reflects back along a way beside what is found by following its lobe, which is done with that probability; and how lights are sampled at the lobe then.
 fn beside_lobe(
     coarse: &CoarseSolution,
     (surface, hit): (&Surface, &Hit),
-    (viewer, is_mapped): (Vec3, bool),
+    way: &Way,
     numbers: Afresh,
     probability: f32,
-) -> (FoundAfresh, LightsAt) {
-    let albedo = surface.reflection().diffuse(viewer);
+) -> (FoundAfresh, LobeLights) {
+    let albedo = surface.reflection().diffuse(way.viewer);
     let mut found = by_albedo(coarse, (surface, albedo), hit, numbers);
-    let lights = match found.by_shadow_ray.is_some() && coarse.lights.is_exact() {
+    let at = match found.by_shadow_ray.is_some() && coarse.lights.is_exact() {
         true => LightsAt::Diffuse(probability),
         false => LightsAt::Lobe,
     };
+    let lights = LobeLights { at, looks_over: way.looks_over(surface) };
     let sample = (found.by_shadow_ray.as_ref(), lights);
-    found.radiance += lit_with_diffuse(&surface.lobe_only(), viewer, sample, is_mapped);
+    found.radiance += lit_with_diffuse(coarse, &surface.lobe_only(), way, sample);
     (found, lights)
-}
-
-/// What a lobe reflects towards the unit vector `viewer` of the light that the shadow ray of the diffuse
-/// part found, if lights are sampled by that, and not by a map, as those of a sharp lobe may be.
-fn lit_with_diffuse(
-    lobe: &Surface,
-    viewer: Vec3,
-    (sample, lights): (Option<&ShadowSample>, LightsAt),
-    is_mapped: bool,
-) -> Rgb {
-    let reflection = lobe.reflection();
-    let Some(sample) = sample.filter(|_| matches!(lights, LightsAt::Diffuse(_))) else {
-        return Rgb::ZERO;
-    };
-    let arrived = sample.arrived();
-    let is_below = lobe.normal.dot(sample.direction) <= 0.0;
-    if arrived == Rgb::ZERO || is_below || (is_mapped && reflection.is_sharp()) {
-        return Rgb::ZERO;
-    }
-    let (parts, by_lobe) = reflection.evaluate_with_pdf(viewer, sample.direction, 0.0);
-    parts.both() * arrived * power_heuristic(sample.density, lights.chance() * by_lobe)
 }
 
 /// Radiance that a hit on a surface of that albedo reflects to all sides, found out afresh.
@@ -480,11 +311,11 @@ pub fn lacking(coarse: &CoarseSolution, start: Vec3, direction: Vec3, numbers: A
         xi: numbers.bounce,
         numbers,
         tells_open_sky: false,
-        is_mapped: coarse.is_mapped(),
-        lights: LightsAt::Lobe,
+        lights: LightsAt::Lobe.into(),
         by_mesh: true,
     };
-    let by_lobe = radiance_by_lobe(coarse, met, viewer, path_numbers).radiance;
+    let way = Way { viewer, is_mapped: coarse.is_mapped(), differing: None };
+    let by_lobe = radiance_by_lobe(coarse, met, way, path_numbers).radiance;
     let by_links = coarse.sent_by_links(&met, &end);
     let diffuse = coarse.by_albedo(&met, albedo, &end, None);
     sight.left * (diffuse + by_lobe - by_links)
@@ -536,7 +367,7 @@ mod tests {
     fn with_own_shadow_ray(
         coarse: &CoarseSolution,
         (surface, hit): (&Surface, &Hit),
-        direction: Vec3,
+        way: Way,
         numbers: Afresh,
     ) -> Rgb {
         let next = numbers.next.expect("gather rays have more numbers").after();
@@ -544,13 +375,12 @@ mod tests {
             xi: next.afresh().bounce,
             numbers: Afresh { next: Some(next.after()), ..next.afresh() },
             tells_open_sky: false,
-            is_mapped: false,
-            lights: LightsAt::Lobe,
+            lights: LightsAt::Lobe.into(),
             by_mesh: false,
         };
-        let diffuse = surface.reflection().diffuse(-direction);
+        let diffuse = surface.reflection().diffuse(way.viewer);
         by_albedo(coarse, (surface, diffuse), hit, numbers).radiance
-            + radiance_by_lobe(coarse, *surface, -direction, path_numbers).radiance
+            + radiance_by_lobe(coarse, *surface, way, path_numbers).radiance
     }
 
     /// The shadow ray of a hit lights its lobe, too, and that is as much on average as if the lobe had one
@@ -572,14 +402,15 @@ mod tests {
             if albedo == Rgb::ZERO {
                 continue;
             }
-            let (at, way) = ((&surface, &hit), (direction, false));
+            let at = (&surface, &hit);
+            let way = Way { viewer: -direction, is_mapped: false, differing: None };
             let reflected = |numbers| reflected_afresh(coarse, at, way, numbers).radiance;
             shared.add(reflected);
-            own.add(|numbers| with_own_shadow_ray(coarse, at, direction, numbers));
+            own.add(|numbers| with_own_shadow_ray(coarse, at, way, numbers));
             doubled.add(|numbers| {
                 let found = by_albedo(coarse, (&surface, albedo), &hit, numbers);
-                let sample = (found.by_shadow_ray.as_ref(), LightsAt::Diffuse(0.0));
-                let lit = lit_with_diffuse(&surface.lobe_only(), -direction, sample, false);
+                let sample = (found.by_shadow_ray.as_ref(), LightsAt::Diffuse(0.0).into());
+                let lit = lit_with_diffuse(coarse, &surface.lobe_only(), &way, sample);
                 reflected(numbers) + lit
             });
         }

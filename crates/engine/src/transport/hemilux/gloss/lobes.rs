@@ -2,10 +2,11 @@
 //! pixels share these rays as far as the lobes blur what they show (docs/decisions/0024). What they
 //! share is radiance over the lobe's albedo, so that textures of colour and metal stay sharp.
 
-use super::lobe_rays::{LightsAt, LobePathNumbers, LobeRadiance, radiance_by_lobe};
+use super::lobe_at::{LightsAt, LobeRadiance, Way};
+use super::lobe_rays::{LobePathNumbers, radiance_by_lobe};
 use super::open_sky;
 use super::placed_lobe::PlacedLobe;
-use super::seen_through::behind_holes;
+use super::seen_through::{PixelRay, behind_holes};
 use super::sharing::{Shared, Shown};
 use super::sums::{Found, LobeSums, open_factor};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
@@ -478,9 +479,11 @@ fn trace(
     (at, lights): (&Shifted, LightsAt),
 ) -> Found {
     let surface = visible.surface(&coarse.world, lobe, (ray, ray));
+    let of_pixel = PixelRay { frame: visible.frame, height: visible.height, n: ray };
     if coarse.world.is_clear(surface.triangle) {
         let (origin, direction) = visible.lobe_ray(lobe, ray);
-        let (radiance, nearness) = behind_holes(coarse, [origin, direction], at.afresh());
+        let line = ([origin, direction], of_pixel);
+        let (radiance, nearness) = behind_holes(coarse, line, at.afresh());
         let (sky, open_sky) = (Rgb::ZERO, Rgb::ZERO);
         return Found { radiance, sky, open_sky, albedo: Rgb::ONE, nearness };
     }
@@ -489,12 +492,13 @@ fn trace(
         xi: at.third_pair(),
         numbers: at.afresh(),
         tells_open_sky: coarse.lights.has_sky(),
-        is_mapped: false,
-        lights,
+        lights: lights.into(),
         by_mesh: false,
     };
+    let differing = of_pixel.differentials(coarse, surface.spot.point);
+    let way = Way { viewer, is_mapped: false, differing };
     let LobeRadiance { radiance, sky, open_sky, nearness } =
-        radiance_by_lobe(coarse, surface, viewer, path_numbers);
+        radiance_by_lobe(coarse, surface, way, path_numbers);
     let albedo = surface.lobe_only().reflection().albedo(viewer);
     Found { radiance, sky, open_sky, albedo, nearness }
 }

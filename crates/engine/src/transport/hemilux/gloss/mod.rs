@@ -2,6 +2,7 @@
 //! meet.
 
 mod allocation;
+mod lobe_at;
 mod lobe_rays;
 mod lobes;
 mod open_sky;
@@ -9,7 +10,9 @@ mod placed_lobe;
 mod seen_through;
 mod sharing;
 mod sums;
+#[cfg(test)]
+mod suns;
 
 pub use lobe_rays::{Arriving, AtTheEnd, arriving, lacking};
 pub use lobes::Gloss;
-pub use seen_through::of_camera;
+pub use seen_through::{PixelRay, of_camera};

@@ -1,23 +1,51 @@
 //! What a camera sees in clear surfaces: behind glass, and mirrored by it.
 
+use super::lobe_at::Way;
 use super::lobe_rays::reflected_afresh;
+use crate::measurement::Frame;
 use crate::radiometry::Rgb;
 use crate::rays::{Eye, Hit};
 use crate::sampling::Afresh;
-use crate::surface::{Passage, PassageEnd};
+use crate::scene::environment::Sun;
+use crate::surface::{Differentials, Passage, PassageEnd};
 use crate::transport::hemilux::coarse::CoarseSolution;
 use glam::Vec3;
 
 /// Most holes that a ray passes before what is clear.
 const MOST_HOLES: u32 = 64;
 
+/// A ray of a camera's pixel.
+#[derive(Clone, Copy)]
+pub struct PixelRay {
+    /// Of the camera.
+    pub frame: Frame,
+    /// Rows of the picture.
+    pub height: u32,
+    /// How many rays the pixel had before.
+    pub n: u32,
+}
+
+impl PixelRay {
+    /// Its differentials at a point that it meets, where there are lights that rays seldom find.
+    pub fn differentials(&self, coarse: &CoarseSolution, point: Vec3) -> Option<Differentials> {
+        let steps = || self.frame.pixel_steps(point, self.height);
+        coarse.lights.has_narrow().then(|| Differentials::of_pixel(steps(), self.n))
+    }
+}
+
 /// Radiance that a camera's ray brings from its first `hit`, which it may see through, without what
 /// that surface emits.
-pub fn of_camera(coarse: &CoarseSolution, hit: &Hit, direction: Vec3, numbers: Afresh) -> Rgb {
+pub fn of_camera(
+    coarse: &CoarseSolution,
+    (hit, ray): (&Hit, PixelRay),
+    direction: Vec3,
+    numbers: Afresh,
+) -> Rgb {
     if coarse.world.is_clear(hit.triangle) {
-        return seen_through(coarse, hit, direction, numbers).0;
+        return seen_through(coarse, (hit, ray), direction, numbers).0;
     }
-    reflected_by_hit(coarse, hit, direction, numbers)
+    let differing = ray.differentials(coarse, coarse.world.rays.spot(hit).point);
+    reflected_by_hit(coarse, (hit, differing), direction, numbers)
 }
 
 /// The same along a ray from `origin` to a surface that is clear, which some of a pixel's samples saw.
@@ -25,7 +53,7 @@ pub fn of_camera(coarse: &CoarseSolution, hit: &Hit, direction: Vec3, numbers: A
 /// show twice.
 pub fn behind_holes(
     coarse: &CoarseSolution,
-    [origin, direction]: [Vec3; 2],
+    ([origin, direction], ray): ([Vec3; 2], PixelRay),
     numbers: Afresh,
 ) -> (Rgb, f32) {
     let world = &*coarse.world;
@@ -33,7 +61,8 @@ pub fn behind_holes(
     for _ in 0..MOST_HOLES {
         let Some(hit) = world.rays.closest(Eye::Camera, start, direction) else { break };
         if world.is_clear(hit.triangle) || !world.rays.has_holes(hit.triangle) {
-            return seen_through(coarse, &hit.after(way + hit.distance), direction, numbers);
+            let hit = hit.after(way + hit.distance);
+            return seen_through(coarse, (&hit, ray), direction, numbers);
         }
         way += hit.distance;
         start = world.surface_of(&hit).start_behind();
@@ -48,7 +77,7 @@ pub fn behind_holes(
 /// twenty-five is not found by chance.
 fn seen_through(
     coarse: &CoarseSolution,
-    first: &Hit,
+    (first, ray): (&Hit, PixelRay),
     direction: Vec3,
     numbers: Afresh,
 ) -> (Rgb, f32) {
@@ -56,13 +85,22 @@ fn seen_through(
     // Rays through the same place of a pixel are to go different ways.
     let number = numbers.light.x.to_bits() ^ numbers.light.y.to_bits().rotate_left(16);
     let (mut sum, mut nearness) = (Rgb::ZERO, 0.0f32);
-    for passage in world.pass_both(*first, direction, number).into_iter().flatten() {
+    let differing = ray.differentials(coarse, world.rays.spot(first).point);
+    let passages = world.pass_both((*first, differing), direction, number);
+    for (passage, differing) in passages.into_iter().flatten() {
         let radiance = match passage.end {
             PassageEnd::Lost => Rgb::ZERO,
-            PassageEnd::Escaped => world.environment.background(passage.direction),
+            PassageEnd::Escaped => match differing.filter(|_| passage.is_bent) {
+                Some(differing) => {
+                    let (environment, direction) = (&world.environment, passage.direction);
+                    let sun = |sun: Sun| sun.mean_over(direction, differing.seen());
+                    environment.radiance(direction) + environment.sun.map_or(Rgb::ZERO, sun)
+                }
+                None => world.environment.background(passage.direction),
+            },
             PassageEnd::Met(hit) => {
                 nearness = nearness.max(1.0 / passage.way.max(1e-3));
-                at_the_end(coarse, first, (&hit, &passage), numbers)
+                at_the_end(coarse, first, (&hit, &passage, differing), numbers)
             }
         };
         sum += passage.shine + passage.left * radiance;
@@ -75,10 +113,10 @@ fn seen_through(
 fn at_the_end(
     coarse: &CoarseSolution,
     first: &Hit,
-    (hit, passage): (&Hit, &Passage),
+    (hit, passage, differing): (&Hit, &Passage, Option<Differentials>),
     numbers: Afresh,
 ) -> Rgb {
-    let reflected = reflected_by_hit(coarse, hit, passage.direction, numbers);
+    let reflected = reflected_by_hit(coarse, (hit, differing), passage.direction, numbers);
     if passage.way <= first.distance {
         return reflected;
     }
@@ -87,9 +125,15 @@ fn at_the_end(
 }
 
 /// Radiance that a hit reflects against the direction of the ray.
-fn reflected_by_hit(coarse: &CoarseSolution, hit: &Hit, direction: Vec3, numbers: Afresh) -> Rgb {
+fn reflected_by_hit(
+    coarse: &CoarseSolution,
+    (hit, differing): (&Hit, Option<Differentials>),
+    direction: Vec3,
+    numbers: Afresh,
+) -> Rgb {
     let surface = coarse.world.surface(hit);
     surface.map_or(Rgb::ZERO, |surface| {
-        reflected_afresh(coarse, (&surface, hit), (direction, false), numbers).radiance
+        let way = Way { viewer: -direction, is_mapped: false, differing };
+        reflected_afresh(coarse, (&surface, hit), way, numbers).radiance
     })
 }

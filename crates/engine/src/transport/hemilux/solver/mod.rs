@@ -19,7 +19,7 @@ use super::fragments::edges::Edges;
 use super::fragments::textures::Textures;
 use super::fragments::{Fragment, VisibleSurfaces};
 use super::gather::{Gathering, IrradianceCache, PilotSampling, Spacing, least_scale};
-use super::gloss::{Gloss, lacking, of_camera};
+use super::gloss::{Gloss, PixelRay, lacking, of_camera};
 use super::link_noise::LinkNoise;
 use super::pace::{Kind, Pace};
 use super::settings::HemiluxSettings;
@@ -327,8 +327,9 @@ impl Tiers {
         }
         let Self { edges, visible, coarse, seed, .. } = self;
         let edges = edges.get_or_insert_with(|| Edges::new(visible));
+        let (frame, height, n) = (visible.frame, visible.height, edges.done().1);
         edges.pass(visible, *seed, rays, &|hit, direction, numbers| {
-            of_camera(coarse, hit, direction, numbers)
+            of_camera(coarse, (hit, PixelRay { frame, height, n }), direction, numbers)
         });
     }
 
