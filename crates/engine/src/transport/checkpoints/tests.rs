@@ -80,7 +80,7 @@ fn checkpoints_outlive_versions_and_other_formats_are_refused_by_name() {
             }
         });
         let format = match *method {
-            "hemilux" => 28,
+            "hemilux" => 29,
             "ray-traced" | "illumination-map" => 2,
             _ => 3,
         };

@@ -70,7 +70,7 @@ impl Method for Hemilux {
     }
 
     fn checkpoint_format(&self) -> u32 {
-        28
+        29
     }
 
     fn summary(&self) -> &'static str {
