@@ -439,10 +439,10 @@ impl DirectLights {
     }
 }
 
-/// What a lobe is taken to reflect of light from a direction, of what it reflects at most.
+/// What a lobe is taken to reflect of a narrow light from a direction, of what it reflects at most.
 fn lobe_share(axis: LobeAxis, direction: Vec3) -> f32 {
     let cosine = axis.direction.dot(direction).clamp(0.0, 1.0);
-    cosine.powf(axis.exponent).max(LEAST_LOBE_SHARE)
+    cosine.powf(axis.of_narrow).max(LEAST_LOBE_SHARE)
 }
 
 #[cfg(test)]
@@ -507,7 +507,7 @@ mod tests {
         let world = world();
         let lights = DirectLights::new(&world).expect("there is light");
         let (point, normal) = (world.rays.place(Vec3::new(0.3, 0.4, 0.5)), Vec3::Y);
-        let axis = LobeAxis { direction: Vec3::new(0.0, 0.8, 0.6), exponent: 5.0 };
+        let axis = LobeAxis { direction: Vec3::new(0.0, 0.8, 0.6), exponent: 5.0, of_narrow: 5.0 };
         let all = lights.for_lobe(point, normal, axis);
         let mut numbers = Numbers::new(4, Stream::Light, 0);
         // The densities' integral over all directions, of which an opening may have some below the

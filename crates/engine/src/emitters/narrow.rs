@@ -158,7 +158,11 @@ mod tests {
     fn extended_lights_are_the_others() {
         let (world, lights) = lights(2, 0.0);
         let (point, normal) = (world.rays.place(Vec3::new(0.3, 0.4, 0.5)), Vec3::Y);
-        let axis = LobeAxis { direction: Vec3::new(0.2, 0.9, 0.3).normalize(), exponent: 50.0 };
+        let axis = LobeAxis {
+            direction: Vec3::new(0.2, 0.9, 0.3).normalize(),
+            exponent: 50.0,
+            of_narrow: 50.0,
+        };
         let [all, extended] =
             [lights.for_lobe(point, normal, axis), lights.extended_for_lobe(point, normal, axis)];
         let mut narrow = [0, 0];

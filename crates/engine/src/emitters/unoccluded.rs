@@ -44,6 +44,8 @@ pub struct LobeAxis {
     pub direction: Vec3,
     /// Exponent of the cosine.
     pub exponent: f32,
+    /// The same of what it reflects of narrow lights ([`super::DirectLights::narrow`]), less where that is blurred.
+    pub of_narrow: f32,
 }
 
 impl Unoccluded {
@@ -426,7 +428,11 @@ mod tests {
             let all = ClosedForms::new(lights(count));
             let (point, normal) = (Vec3::new(0.1, -3.0, 0.2), Vec3::Y);
             let direction = Vec3::new(0.3, 0.9, -0.1).normalize();
-            let for_lobe = all.for_lobe(point, normal, LobeAxis { direction, exponent: 200.0 });
+            let for_lobe = all.for_lobe(
+                point,
+                normal,
+                LobeAxis { direction, exponent: 200.0, of_narrow: 200.0 },
+            );
             let (mut total, mut ahead) = (0.0, 0.0);
             for index in 0..count {
                 let probability = all.probability(&for_lobe, index);

@@ -269,27 +269,26 @@ impl Sun {
 
     /// About the mean radiance of the disk over directions about a unit vector: a parallelogram of such sides, blurred
     /// by such an angle besides. Disk and parallelogram together are taken for an ellipse of the same second moments,
-    /// so that nothing is lost of the light, and that of a single direction is exact.
+    /// so that nothing is lost of the light as long as the sides are small, and that of a single direction is exact.
     pub fn mean_over(&self, direction: Vec3, (sides, blur): ([Vec3; 2], f32)) -> Rgb {
         let off = self.direction - direction;
         if self.angular_radius <= 0.0 || off.length_squared() > 1.0 {
             return Rgb::ZERO;
         }
         let (across, down) = direction.any_orthonormal_pair();
-        let flat = |vector: Vec3| Vec2::new(across.dot(vector), down.dot(vector));
-        let (off, sides) = (flat(off), sides.map(flat));
+        let flat = |vector: Vec3| Vec2::new(across.dot(vector), down.dot(vector)).as_dvec2();
+        let (off, [one, other]) = (flat(off), sides.map(flat));
         // Second moments of a disk of radius r are r²/4, those of a square 1/12.
-        let round = 0.25 * (self.angular_radius.sin().powi(2) + 0.25 * blur * blur);
-        let moment = |of: fn(Vec2) -> f32| (of(sides[0]) + of(sides[1])) / 12.0;
-        let (xx, yy) =
-            (round + moment(|side| side.x * side.x), round + moment(|side| side.y * side.y));
-        let xy = moment(|side| side.x * side.y);
+        let round = 0.25 * f64::from(self.angular_radius.sin().powi(2) + 0.25 * blur * blur);
+        let xx = round + (one.x * one.x + other.x * other.x) / 12.0;
+        let yy = round + (one.y * one.y + other.y * other.y) / 12.0;
+        let xy = (one.x * one.y + other.x * other.y) / 12.0;
         let determinant = xx * yy - xy * xy;
         let far = yy * off.x * off.x - 2.0 * xy * off.x * off.y + xx * off.y * off.y;
-        if far > 4.0 * determinant {
+        if !(determinant > 0.0 && far <= 4.0 * determinant) {
             return Rgb::ZERO;
         }
-        self.irradiance / (4.0 * PI * determinant.sqrt())
+        self.irradiance / (4.0 * PI * determinant.sqrt() as f32)
     }
 
     /// Whether a unit direction meets the disk.
@@ -361,6 +360,8 @@ mod tests {
         }
         let middle = sun.mean_over(sun.direction, ([Vec3::ZERO; 2], 0.0));
         assert!((middle / sun.radiance() - Rgb::ONE).abs().max_element() < 1e-4, "{middle}");
+        let huge = [across * f32::MAX, down];
+        assert!(sun.mean_over(sun.direction, (huge, 0.0)).is_finite());
         let dot = Sun { angular_radius: 0.0, ..sun };
         assert_eq!(dot.mean_over(sun.direction, ([across, down], 0.0)), Rgb::ZERO);
     }

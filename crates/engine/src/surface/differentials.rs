@@ -12,6 +12,8 @@ use glam::{Vec2, Vec3};
 const NARROWING: f32 = 0.25;
 /// Most that a normal turns, as the length of its difference.
 const MOST_TURN: f32 = 1.0;
+/// Most that directions differ, as the length of the difference.
+const MOST_APART: f32 = 4.0;
 /// Largest difference of directions by which a change is looked at; larger ones are taken to be in proportion.
 const STEP: f32 = 0.1;
 /// Width of a lobe of microfacets, as the angle between the directions at its sides, over that of its distribution.
@@ -93,7 +95,8 @@ impl Differentials {
             }
         };
         let blur = (self.blur + self.share * turn.width).min(MOST_BLUR);
-        Self { places, directions: [0, 1].map(direction), blur, ..self }
+        let directions = [0, 1].map(|k| direction(k).clamp_length_max(MOST_APART));
+        Self { places, directions, blur, ..self }
     }
 
     /// Between the places on a surface that rays in about that direction meet.
@@ -125,10 +128,19 @@ impl Differentials {
         [viewer, source]: [Vec3; 2],
     ) -> SlopeChanges {
         let places = self.on(surface, -viewer);
-        let steps = [0, 1].map(|k| (world.normal_change(surface, places[k]), -self.directions[k]));
-        surface.reflection().normals().map(|normal| {
+        let normals = surface.reflection().normals();
+        let turns = places.map(|step| match world.beside(surface, step) {
+            Some((beside, part)) => {
+                let there = beside.reflection().normals();
+                [0, 1].map(|lobe| change(there[lobe] - normals[lobe], part))
+            }
+            None => [Vec3::ZERO; 2],
+        });
+        [0, 1].map(|lobe| {
+            let normal = normals[lobe];
             let slope = slope_about(normal, viewer, source);
-            steps.map(|(turn, step)| {
+            [0, 1].map(|k| {
+                let (turn, step) = (turns[k][lobe], -self.directions[k]);
                 let part = (STEP / (turn.length() + step.length())).min(1.0);
                 let normal = (normal + part * turn).normalize();
                 let viewer = (viewer + part * step).normalize();
@@ -136,6 +148,11 @@ impl Differentials {
             })
         })
     }
+}
+
+/// Change of a normal over all of a step, of which such a part was looked at.
+fn change(turn: Vec3, part: f32) -> Vec3 {
+    (turn / part).clamp_length_max(MOST_TURN)
 }
 
 fn longer(sides: [Vec3; 2]) -> f32 {
@@ -164,8 +181,16 @@ fn refracted_change(
 impl World {
     /// Change of the shading normal of a surface with a step on it, ray units.
     fn normal_change(&self, surface: &Surface, step: Vec3) -> Vec3 {
+        self.beside(surface, step).map_or(Vec3::ZERO, |(beside, part)| {
+            change(beside.shading_normal - surface.shading_normal, part)
+        })
+    }
+
+    /// A surface as it is turned a step beside, ray units, or less where its triangle has an end before that, and which
+    /// part of the step that is; `None` where it is flat.
+    fn beside(&self, surface: &Surface, step: Vec3) -> Option<(Surface, f32)> {
         if self.has_one_normal(surface.triangle) && !self.has_normal_maps() {
-            return Vec3::ZERO;
+            return None;
         }
         let ([a, b, c], _) = self.rays.corners(&self.scene, surface.triangle);
         let (u, v) = (b - a, c - a);
@@ -175,13 +200,9 @@ impl World {
         let step = Vec2::new(vv * along_u - uv * along_v, uu * along_v - uv * along_u) / area;
         // Beyond the triangle its normals tell nothing.
         let part = step.abs().max_element().recip().min(1.0);
-        if !(area > 0.0 && part > 0.0) {
-            return Vec3::ZERO;
-        }
-        let side = if surface.back { -1.0 } else { 1.0 };
         let at = Vec2::from_array(surface.at) + part * step;
-        let turned = self.shading_normal(surface.triangle, at, surface.normal, side);
-        ((turned - surface.shading_normal) / part).clamp_length_max(MOST_TURN)
+        let is_known = area > 0.0 && part > 0.0 && at.is_finite();
+        is_known.then(|| (self.turned(surface, at, surface.spot), part))
     }
 }
 

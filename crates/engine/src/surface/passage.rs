@@ -114,7 +114,7 @@ impl World {
     }
 
     /// The same of a ray with differentials, as they are at the hit, and what has become of them.
-    pub fn pass_differing(
+    fn pass_differing(
         &self,
         hit: Hit,
         direction: Vec3,

@@ -26,6 +26,8 @@ pub struct FoundAfresh {
     pub near_at: Option<FacetPlace>,
     /// The shadow ray by which the emitters' light was found; `None` where nothing is reflected diffusely.
     pub by_shadow_ray: Option<ShadowSample>,
+    /// What of the radiance is of narrow lights by way of polished surfaces, which paths hardly find.
+    pub mirrored: Rgb,
 }
 
 impl CoarseSolution {
@@ -101,7 +103,8 @@ impl CoarseSolution {
         let caustics = self.caustics.as_ref();
         let by_caustics = caustics.map_or(Rgb::ZERO, |caustics| caustics.irradiance(surface));
         let radiance = albedo * (bounced + direct + by_caustics) / PI;
-        FoundAfresh { radiance, told_at, near_at, by_shadow_ray: Some(sample) }
+        let mirrored = Rgb::ZERO;
+        FoundAfresh { radiance, told_at, near_at, by_shadow_ray: Some(sample), mirrored }
     }
 
     /// Irradiance that has bounced, by one ray: some of them are aimed at bright patches (balance

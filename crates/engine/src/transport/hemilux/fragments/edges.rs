@@ -31,9 +31,9 @@ const WHOLE: f32 = 1.0 - 1e-5;
 /// as .04, since what a lobe shows changes fast with the normal.
 const PER_TURN: f32 = 10.0;
 
-/// What a ray brings that meets a surface of which its pixel has no fragment, by hit and
-/// direction.
-pub type StrayLight<'a> = &'a (dyn Fn(&Hit, Vec3, Afresh) -> Rgb + Sync);
+/// What a ray brings that meets a surface of which its pixel has no fragment, by hit, number of the ray in its pixel,
+/// and direction.
+pub type StrayLight<'a> = &'a (dyn Fn((&Hit, u32), Vec3, Afresh) -> Rgb + Sync);
 
 /// All pixels at edges, and what rays have found in them.
 #[derive(Default)]
@@ -162,9 +162,10 @@ impl Edges {
                 let (mine, after) = fragments.split_at_mut(known.of_pixel(own.pixel).len());
                 fragments = after;
                 let mut places = Shifted::new(seed, Stream::Edge, own.pixel.into()).at(first);
-                for _ in 0..rays {
+                for number in first..first + rays {
                     let [u, v] = places.next_pair();
-                    own.look(known, Vec2::new(u, v) - 0.5, &places, (mine, stray));
+                    let place = Vec2::new(u, v) - 0.5;
+                    own.look(known, (place, number), &places, (mine, stray));
                 }
             }
         });
@@ -251,11 +252,11 @@ impl Edges {
 }
 
 impl EdgePixel {
-    /// Looks along a ray through a place in the pixel, given from its middle.
+    /// Looks along a ray through a place in the pixel, given from its middle; its number is that in the pixel.
     fn look(
         &mut self,
         visible: &VisibleSurfaces,
-        offset: Vec2,
+        (offset, number): (Vec2, u32),
         places: &Shifted,
         (fragments, stray): (&mut [EdgeFragment], StrayLight<'_>),
     ) {
@@ -293,7 +294,7 @@ impl EdgePixel {
                     fragments[beyond].seen += part;
                 }
             }
-            None => self.seen.stray += stray(&hit, direction, places.apart()),
+            None => self.seen.stray += stray((&hit, number), direction, places.apart()),
         }
     }
 }

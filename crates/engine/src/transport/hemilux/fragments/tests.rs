@@ -6,7 +6,7 @@ use super::*;
 use crate::rays::Eye;
 use crate::scene::environment::{Environment, Sky};
 use crate::scene::gltf::{ImportLimits, Resources, import};
-use crate::scene::made::revolved::{hollow_ball, revolved};
+use crate::scene::made::revolved::{ball, revolved};
 use crate::scene::{Camera, Material, Scene, Triangle, made};
 use crate::surface::Reflection;
 use crate::transport::hemilux::specimen::{EMISSION, SEED, Specimen};
@@ -214,9 +214,7 @@ fn the_inside_of_a_tube_does_not_show_at_its_outline() {
 fn albedo_at_an_outline_is_that_of_all_of_it() {
     const SIDE: u32 = 32;
     let material = Material { metallic: 1.0, roughness: 0.6, ..Material::default() };
-    let mut ball = hollow_ball(24, material);
-    ball.triangles.iter_mut().for_each(|triangle| triangle.vertices.swap(0, 1));
-    ball.vertices.iter_mut().for_each(|vertex| vertex.normal = -vertex.normal);
+    let mut ball = ball(24, material);
     let eye = Vec3::new(1.0, 2.0, 4.0);
     ball.cameras.push(Camera::look_at("test", eye, Vec3::ZERO, Vec3::Y, 0.6));
     let surroundings = Environment { sky: Sky::Uniform(Rgb::ONE), ..Environment::none() };

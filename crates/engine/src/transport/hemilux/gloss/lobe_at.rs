@@ -11,6 +11,8 @@ use glam::Vec3;
 
 /// Width of a distribution of microfacets below which rays by the lobe seldom find narrow lights.
 const POLISHED: f32 = 0.1;
+/// Exponent of a lobe that is taken to be about as wide, to pick narrow lights by.
+const BLURRED_EXPONENT: f32 = 50.0;
 
 /// How a path came to a surface.
 #[derive(Clone, Copy)]
@@ -53,9 +55,14 @@ impl Way {
     /// Whether narrow lights are looked at over all that it stands for of a surface that it came to, one that is
     /// polished.
     pub fn looks_over(&self, surface: &Surface) -> bool {
-        let [base, coat] = surface.reflection().widths();
-        self.differing.is_some() && base.min(coat) < POLISHED
+        self.differing.is_some() && is_polished(surface)
     }
+}
+
+/// Whether any of a surface's lobes is so narrow that rays by it seldom find narrow lights.
+fn is_polished(surface: &Surface) -> bool {
+    let [base, coat] = surface.reflection().widths();
+    base.min(coat) < POLISHED
 }
 
 /// How lights are sampled at a lobe of a path.
@@ -105,8 +112,18 @@ pub struct LobeRadiance {
     pub sky: Rgb,
     /// What that would be if nothing were in the way, where that is asked for.
     pub open_sky: Rgb,
+    /// What of the radiance is of narrow lights over all that the path stands for, which paths of the audit hardly find.
+    pub mirrored: Rgb,
     /// 1 over the distance to what the path met first, 0 where that is nothing.
     pub nearness: f32,
+}
+
+impl LobeRadiance {
+    /// Adds what else a path found, by what is carried to its first lobe: radiance, and what of it is mirrored.
+    pub fn add(&mut self, other: &Self, carried: Rgb) {
+        self.radiance += carried * other.radiance;
+        self.mirrored += carried * other.mirrored;
+    }
 }
 
 /// A lobe of a path: where light leaves it, and what lights are picked by there.
@@ -132,7 +149,8 @@ impl<'a> LobeAt<'a> {
         let (start, normal) = (surface.start(), surface.shading_normal);
         let axis = || {
             let exponent = reflection.widest_exponent();
-            LobeAxis { direction: surface.mirrored(way.viewer), exponent }
+            let of_narrow = if lights.looks_over { BLURRED_EXPONENT } else { exponent };
+            LobeAxis { direction: surface.mirrored(way.viewer), exponent, of_narrow }
         };
         let unoccluded = match lights.at {
             LightsAt::Diffuse(_) => coarse.lights.unoccluded(start, normal),
@@ -174,6 +192,9 @@ impl<'a> LobeAt<'a> {
         if light.is_sky {
             (found.sky, found.open_sky) = (found.radiance, open);
         }
+        if self.lights.looks_over && lit.is_narrow {
+            found.mirrored = found.radiance;
+        }
         found
     }
 
@@ -185,20 +206,22 @@ impl<'a> LobeAt<'a> {
         radiance * self.weight(density, other)
     }
 
-    /// What a ray of that density brings from where it left the scene. The sun is found by rays that
-    /// were bent only where the lobe is sharp; others meet it too seldom. What the sky brings comes
-    /// first.
+    /// What a ray of that density brings from where it left the scene; `bent` are its differentials if something clear
+    /// was in between. The sun is found by rays that were bent only where the lobe is polished; others meet it too
+    /// seldom.
     pub fn escaping(
         &self,
         (sight, bent): (&Passage, Option<Differentials>),
         density: f32,
-    ) -> [Rgb; 2] {
+    ) -> LobeRadiance {
         let normal = self.surface.shading_normal;
         let far = self.coarse.lights.escaping(&self.unoccluded, normal, sight.direction);
         let is_left = self.lights.looks_over || matches!(self.lights.at, LightsAt::Extended);
+        let bent = bent.filter(|_| sight.is_bent);
+        let surface = &self.surface;
         let finds_sun = !self.is_mapped
             && match sight.is_bent {
-                true => self.surface.reflection().is_sharp(),
+                true => surface.reflection().is_sharp() || bent.is_some() && is_polished(surface),
                 false => !is_left,
             };
         let weighed = |(group, (radiance, other)): (usize, (Rgb, f32))| {
@@ -213,7 +236,9 @@ impl<'a> LobeAt<'a> {
         if let (Some(bent), Some(of_scene)) = (bent, self.coarse.world.environment.sun) {
             sun.0 = of_scene.mean_over(sight.direction, bent.seen());
         }
-        [(0, sky), (1, sun)].map(|far| sight.left * weighed(far))
+        let [sky, sun] = [(0, sky), (1, sun)].map(|far| sight.left * weighed(far));
+        let mirrored = if bent.is_some() { sun } else { Rgb::ZERO };
+        LobeRadiance { radiance: sky + sun, sky, mirrored, ..LobeRadiance::default() }
     }
 
     /// What such a ray brings of the emission of what it met.

@@ -45,7 +45,7 @@ pub struct LobePathNumbers {
     pub by_mesh: bool,
 }
 
-/// What a surface's lobe reflects towards the unit vector `viewer`, by one ray, and by one to the
+/// What a surface's lobe reflects back along the way of a path, by one ray, and by one to the
 /// lights from each lobe on its way. Paths are traced one by one: many paths side by side took
 /// 0.5 to 1.6 % longer.
 pub fn radiance_by_lobe(
@@ -61,7 +61,7 @@ pub fn radiance_by_lobe(
         let at = LobeAt::new(coarse, surface, &way, lights);
         way.is_mapped = at.is_mapped;
         let by_lights = at.by_lights(numbers.light);
-        found.radiance += carried * by_lights.radiance;
+        found.add(&by_lights, carried);
         if lobe == 1 {
             (found.sky, found.open_sky) = (by_lights.sky, by_lights.open_sky);
         }
@@ -80,11 +80,9 @@ pub fn radiance_by_lobe(
         let hit = match sight.end {
             PassageEnd::Met(hit) => hit,
             PassageEnd::Escaped => {
-                let [sky, sun] = at.escaping((&sight, bent), scattered.pdf);
-                found.radiance += carried * (sky + sun);
-                if lobe == 1 {
-                    found.sky += carried * sky;
-                }
+                let far = at.escaping((&sight, bent), scattered.pdf);
+                found.add(&far, carried);
+                found.sky += if lobe == 1 { carried * far.sky } else { Rgb::ZERO };
                 break;
             }
             PassageEnd::Lost => break,
@@ -106,6 +104,7 @@ pub fn radiance_by_lobe(
         let beside;
         (beside, lights) = beside_lobe(coarse, (&met, &hit), &way, numbers, survival);
         found.radiance += carried * beside.radiance;
+        found.mirrored += carried * beside.mirrored;
         if next.number() >= survival {
             break;
         }
@@ -232,10 +231,12 @@ pub fn reflected_afresh(
     };
     let by_lobe = radiance_by_lobe(coarse, *surface, way, path_numbers);
     found.radiance += by_lobe.radiance / probability;
+    found.mirrored += by_lobe.mirrored / probability;
     found
 }
 
-/// What a hit on a glossy surface reflects back along a way beside what is found by following its lobe, which is done with that probability; and how lights are sampled at the lobe then.
+/// What a hit on a glossy surface reflects back along a way beside what is found by following its lobe, which is done
+/// with that probability; and how lights are looked for at the lobe then.
 fn beside_lobe(
     coarse: &CoarseSolution,
     (surface, hit): (&Surface, &Hit),
@@ -251,7 +252,12 @@ fn beside_lobe(
     };
     let lights = LobeLights { at, looks_over: way.looks_over(surface) };
     let sample = (found.by_shadow_ray.as_ref(), lights);
-    found.radiance += lit_with_diffuse(coarse, &surface.lobe_only(), way, sample);
+    let is_narrow = found.by_shadow_ray.as_ref().is_some_and(|sample| sample.is_narrow);
+    let lit = lit_with_diffuse(coarse, &surface.lobe_only(), way, sample);
+    found.radiance += lit;
+    if lights.looks_over && is_narrow {
+        found.mirrored = lit;
+    }
     (found, lights)
 }
 

@@ -6,7 +6,7 @@ use super::lobe_at::{LightsAt, LobeRadiance, Way};
 use super::lobe_rays::{LobePathNumbers, radiance_by_lobe};
 use super::open_sky;
 use super::placed_lobe::PlacedLobe;
-use super::seen_through::{PixelRay, behind_holes};
+use super::seen_through::{PixelRay, SeenThrough, behind_holes};
 use super::sharing::{Shared, Shown};
 use super::sums::{Found, LobeSums, open_factor};
 use crate::checkpoint::{CheckpointError, Reader, Writer};
@@ -312,6 +312,20 @@ impl Gloss {
         own / shown.max(1.0)
     }
 
+    /// Adds, by pixel, radiance of narrow lights that lobes see by way of polished or clear surfaces; there are no
+    /// pixels yet where nothing is mirrored.
+    pub fn add_mirrored(&self, visible: &VisibleSurfaces, to: &mut Vec<Rgb>) {
+        for (sums, lobe) in self.sums.iter().zip(&visible.lobes) {
+            let mirrored = sums.mirrored();
+            if mirrored != Rgb::ZERO {
+                to.resize(visible.shine.len(), Rgb::ZERO);
+                let fragment = &visible.fragments[lobe.fragment as usize];
+                to[fragment.pixel as usize] +=
+                    visible.share(lobe) * fragment.lobe_factor * mirrored;
+            }
+        }
+    }
+
     /// Radiance that each fragment's lobes reflect to the camera, with its variance.
     pub fn of_fragments(&self, visible: &VisibleSurfaces) -> Vec<(Rgb, Rgb)> {
         let own = |lobe| {
@@ -479,13 +493,13 @@ fn trace(
     (at, lights): (&Shifted, LightsAt),
 ) -> Found {
     let surface = visible.surface(&coarse.world, lobe, (ray, ray));
-    let of_pixel = PixelRay { frame: visible.frame, height: visible.height, n: ray };
+    let of_pixel = PixelRay { frame: visible.frame, height: visible.height, number: ray };
     if coarse.world.is_clear(surface.triangle) {
         let (origin, direction) = visible.lobe_ray(lobe, ray);
         let line = ([origin, direction], of_pixel);
-        let (radiance, nearness) = behind_holes(coarse, line, at.afresh());
+        let SeenThrough { radiance, mirrored, nearness } = behind_holes(coarse, line, at.afresh());
         let (sky, open_sky) = (Rgb::ZERO, Rgb::ZERO);
-        return Found { radiance, sky, open_sky, albedo: Rgb::ONE, nearness };
+        return Found { radiance, sky, open_sky, mirrored, albedo: Rgb::ONE, nearness };
     }
     let viewer = visible.frame.towards_eye(surface.spot.point);
     let path_numbers = LobePathNumbers {
@@ -497,10 +511,10 @@ fn trace(
     };
     let differing = of_pixel.differentials(coarse, surface.spot.point);
     let way = Way { viewer, is_mapped: false, differing };
-    let LobeRadiance { radiance, sky, open_sky, nearness } =
+    let LobeRadiance { radiance, sky, open_sky, mirrored, nearness } =
         radiance_by_lobe(coarse, surface, way, path_numbers);
     let albedo = surface.lobe_only().reflection().albedo(viewer);
-    Found { radiance, sky, open_sky, albedo, nearness }
+    Found { radiance, sky, open_sky, mirrored, albedo, nearness }
 }
 
 #[cfg(test)]

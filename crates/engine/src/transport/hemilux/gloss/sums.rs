@@ -34,6 +34,8 @@ pub struct LobeSums {
     open_albedo: Rgb,
     /// Σ albedos of the lobe towards the camera.
     albedo: Rgb,
+    /// Σ of what of the radiance is of narrow lights that paths hardly find.
+    mirrored: Rgb,
     /// Σ of all channels' radiance of the sky that arrives.
     seen: f32,
     /// Σ radiance², summed over the channels like the products and squares that follow.
@@ -70,6 +72,8 @@ pub struct Found {
     pub sky: Rgb,
     /// What that would be if nothing were in the way.
     pub open_sky: Rgb,
+    /// What of the radiance is of narrow lights that paths hardly find.
+    pub mirrored: Rgb,
     /// Albedo of the lobe towards the camera; 1 of what is clear, 0 where the shading normal faces
     /// away.
     pub albedo: Rgb,
@@ -83,6 +87,7 @@ impl LobeSums {
         self.radiance += found.radiance;
         self.open_rays += found.open_sky;
         self.albedo += found.albedo;
+        self.mirrored += found.mirrored;
         self.seen += found.sky.element_sum();
         self.squares += found.radiance.length_squared();
         self.products += found.radiance.dot(found.open_sky);
@@ -117,6 +122,11 @@ impl LobeSums {
     /// Whether this can be what rays left: no more of them than that.
     pub fn is_possible(&self, most_rays: u32) -> bool {
         self.rays <= most_rays && self.batches <= most_rays
+    }
+
+    /// Mean radiance of narrow lights that paths hardly find.
+    pub fn mirrored(&self) -> Rgb {
+        self.mirrored / self.count()
     }
 
     /// Mean of 1/distance.
@@ -236,6 +246,7 @@ mod tests {
                 radiance: met,
                 sky: if is_seen { open_sky } else { Rgb::ZERO },
                 open_sky,
+                mirrored: Rgb::ZERO,
                 albedo: Rgb::ONE,
                 nearness: 0.0,
             };
@@ -289,7 +300,14 @@ mod tests {
                     Rgb::new(0.9, 0.6, 0.3) * if numbers.uniform() < 0.5 { 0.2 } else { 1.0 };
                 let light = 1.0 + 0.2 * (numbers.uniform() - 0.5);
                 let (radiance, dark) = (albedo * light, Rgb::ZERO);
-                let found = Found { radiance, sky: dark, open_sky: dark, albedo, nearness: 0.0 };
+                let found = Found {
+                    radiance,
+                    sky: dark,
+                    open_sky: dark,
+                    mirrored: dark,
+                    albedo,
+                    nearness: 0.0,
+                };
                 sums.add(found, true);
                 sums.add_batch((radiance, albedo), true);
             }

@@ -23,7 +23,7 @@ fn shown(specimen: &Specimen, n: u32, irradiance: f64) -> [f64; 2] {
     let (world, coarse) = (&specimen.world, &specimen.coarse);
     let camera = &world.scene.cameras[0];
     let visible = VisibleSurfaces::new(world, specimen.cut.clone(), camera, [SIDE; 2], 4);
-    let pixel_ray = PixelRay { frame: visible.frame, height: SIDE, n };
+    let pixel_ray = PixelRay { frame: visible.frame, height: SIDE, number: n };
     let of_pixel = |seed: u64, pixel: u32| {
         let mut numbers = Numbers::new(seed, Stream::Edge, pixel.into());
         let place = Vec2::new(numbers.uniform(), numbers.uniform()) - 0.5;
@@ -81,6 +81,48 @@ fn a_mirror_shows_what_a_ball_mirrors() {
     scene.cameras = vec![Camera::look_at("camera", eye, image, Vec3::Y, YFOV)];
     let (irradiance, _) = mirrored_by_ball(SUN, image + eye * Vec3::new(-1.0, 1.0, 1.0));
     shows(&Specimen::of(scene, environment, 200), irradiance);
+}
+
+/// A mirror shows a rough plate that the sun shines on through a pane, as bright as without that but for what the pane
+/// takes. Suns that are found by lights and by rays, too, are noticed.
+#[test]
+fn a_sun_behind_a_pane_is_found_once() {
+    let seen = |has_pane: bool| {
+        let metal = |roughness: f32| Material {
+            base_color: Rgb::ONE,
+            metallic: 1.0,
+            roughness,
+            ..Material::default()
+        };
+        let (ball, environment) = Specimen::sunlit_ball(metal(0.0), 8, Vec3::new(-0.2, 1.0, -0.3));
+        let mut scene = Scene { materials: ball.materials, ..Scene::default() };
+        add_mirror(&mut scene, 6.0);
+        scene.materials.push(metal(0.6));
+        add_level(&mut scene, (0.0, 2.0), 1);
+        if has_pane {
+            scene.materials.push(Material { volume: None, ..Material::glass("pane", 1.5) });
+            add_level(&mut scene, (3.9, 20.0), 2);
+        }
+        let eye = Vec3::new(0.0, 2.0, 12.0);
+        scene.cameras =
+            vec![Camera::look_at("camera", eye, Vec3::new(12.0, 0.0, 0.0), Vec3::Y, YFOV)];
+        let specimen = Specimen::of(scene, environment, 200);
+        shown(&specimen, 0, 1.0)
+    };
+    let [[open, _], [behind, scatter]] = [false, true].map(seen);
+    println!("{open} {behind} ± {scatter}");
+    // A sheet lets 1 − F through, F = .04.
+    let share = behind / open;
+    assert!(open > 0.0 && (0.93..0.99).contains(&share), "{share}");
+}
+
+/// Adds a level square of a material at such a height, which faces up, of such a half side.
+fn add_level(scene: &mut Scene, (y, half): (f32, f32), material: u32) {
+    let first = scene.vertices.len() as u32;
+    let corner = |(x, z)| Vertex::new(half * Vec3::new(x, 0.0, z) + y * Vec3::Y, Vec3::Y);
+    scene.vertices.extend([(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)].map(corner));
+    let triangle = |corners: [u32; 3]| Triangle { vertices: corners.map(|k| first + k), material };
+    scene.triangles.extend([[0, 1, 2], [0, 2, 3]].map(triangle));
 }
 
 /// Adds an upright square of the scene's material at such an x, which faces the other way.

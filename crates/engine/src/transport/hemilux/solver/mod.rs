@@ -327,9 +327,9 @@ impl Tiers {
         }
         let Self { edges, visible, coarse, seed, .. } = self;
         let edges = edges.get_or_insert_with(|| Edges::new(visible));
-        let (frame, height, n) = (visible.frame, visible.height, edges.done().1);
-        edges.pass(visible, *seed, rays, &|hit, direction, numbers| {
-            of_camera(coarse, (hit, PixelRay { frame, height, n }), direction, numbers)
+        let (frame, height) = (visible.frame, visible.height);
+        edges.pass(visible, *seed, rays, &|(hit, number), direction, numbers| {
+            of_camera(coarse, (hit, PixelRay { frame, height, number }), direction, numbers)
         });
     }
 

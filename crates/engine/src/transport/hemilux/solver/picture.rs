@@ -55,7 +55,8 @@ impl Tiers {
             coarse_error: estimate::coarse_error(&self.visible, &self.coarse, &bounced),
         };
         let (mut picture, mut errors) = estimate::measure(&known);
-        let mirrored = self.direct.mirrored(&self.visible);
+        let mut mirrored = self.direct.mirrored(&self.visible);
+        self.gloss.add_mirrored(&self.visible, &mut mirrored);
         let against = Against { visible: &self.visible, seed: self.seed, mirrored: &mirrored };
         let mut corrected = Corrected::default();
         // Where a part is switched off for a study, what it lacks is to be seen.
