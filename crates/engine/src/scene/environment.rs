@@ -335,7 +335,8 @@ mod tests {
     const SUN: Sun =
         Sun { direction: Vec3::Y, irradiance: Rgb::new(3.0, 2.0, 1.0), angular_radius: SUN_RADIUS };
 
-    /// Nothing is lost of the light however wide the parallelogram is, and that of a single direction is exact.
+    /// Nothing is lost of the light of parallelograms that are small, that of a single direction is exact, and huge ones
+    /// give numbers.
     #[test]
     fn a_sun_over_parallelograms_shines_as_much() {
         const STEPS: u32 = 800;

@@ -1,12 +1,12 @@
 //! Tests of suns that a camera sees by way of glass and of mirrors.
 
-use super::{PixelRay, of_camera};
+use super::{Gloss, PixelRay, of_camera};
 use crate::radiometry::{Rgb, importance};
 use crate::random::{Numbers, Stream};
 use crate::rays::Eye;
 use crate::sampling::Shifted;
 use crate::scene::{Camera, Material, Scene, Triangle, Vertex, Volume};
-use crate::transport::hemilux::fragments::VisibleSurfaces;
+use crate::transport::hemilux::fragments::{Lobe, VisibleSurfaces};
 use crate::transport::hemilux::specimen::{SEED, Specimen, mirrored_by_ball};
 use glam::{Vec2, Vec3};
 
@@ -53,20 +53,41 @@ fn shows(specimen: &Specimen, irradiance: f64) {
     assert!(alone < 0.1 || scatter_alone > 3.0 * scatter, "{alone} ± {scatter_alone}");
 }
 
-/// Of a ball of black glass the front alone mirrors a sun, by Fresnel's equations.
-#[test]
-fn glass_mirrors_the_sun() {
+/// A ball of black glass under the sun, and the eye that sees it.
+fn black_ball() -> (Specimen, Vec3) {
     let volume = Volume { attenuation_color: Rgb::ZERO, attenuation_distance: 0.01 };
     let glass = Material { volume: Some(volume), ..Material::glass("black", 1.5) };
     let (mut scene, environment) = Specimen::sunlit_ball(glass, 64, SUN);
     let eye = Vec3::new(1.0, 2.0, 12.0);
     scene.cameras = vec![Camera::look_at("camera", eye, Vec3::ZERO, Vec3::Y, YFOV)];
+    (Specimen::of(scene, environment, 200), eye)
+}
+
+/// Of a ball of black glass the front alone mirrors a sun, by Fresnel's equations.
+#[test]
+fn glass_mirrors_the_sun() {
+    let (specimen, eye) = black_ball();
     let (irradiance, cosine) = mirrored_by_ball(SUN, eye);
     let beyond = (1.0 - (1.0 - cosine * cosine) / 2.25).sqrt();
     let across = (cosine - 1.5 * beyond) / (cosine + 1.5 * beyond);
     let along = (1.5 * cosine - beyond) / (1.5 * cosine + beyond);
     let fresnel = 0.5 * (across * across + along * along);
-    shows(&Specimen::of(scene, environment, 200), irradiance * fresnel);
+    shows(&specimen, irradiance * fresnel);
+}
+
+/// All that black glass shows of a sun is known as what paths of the audit hardly find.
+#[test]
+fn what_glass_mirrors_is_told_to_the_audit() {
+    let (specimen, _) = black_ball();
+    let visible = specimen.visible();
+    let gloss = Gloss::after(&specimen, &visible, false, (16, false));
+    let fragments = gloss.of_fragments(&visible);
+    let shown = |lobe: &Lobe| visible.share(lobe) * importance(fragments[lobe.fragment as usize].0);
+    let shown: f32 = visible.lobes.iter().map(shown).sum();
+    let mut mirrored = Vec::new();
+    gloss.add_mirrored(&visible, &mut mirrored);
+    let told: f32 = mirrored.into_iter().map(importance).sum();
+    assert!(shown > 0.0 && (told / shown - 1.0).abs() < 0.01, "{told} of {shown}");
 }
 
 /// A mirror shows a metal ball that mirrors a sun as an eye behind it would see that.
