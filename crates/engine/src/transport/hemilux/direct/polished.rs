@@ -10,6 +10,7 @@ use crate::surface::{SlopeChanges, Slopes};
 use crate::transport::hemilux::fragments::Lobe;
 use crate::transport::hemilux::fragments::cells::{Cell, CellView, PIXEL};
 use glam::Vec3;
+use std::f32::consts::PI;
 
 /// Times that a pixel is quartered at most.
 const MOST_DEPTH: u32 = 7;
@@ -22,6 +23,9 @@ const SMALL: f32 = 0.2;
 const ALIKE: f32 = 0.003;
 /// The same relative to what all cells show.
 const NEGLIGIBLE: f32 = 2e-4;
+/// Albedo of a surface that is dark beside others under the same light. Where a light is nowhere mirrored, what cells
+/// show is faint, and with a normal map finer than they are would be asked for ever more finely.
+const DARK: f32 = 0.06;
 /// Places in a light's disk for each square of a lobe's width in it, and most of them.
 const PER_WIDTH: f32 = 4.0;
 const MOST_IN_DISK: f32 = 64.0;
@@ -66,7 +70,7 @@ impl Polished<'_> {
         let cells = visible.cells(self.lobe);
         let shown: Vec<Shown> = cells.iter().map(|cell| self.shown_by(cell)).collect();
         let of_cell = |(cell, own): (&Cell, &Shown)| own.radiance.length() * cell.area();
-        let about = cells.iter().zip(&shown).map(of_cell).sum();
+        let about = cells.iter().zip(&shown).map(of_cell).sum::<f32>() + self.dark();
         let mut found = Mirrored::default();
         for (cell, own) in cells.iter().zip(&shown) {
             self.add((cell, own), (0, about), &mut found);
@@ -75,6 +79,14 @@ impl Polished<'_> {
         found.radiance /= share;
         found.squares /= share * share;
         found
+    }
+
+    /// Radiance of a dark matte surface there, beside which differences are not seen.
+    fn dark(&self) -> f32 {
+        let Caster { world, lights, visible, .. } = self.caster;
+        let surface = visible.surface(world, self.lobe, (0, 0));
+        let light = lights.narrow(self.light, surface.start(), [0.0; 2]);
+        light.map_or(0.0, |(_, irradiance)| DARK / PI * irradiance.length())
     }
 
     /// Adds a cell, quartered where it is uneven, by its area in pixels; all cells together show about so much.
