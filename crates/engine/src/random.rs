@@ -59,6 +59,8 @@ pub enum Stream {
     SparsePixel = 26,
     /// Places of a pixel where its lobe is looked at, and of the sun.
     Highlight = 27,
+    /// Places of lamps and of what they may light, and rays from these.
+    OwnLight = 28,
 }
 
 /// PCG output permutation over a 32-bit state (Jarzynski and Olano 2020, "Hash functions for

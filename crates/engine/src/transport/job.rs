@@ -5,7 +5,6 @@ use super::checkpoints::{Configured, Owner, Past};
 use super::options::{MeshSettings, Scope, Settings};
 use super::prepared::{Beginning, Prepared};
 use super::run::Run;
-use super::surroundings::surroundings;
 use super::{patchless, unseen};
 use crate::checkpoint::CheckpointError;
 use crate::image::Picture;
@@ -87,15 +86,17 @@ impl<'a> Job<'a> {
         let Chosen { scope, checkpoint_format, reasons, settings, warnings: unused } = chosen;
         let method = Configured { scope: &scope, format: checkpoint_format, settings: &settings };
         let (camera, made_up) = prepared.camera(request)?;
-        let past = Past::of(request, (&camera, &prepared.digest), &method)?;
-        let owner = Owner::new(request, &method, (&camera, prepared.digest.clone()));
+        let (environment, studio) = prepared.surroundings(request);
+        let within = (&*environment, &*prepared.digest);
+        let past = Past::of(request, (&camera, within), &method)?;
+        let within = (environment.clone(), prepared.digest.clone());
+        let owner = Owner::new(request, &method, (&camera, within));
         let plan = Plan {
             method: scope.method.into(),
             reasons,
             settings: settings.values(),
             ..Plan::default()
         };
-        let (environment, studio) = surroundings(&request.scene, request);
         let mut warnings = request.scene.warnings.clone();
         warnings.extend(made_up.into_iter().chain(studio).chain(unused));
         let run = Run::new(request, owner, observer);

@@ -13,6 +13,7 @@ mod job;
 pub mod known;
 mod light_sums;
 pub mod options;
+mod own_light;
 mod patch_points;
 mod patchless;
 mod prepared;
@@ -41,7 +42,6 @@ pub use registry::{
 };
 use solver::Extent;
 pub use solver::{Method, TriangleCount};
-pub use surroundings::surroundings;
 
 /// Checks everything of a request that needs neither the scene nor the device. What passes may still
 /// name a camera that the scene does not have; nothing else of the request is refused later.

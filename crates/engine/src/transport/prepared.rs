@@ -6,6 +6,8 @@
 //! a note of what it depends on, and uses again where that is the same. So another job finds the same,
 //! to the bit.
 
+use super::own_light::lights_itself;
+use super::surroundings::surroundings;
 use crate::checkpoint::SceneDigest;
 use crate::patches::{Cut, Focus};
 use crate::render::{CameraChoice, RenderError, RenderRequest};
@@ -26,6 +28,8 @@ pub struct Prepared {
     scene: Arc<Scene>,
     /// The scene for rays, with nothing around it.
     world: OnceLock<World>,
+    /// Whether what glows in it lights it, once it was asked for.
+    lights_itself: OnceLock<bool>,
     cut: Mutex<Option<KeptCut>>,
     camera: Mutex<Option<MadeUpCamera>>,
     /// What the hash of the scene begins with, once it was asked for.
@@ -53,6 +57,7 @@ impl Prepared {
         Self {
             scene,
             world: OnceLock::new(),
+            lights_itself: OnceLock::new(),
             cut: Mutex::default(),
             camera: Mutex::default(),
             digest: Arc::default(),
@@ -75,8 +80,22 @@ impl Prepared {
 
     /// The scene as rays meet it, in those surroundings and before that background.
     pub(super) fn world(&self, environment: Arc<Environment>, background: Background) -> World {
+        self.alone().within(environment).before(background)
+    }
+
+    /// The scene as rays meet it, with nothing around it.
+    fn alone(&self) -> &World {
         let none = || World::surrounded(self.scene.clone(), Arc::new(Environment::none()));
-        self.world.get_or_init(none).within(environment).before(background)
+        self.world.get_or_init(none)
+    }
+
+    /// What surrounds the scene in a job, with a warning where the job does not say and nothing else lights it.
+    pub(super) fn surroundings(
+        &self,
+        request: &RenderRequest,
+    ) -> (Arc<Environment>, Option<Warning>) {
+        let lights_itself = || lights_itself(self.alone());
+        surroundings(request, || *self.lights_itself.get_or_init(lights_itself))
     }
 
     /// The scene in about so many patches, finest about a focus.

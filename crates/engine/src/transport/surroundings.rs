@@ -9,17 +9,24 @@ use std::sync::Arc;
 /// studio would be 1.
 const LEAST_GLOW: f64 = 0.003;
 
-/// What surrounds `scene` in a job: what the request names; else nothing where the scene has lights
-/// of its own; else a neutral studio, with a warning that says so.
-pub fn surroundings(scene: &Scene, request: &RenderRequest) -> (Arc<Environment>, Option<Warning>) {
+/// What surrounds the scene of a job: what the request names; else nothing where the scene has lights of its own, among
+/// them what glows in it if it lights the scene (`lights_itself`, asked for where that matters); else a neutral studio,
+/// with a warning that says so.
+pub fn surroundings(
+    request: &RenderRequest,
+    lights_itself: impl FnOnce() -> bool,
+) -> (Arc<Environment>, Option<Warning>) {
     if let Some(environment) = &request.environment {
         return (environment.clone(), None);
     }
-    if has_lights(scene) {
+    let scene = &*request.scene;
+    let glows = glows_enough(scene);
+    if has_lights(scene) || (glows && lights_itself()) {
         return (Arc::new(Environment::none()), None);
     }
     let found = match scene.emissive_triangles() {
         0 => "nothing in the scene gives light",
+        _ if glows => "what glows in the scene lights hardly any of it",
         _ => "what glows in the scene is no brighter than a screen",
     };
     let what = format!(
@@ -29,18 +36,23 @@ pub fn surroundings(scene: &Scene, request: &RenderRequest) -> (Arc<Environment>
     (Arc::new(Environment::studio()), Some(Warning::new("environment", what)))
 }
 
-/// Whether the scene has lights of its own, or needs none since no surface of it takes part in light.
-/// Textures that glow no brighter than white paper does on a screen, the most that the format's core
-/// allows, are labels and displays: they do not light what is around them. Nor do plain surfaces that
-/// glow so where they are too small, such as the headlights of a parked car.
+/// Whether the scene has lights beside what glows, or needs none since no surface of it takes part in light.
 fn has_lights(scene: &Scene) -> bool {
+    let is_unlit = |(material, used): (&Material, bool)| material.unlit || !used;
+    scene.lights.iter().any(PunctualLight::shines)
+        || (scene.triangle_count() > 0
+            && scene.materials.iter().zip(scene.used_materials()).all(is_unlit))
+}
+
+/// Whether surfaces glow brightly enough to light what they shine on. Textures that glow no brighter than white paper
+/// does on a screen, the most that the format's core allows, are labels and displays: they do not. Nor do plain
+/// surfaces that glow so where they are too small.
+fn glows_enough(scene: &Scene) -> bool {
     let used = scene.used_materials();
     let mut materials =
         scene.materials.iter().zip(used).filter(|(_, used)| *used).map(|(own, _)| own);
     let is_lamp = |material: &Material| material.emits() && material.emission.max_element() > 1.0;
-    scene.lights.iter().any(PunctualLight::shines)
-        || materials.clone().any(is_lamp)
-        || (scene.triangle_count() > 0 && materials.clone().all(|material| material.unlit))
+    materials.clone().any(is_lamp)
         || (materials.any(glows_plainly) && mean_glow(scene) > LEAST_GLOW)
 }
 
@@ -72,6 +84,7 @@ mod tests {
     use crate::scene::environment::Sky;
     use crate::scene::gltf::{ImportLimits, Resources, import};
     use crate::scene::made;
+    use crate::transport::prepared::Prepared;
 
     fn request(scene: Scene, environment: Option<Environment>) -> RenderRequest {
         RenderRequest {
@@ -95,7 +108,8 @@ mod tests {
             (&lit, Some(sky), false, false),
         ] {
             let request = request(scene.clone(), asked);
-            let (environment, warning) = surroundings(&request.scene, &request);
+            let (environment, warning) =
+                Prepared::new(request.scene.clone()).surroundings(&request);
             assert_eq!((environment.is_dark(), warning.is_some()), (is_dark, warns));
         }
     }
@@ -126,7 +140,8 @@ mod tests {
                 }
             }
             let request = request(scene, None);
-            let (environment, warning) = surroundings(&request.scene, &request);
+            let (environment, warning) =
+                Prepared::new(request.scene.clone()).surroundings(&request);
             let found = (environment.is_dark(), warning.is_none());
             assert_eq!(found, (is_lit, is_lit), "{glow} {size}");
         }

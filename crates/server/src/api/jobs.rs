@@ -53,8 +53,8 @@ pub struct JobRequest {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(nullable = false, minimum = 0, example = 1.5)]
     pub time: Option<f64>,
-    /// What surrounds the scene. Without it nothing where the scene has lights of its own, else a
-    /// neutral studio, with a warning.
+    /// What surrounds the scene. Without it nothing where the scene has lights of its own that light
+    /// it, else a neutral studio, with a warning.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(nullable = false)]
     pub environment: Option<EnvironmentRequest>,

@@ -2,7 +2,6 @@
 //! was decided.
 
 use super::options::{Scope, Settings};
-use super::surroundings::surroundings;
 use crate::checkpoint::{CheckpointError, Header, Reader, SceneDigest, ViewKey, Writer};
 use crate::render::{Begin, Progress, RenderError, RenderRequest};
 use crate::scene::environment::Environment;
@@ -37,7 +36,7 @@ impl<'a> Past<'a> {
     /// [`CheckpointError::Foreign`] or [`CheckpointError::Version`].
     pub fn of(
         request: &'a RenderRequest,
-        (camera, digest): (&Camera, &OnceLock<SceneDigest>),
+        (camera, (environment, digest)): (&Camera, (&Environment, &OnceLock<SceneDigest>)),
         method: &Configured<'_>,
     ) -> Result<Option<Self>, RenderError> {
         let (name, reads) = (method.scope.method, method.format);
@@ -66,9 +65,8 @@ impl<'a> Past<'a> {
         if same_view && header.view != view_key(request, camera) {
             return foreign("another camera, size of the picture or background".into());
         }
-        let (environment, _) = surroundings(&request.scene, request);
         let digest = digest.get_or_init(|| SceneDigest::of(&request.scene));
-        if header.scene != digest.within(&environment) {
+        if header.scene != digest.within(environment) {
             return foreign("another scene, or other surroundings".into());
         }
         let bound = same_view.then(|| checkpoint.bound());
@@ -187,12 +185,12 @@ impl Owner {
     pub fn new(
         request: &RenderRequest,
         method: &Configured<'_>,
-        (camera, digest): (&Camera, Arc<OnceLock<SceneDigest>>),
+        (camera, (environment, digest)): (&Camera, (Arc<Environment>, Arc<OnceLock<SceneDigest>>)),
     ) -> Self {
         Self {
             scene: request.scene.clone(),
             digest,
-            environment: surroundings(&request.scene, request).0,
+            environment,
             seed: request.seed,
             method: method.scope.method.into(),
             format: method.format,

@@ -15,7 +15,7 @@ use std::sync::Arc;
 #[command(group(ArgGroup::new("any_sky").args(["sky", "sun_at"]).multiple(true)))]
 pub struct Surroundings {
     /// The sky: the same radiance from everywhere, an equirectangular map (.exr or .hdr), `none` or
-    /// a neutral `studio`. Without sky and sun: none where the scene has lights, else the studio.
+    /// a neutral `studio`. Without sky and sun: none where lights of the scene's own light it, else the studio.
     #[arg(long, value_name = "R,G,B|FILE|none|studio", allow_hyphen_values = true)]
     sky: Option<String>,
     /// Turns the sky about the vertical, anticlockwise seen from above; that of --sun-at with its
