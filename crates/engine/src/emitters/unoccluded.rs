@@ -13,11 +13,11 @@ const LANES: usize = 8;
 pub const MOST_LIGHTS: usize = 1024;
 /// Most groups of eight lights in a block.
 const BLOCK_EIGHTS: usize = MOST_LIGHTS / BLOCKS / LANES;
-/// Distance, in diameters, within which a light among many is evaluated in closed form; beyond it, four
-/// quadrature points are off by .2 % of it (rms), within one diameter by 3 %.
+/// Distance, in diameters, within which a light among many is evaluated in closed form. Four quadrature points are off by
+/// .2 % of it there (rms), at one diameter by 3 %.
 const CLOSE: f32 = 2.0;
-/// How far a light reaches beyond its quadrature points, in what lies between them: .37 for a rectangle, .67 for a
-/// triangle. Where the horizon may cut it these say little of what is above, however far away it is.
+/// How far a light reaches beyond its quadrature points, in what lies between them: .37 for a rectangle, at most .67
+/// for others. Where the horizon may cut it these say little of what is above, however far away it is.
 const BEYOND_POINTS: f32 = 0.7;
 
 /// Lower bound of the share that a lobe is taken to reflect of a light, of what it reflects at

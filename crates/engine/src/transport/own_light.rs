@@ -19,10 +19,14 @@ const LOOKS: u32 = 4;
 const STAYS: f32 = 0.9;
 /// Share of the surfaces with which lamps light a scene that is open.
 const ENOUGH: f32 = 0.15;
-/// Most triangles that places are picked of.
+/// Most triangles that places are picked from.
 const MOST_TRIANGLES: usize = 1 << 22;
-/// A scene's lights do not hang on the seed of a job.
+/// A scene's lights do not depend on the seed of a job.
 const SEED: Seed = Seed { number: 0, well_spread: true };
+/// The same for looks at lamps, which are not to go by the place that looks.
+const OTHER_SEED: Seed = Seed { well_spread: false, ..SEED };
+/// Radiance up to which a place does not glow: what is black in a picture may be a little more than that.
+const DIM: f32 = 0.05;
 /// Most clear surfaces that a ray goes through.
 const MOST_CLEAR: u32 = 8;
 
@@ -41,7 +45,7 @@ struct Lamps<'a> {
 }
 
 impl Lamps<'_> {
-    /// Share of the light that leaves them that meets other surfaces.
+    /// Share of the light that leaves them that meets other surfaces, such as reflect it.
     fn share_met(&self) -> f32 {
         let sequence = Shifted::new(SEED, Stream::OwnLight, 0);
         let met = |n| {
@@ -64,11 +68,12 @@ impl Lamps<'_> {
             let Some(hit) = self.world.rays.closest(Eye::Light, origin, direction) else {
                 return Some(false);
             };
-            if self.world.material(hit.triangle).emits() {
+            if self.glows(hit.triangle, [hit.u, hit.v]) {
                 return None;
             }
-            if !self.lets_through(hit.triangle) {
-                return Some(true);
+            if !self.world.is_clear(hit.triangle) {
+                let takes_light = !self.world.material(hit.triangle).unlit;
+                return Some(takes_light && !self.world.is_black(&hit));
             }
             let spot = self.world.rays.spot(&hit);
             origin = spot.off_surface(spot.normal * spot.normal.dot(direction).signum());
@@ -76,15 +81,15 @@ impl Lamps<'_> {
         Some(true)
     }
 
-    /// Whether light goes through a triangle.
-    fn lets_through(&self, triangle: u32) -> bool {
-        self.world.material(triangle).transmission > 0.0
+    /// Whether a place of a triangle glows.
+    fn glows(&self, triangle: u32, [u, v]: [f32; 2]) -> bool {
+        self.world.emission(triangle, u, v).max_element() > DIM
     }
 
-    /// Share of the other surfaces that their light meets straight.
+    /// Share of the other surfaces that see a lamp; all, where there are none.
     fn share_lit(&self) -> f32 {
         let (world, scene) = (self.world, &self.world.scene);
-        let area = |triangle: u32| match world.material(triangle).emits() {
+        let area = |triangle: u32| match world.material(triangle).unlit {
             true => 0.0,
             false => f64::from(world.rays.corners(scene, triangle).1),
         };
@@ -96,24 +101,32 @@ impl Lamps<'_> {
         }
         let choice = Discrete::new(areas.into_iter());
         let sequence = Shifted::new(SEED, Stream::OwnLight, 1);
-        let lit = (0..PLACES).filter(|n| {
-            let point = sequence.at(*n);
+        let lit = (0..PLACES).filter_map(|n| {
+            let point = sequence.at(n);
             let [pick, side] = point.pair();
             let triangle = (choice.pick(f64::from(pick)) * step) as u32;
             let corners = world.rays.corners(scene, triangle).0;
             let [x, y] = point.second_pair();
             let (u, v) = (x.sqrt() * (1.0 - y), x.sqrt() * y);
+            if self.glows(triangle, [u, v]) {
+                return None;
+            }
             let spot = Spot::new(corners, unit_normal(corners), u, v);
             let is_back = world.is_two_sided(triangle) && side < 0.5;
             let normal = if is_back { -spot.normal } else { spot.normal };
-            (0..LOOKS).any(|k| self.is_seen(spot.off_surface(normal), normal, LOOKS * n + k))
+            let from = spot.off_surface(normal);
+            Some((0..LOOKS).any(|look| self.is_seen(from, normal, LOOKS * n + look)))
         });
-        lit.count() as f32 / PLACES as f32
+        let lit: Vec<bool> = lit.collect();
+        match lit.len() {
+            0 => 1.0,
+            count => lit.iter().filter(|lit| **lit).count() as f32 / count as f32,
+        }
     }
 
     /// Whether a place sees the n-th place of a lamp.
     fn is_seen(&self, from: Vec3, normal: Vec3, n: u32) -> bool {
-        let point = Shifted::new(SEED, Stream::OwnLight, 2).at(n);
+        let point = Shifted::new(OTHER_SEED, Stream::OwnLight, 2).at(n);
         let light = self.lights.emit(self.world, f64::from(point.pair()[0]), point.second_pair());
         let between = light.spot.point - from;
         let cosine = -light.spot.normal.dot(between);
@@ -121,7 +134,7 @@ impl Lamps<'_> {
             return false;
         }
         let end = light.spot.off_surface(light.spot.normal * cosine.signum());
-        !self.world.rays.blocked(from, end, |triangle| self.lets_through(triangle))
+        !self.world.rays.blocked(from, end, |triangle| self.world.is_clear(triangle))
     }
 }
 
@@ -202,14 +215,15 @@ mod tests {
     /// In a garage a car's headlights light all that they shine on, for their light stays there.
     #[test]
     fn light_that_stays_in_a_room_lights_it() {
-        let mut garage = block(Vec3::new(6.0, 3.0, 3.0), true);
+        let mut garage = block(Vec3::new(40.0, 3.0, 3.0), true);
         garage.extend(car().into_iter().map(|([corner, a, b], material)| {
-            ([corner + Vec3::new(0.5, 0.1, 0.7), a, b], material)
+            ([corner + Vec3::new(35.0, 0.1, 0.7), a, b], material)
         }));
         let world = world(&garage);
         let lights = TriangleLights::new(&world).expect("headlights");
         let lamps = Lamps { world: &world, lights: &lights };
         assert_eq!(lamps.share_met(), 1.0);
+        assert!(lamps.share_lit() < ENOUGH, "{}", lamps.share_lit());
         assert!(lights_itself(&world));
     }
 }

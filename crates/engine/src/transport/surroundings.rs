@@ -20,9 +20,13 @@ pub fn surroundings(
         return (environment.clone(), None);
     }
     let scene = &*request.scene;
+    let none = || (Arc::new(Environment::none()), None);
+    if has_lights(scene) {
+        return none();
+    }
     let glows = glows_enough(scene);
-    if has_lights(scene) || (glows && lights_itself()) {
-        return (Arc::new(Environment::none()), None);
+    if glows && lights_itself() {
+        return none();
     }
     let found = match scene.emissive_triangles() {
         0 => "nothing in the scene gives light",
