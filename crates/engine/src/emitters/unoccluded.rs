@@ -341,12 +341,11 @@ impl EightLights {
         for l in 0..LANES {
             let (x, y, z) = (x[l] - point.x, y[l] - point.y, z[l] - point.z);
             let square = x * x + y * y + z * z;
-            let received = normal.x * x + normal.y * y + normal.z * z;
             let emitted = -(nx[l] * x + ny[l] * y + nz[l] * z);
             let beyond = BEYOND_POINTS * (high[l] - low[l]);
-            let cut = (low[l] < beyond) & (high[l] > -beyond);
-            let far = ((square >= self.near[l]) & !cut)
-                | ((received <= 0.0) & (received * received >= self.near[l]))
+            let (is_below, is_cut) = (high[l] <= -beyond, low[l] < beyond);
+            let far = is_below
+                | ((square >= self.near[l]) & !is_cut)
                 | (emitted.max(emitted * self.back[l]) <= 0.0);
             too_near[l] = if far { 0.0 } else { 1.0 };
         }

@@ -2,11 +2,13 @@
 //! step by step until the budget is used, and who watches hears of it.
 
 use super::job::{Chosen, Job};
+use super::options::Settings;
 use super::patchless;
 use super::prepared::Prepared;
 use super::run::Run;
 use super::silhouette;
 use super::solver::{Estimate, Extent, Method, Solver, TriangleCount};
+use super::surroundings::most_around;
 use crate::device::cpu::CpuDevice;
 use crate::device::{Device, DeviceError, free_memory};
 use crate::emitters::SkyLight;
@@ -31,8 +33,8 @@ pub fn drive<'a>(
     asked: (&'a RenderRequest, &'a Prepared),
     observer: &'a mut dyn Observer,
 ) -> Result<Rendered, RenderError> {
+    admit(method, asked.0, &chosen.settings)?;
     let mut job = Job::new(chosen, asked, observer)?;
-    admit(method, &job)?;
     let Some(mut solver) = method.begin(&mut job, device)? else {
         let unlit = silhouette::picture(&job);
         return Ok(job.rendered((unlit, StopReason::NoLight), BTreeMap::new()));
@@ -44,14 +46,20 @@ pub fn drive<'a>(
 }
 
 /// Refuses what would not fit into memory before anything is allocated.
-fn admit(method: &dyn Method, job: &Job<'_>) -> Result<(), RenderError> {
-    let RenderRequest { scene, width, height, .. } = job.request;
+fn admit(
+    method: &dyn Method,
+    request: &RenderRequest,
+    settings: &Settings,
+) -> Result<(), RenderError> {
+    let RenderRequest { scene, width, height, .. } = request;
     let triangles = TriangleCount::of(scene);
-    let patchless = patchless::shines(scene, &job.environment);
+    // Whether lamps light the scene is told by rays, which take the memory that light of no patch does.
+    let environment = most_around(request);
+    let patchless = patchless::shines(scene, &environment);
     let size = [*width, *height];
     let pyramid_bytes = Pyramids::needed_bytes(scene);
-    let extent = Extent { triangles, pyramid_bytes, size, patchless, settings: &job.settings };
-    let needed_bytes = method.needed_bytes(&extent) + SkyLight::needed_bytes(&job.environment);
+    let extent = Extent { triangles, pyramid_bytes, size, patchless, settings };
+    let needed_bytes = method.needed_bytes(&extent) + SkyLight::needed_bytes(&environment);
     let available_bytes = free_memory();
     if needed_bytes > available_bytes {
         let device = CpuDevice::describe().id;

@@ -1,7 +1,7 @@
 //! One job as a method finds it: what is asked, with which settings and camera, what an earlier run
 //! knew; and what is told of it: the plan, the warnings, and at the end the figures.
 
-use super::checkpoints::{Configured, Owner, Past};
+use super::checkpoints::{Configured, Owner, Past, Surrounded};
 use super::options::{MeshSettings, Scope, Settings};
 use super::prepared::{Beginning, Prepared};
 use super::run::Run;
@@ -19,6 +19,7 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::str::FromStr;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// The method of a job, why it was chosen, and what it was set to.
 pub struct Chosen {
@@ -73,7 +74,7 @@ pub struct Announcement {
 }
 
 impl<'a> Job<'a> {
-    /// Starts the clock, picks the camera and reads what the job begins with.
+    /// Picks the camera, starts the clock and reads what the job begins with.
     ///
     /// # Errors
     /// [`RenderError::Parameter`] where the scene has no such camera;
@@ -86,11 +87,12 @@ impl<'a> Job<'a> {
         let Chosen { scope, checkpoint_format, reasons, settings, warnings: unused } = chosen;
         let method = Configured { scope: &scope, format: checkpoint_format, settings: &settings };
         let (camera, made_up) = prepared.camera(request)?;
+        let start = Instant::now();
         let (environment, studio) = prepared.surroundings(request);
-        let within = (&*environment, &*prepared.digest);
-        let past = Past::of(request, (&camera, within), &method)?;
-        let within = (environment.clone(), prepared.digest.clone());
-        let owner = Owner::new(request, &method, (&camera, within));
+        let (around, digest) = (environment.clone(), prepared.digest.clone());
+        let scene = Surrounded { environment: around, digest };
+        let past = Past::of(request, (&camera, &scene), &method)?;
+        let owner = Owner::new(request, &method, (&camera, scene));
         let plan = Plan {
             method: scope.method.into(),
             reasons,
@@ -99,7 +101,7 @@ impl<'a> Job<'a> {
         };
         let mut warnings = request.scene.warnings.clone();
         warnings.extend(made_up.into_iter().chain(studio).chain(unused));
-        let run = Run::new(request, owner, observer);
+        let run = Run::new((request, start), owner, observer);
         Ok(Self {
             request,
             prepared,

@@ -142,7 +142,8 @@ impl Lamps<'_> {
 mod tests {
     use super::*;
     use crate::radiometry::Rgb;
-    use crate::scene::{Material, Scene, Triangle, Vertex};
+    use crate::scene::{Material, Scene, Texture, TextureSlot, Triangle, Vertex};
+    use glam::Vec2;
     use std::sync::Arc;
 
     const PAINT: u32 = 0;
@@ -151,6 +152,10 @@ mod tests {
 
     /// A scene of parallelograms, each a corner, two edges, with the front towards their cross product, and a material.
     fn world(quads: &[([Vec3; 3], u32)]) -> World {
+        World::new(Arc::new(scene(quads)))
+    }
+
+    fn scene(quads: &[([Vec3; 3], u32)]) -> Scene {
         let mut scene = Scene {
             materials: vec![
                 Material::lambertian("paint", Rgb::splat(0.6)),
@@ -169,6 +174,22 @@ mod tests {
                 scene.triangles.push(Triangle { vertices, material: *material });
             }
         }
+        scene
+    }
+
+    /// The same by one material for all, whose emission a texture tells: white where the lamps are.
+    fn by_one_texture(quads: &[([Vec3; 3], u32)]) -> World {
+        let mut scene = scene(quads);
+        let texel = |x: u32| if x < 4 { [255; 4] } else { [0, 0, 0, 255] };
+        scene.textures = vec![Texture { width: 8, height: 1, texels: (0..8).map(texel).collect() }];
+        for triangle in &mut scene.triangles {
+            let u = if triangle.material == LAMP { 0.25 } else { 0.75 };
+            for vertex in triangle.vertices {
+                scene.vertices[vertex as usize].uv = [Vec2::new(u, 0.5); 2];
+            }
+            triangle.material = LAMP;
+        }
+        scene.materials[LAMP as usize].emission_texture = Some(TextureSlot::plain(0));
         World::new(Arc::new(scene))
     }
 
@@ -208,6 +229,8 @@ mod tests {
         let glow = vec![lamp];
         for (quads, expected) in [(room, true), (floor, true), (glow, true), (car(), false)] {
             assert_eq!(lights_itself(&world(&quads)), expected, "{quads:?}");
+            let opaque: Vec<_> = quads.into_iter().filter(|quad| quad.1 != GLASS).collect();
+            assert_eq!(lights_itself(&by_one_texture(&opaque)), expected, "{opaque:?}");
         }
         assert!(!lights_itself(&world(&block(Vec3::ONE, false))), "nothing glows");
     }

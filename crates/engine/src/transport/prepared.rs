@@ -94,8 +94,8 @@ impl Prepared {
         &self,
         request: &RenderRequest,
     ) -> (Arc<Environment>, Option<Warning>) {
-        let lights_itself = || lights_itself(self.alone());
-        surroundings(request, || *self.lights_itself.get_or_init(lights_itself))
+        let found = || *self.lights_itself.get_or_init(|| lights_itself(self.alone()));
+        surroundings(request, found)
     }
 
     /// The scene in about so many patches, finest about a focus.

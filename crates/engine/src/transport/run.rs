@@ -31,8 +31,12 @@ pub struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// A run of `request` that starts now, or goes on now.
-    pub fn new(request: &RenderRequest, owner: Owner, observer: &'a mut dyn Observer) -> Self {
+    /// A run of `request` that started then, or went on then.
+    pub fn new(
+        (request, start): (&RenderRequest, Instant),
+        owner: Owner,
+        observer: &'a mut dyn Observer,
+    ) -> Self {
         let past = match &request.begin {
             Begin::Continue(past) => Some(past.header()),
             Begin::Afresh | Begin::View(_) => None,
@@ -47,7 +51,7 @@ impl<'a> Run<'a> {
             ..Standing::default()
         });
         Self {
-            start: Instant::now(),
+            start,
             ended: None,
             spent: past.map_or(0.0, |past| past.seconds),
             budget: Budget::new(request.limits),

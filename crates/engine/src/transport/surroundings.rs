@@ -16,17 +16,13 @@ pub fn surroundings(
     request: &RenderRequest,
     lights_itself: impl FnOnce() -> bool,
 ) -> (Arc<Environment>, Option<Warning>) {
-    if let Some(environment) = &request.environment {
-        return (environment.clone(), None);
+    if let Some(environment) = without_glow(request) {
+        return (environment, None);
     }
     let scene = &*request.scene;
-    let none = || (Arc::new(Environment::none()), None);
-    if has_lights(scene) {
-        return none();
-    }
     let glows = glows_enough(scene);
     if glows && lights_itself() {
-        return none();
+        return (Arc::new(Environment::none()), None);
     }
     let found = match scene.emissive_triangles() {
         0 => "nothing in the scene gives light",
@@ -38,6 +34,17 @@ pub fn surroundings(
          the command line `--sky none`)"
     );
     (Arc::new(Environment::studio()), Some(Warning::new("environment", what)))
+}
+
+/// What may surround the scene of a job at most: what does if nothing that glows in it lights it.
+pub fn most_around(request: &RenderRequest) -> Arc<Environment> {
+    without_glow(request).unwrap_or_else(|| Arc::new(Environment::studio()))
+}
+
+/// What surrounds the scene of a job where that does not depend on what glows in it.
+fn without_glow(request: &RenderRequest) -> Option<Arc<Environment>> {
+    let none = || has_lights(&request.scene).then(|| Arc::new(Environment::none()));
+    request.environment.clone().or_else(none)
 }
 
 /// Whether the scene has lights beside what glows, or needs none since no surface of it takes part in light.
@@ -149,5 +156,26 @@ mod tests {
             let found = (environment.is_dark(), warning.is_none());
             assert_eq!(found, (is_lit, is_lit), "{glow} {size}");
         }
+    }
+
+    /// A lamp on a box that shines away from it.
+    #[test]
+    fn lamps_that_light_hardly_anything_leave_the_scene_to_a_studio() {
+        let mut scene =
+            import(&made::cornell(), &Resources::default(), &ImportLimits::default()).unwrap();
+        for index in 0..scene.triangles.len() {
+            let triangle = scene.triangles[index];
+            if scene.materials[triangle.material as usize].emits() {
+                scene.triangles[index].vertices.swap(1, 2);
+                for vertex in triangle.vertices {
+                    scene.vertices[vertex as usize].position.y += 0.3;
+                }
+            }
+        }
+        let request = request(scene, None);
+        let (environment, warning) = Prepared::new(request.scene.clone()).surroundings(&request);
+        let warning = warning.expect("it says so").what;
+        assert!(!environment.is_dark() && warning.contains("lights hardly any of it"), "{warning}");
+        assert!(!most_around(&request).is_dark());
     }
 }

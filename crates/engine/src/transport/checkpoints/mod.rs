@@ -20,6 +20,14 @@ pub struct Configured<'a> {
     pub settings: &'a Settings,
 }
 
+/// A request's scene in its surroundings, as checkpoints name it.
+pub struct Surrounded {
+    /// What is around it.
+    pub environment: Arc<Environment>,
+    /// What the hash of the scene begins with, once it was asked for.
+    pub digest: Arc<OnceLock<SceneDigest>>,
+}
+
 /// What a job begins with, checked to be of the same scene and surroundings, method, settings and seed.
 pub struct Past<'a> {
     header: &'a Header,
@@ -36,7 +44,7 @@ impl<'a> Past<'a> {
     /// [`CheckpointError::Foreign`] or [`CheckpointError::Version`].
     pub fn of(
         request: &'a RenderRequest,
-        (camera, (environment, digest)): (&Camera, (&Environment, &OnceLock<SceneDigest>)),
+        (camera, scene): (&Camera, &Surrounded),
         method: &Configured<'_>,
     ) -> Result<Option<Self>, RenderError> {
         let (name, reads) = (method.scope.method, method.format);
@@ -65,8 +73,8 @@ impl<'a> Past<'a> {
         if same_view && header.view != view_key(request, camera) {
             return foreign("another camera, size of the picture or background".into());
         }
-        let digest = digest.get_or_init(|| SceneDigest::of(&request.scene));
-        if header.scene != digest.within(environment) {
+        let digest = scene.digest.get_or_init(|| SceneDigest::of(&request.scene));
+        if header.scene != digest.within(&scene.environment) {
             return foreign("another scene, or other surroundings".into());
         }
         let bound = same_view.then(|| checkpoint.bound());
@@ -166,9 +174,7 @@ pub struct Parts {
 /// Whose checkpoints a run makes.
 pub struct Owner {
     scene: Arc<Scene>,
-    /// What the hash of the scene begins with, once it was asked for.
-    digest: Arc<OnceLock<SceneDigest>>,
-    environment: Arc<Environment>,
+    surrounded: Surrounded,
     seed: u64,
     method: String,
     format: u32,
@@ -185,12 +191,11 @@ impl Owner {
     pub fn new(
         request: &RenderRequest,
         method: &Configured<'_>,
-        (camera, (environment, digest)): (&Camera, (Arc<Environment>, Arc<OnceLock<SceneDigest>>)),
+        (camera, surrounded): (&Camera, Surrounded),
     ) -> Self {
         Self {
             scene: request.scene.clone(),
-            digest,
-            environment,
+            surrounded,
             seed: request.seed,
             method: method.scope.method.into(),
             format: method.format,
@@ -213,8 +218,8 @@ impl Owner {
     /// The header of a checkpoint at this moment.
     pub fn header(&mut self, progress: &Progress, light_shots: u64) -> Header {
         let scene = self.hash.get_or_insert_with(|| {
-            let digest = self.digest.get_or_init(|| SceneDigest::of(&self.scene));
-            digest.within(&self.environment)
+            let digest = self.surrounded.digest.get_or_init(|| SceneDigest::of(&self.scene));
+            digest.within(&self.surrounded.environment)
         });
         Header {
             engine: env!("CARGO_PKG_VERSION").into(),

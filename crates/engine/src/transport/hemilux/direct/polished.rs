@@ -21,7 +21,7 @@ const EVEN_CHANGE: f32 = 0.3;
 const SMALL: f32 = 0.2;
 /// Difference between a cell's radiance and the mean of its quarters, relative to that, with which these do.
 const ALIKE: f32 = 0.003;
-/// The same relative to what all cells show.
+/// The same relative to what all cells and [`DARK`] show.
 const NEGLIGIBLE: f32 = 2e-4;
 /// Albedo of a surface that is dark beside others under the same light. Where a light is nowhere mirrored, what cells
 /// show is faint, and with a normal map finer than they are would be asked for ever more finely.
@@ -81,7 +81,7 @@ impl Polished<'_> {
         found
     }
 
-    /// Radiance of a dark matte surface there, beside which differences are not seen.
+    /// Radiance of a dark matte surface that faces the light there, beside which differences are not seen.
     fn dark(&self) -> f32 {
         let Caster { world, lights, visible, .. } = self.caster;
         let surface = visible.surface(world, self.lobe, (0, 0));
